@@ -55,14 +55,17 @@ from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.comparison import Comparison, compare_variants
 from headstock.studies.identification.descent import StartRecord
-from headstock.studies.identification.identification import Identification, prepare_problem
-from headstock.studies.identification.identification import identify as fit_parameters
-from headstock.studies.identification.schema import MAX_STARTS
+from headstock.studies.identification.identification import (
+    Identification,
+    fit_parameters,
+    prepare_problem,
+)
 from headstock.studies.identification.target_files import load_targets
+from headstock.studies.identification.targets import MAX_STARTS
 from headstock.studies.parameters.runs import (
     StudyJob,
     StudyProgress,
-    check_points,
+    check_study,
     hash_scene,
     run_study,
 )
@@ -239,7 +242,7 @@ def study(
             overrides=choice.overrides,
         )
         with _naming_arguments() if name is None else contextlib.nullcontext():
-            check_points(job)
+            check_study(job)
         records = run_study(job, folder, comm=comm, observer=progress)
     return share_from_root(comm, tabulate_study(chosen, records) if comm.rank == 0 else None)
 

@@ -29,6 +29,7 @@ from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.compliance_budget import point_compliance
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.studies.comparison_summary import summarise_effort
 from headstock.studies.variants import VariantChoice, VariantSolution, solve_variant
 
 SCENE = Path(__file__).resolve().parents[1] / "machines" / "three_axis.toml"
@@ -81,8 +82,8 @@ def main(arguments: list[str] | None = None) -> int:
             {
                 "fidelity": fidelity,
                 "dofs": dofs,
-                "first": vars(first.effort),
-                "changed": vars(changed.effort),
+                "first": summarise_effort(first.effort),
+                "changed": summarise_effort(changed.effort),
                 "values": many,
             }
         )

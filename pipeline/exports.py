@@ -18,7 +18,7 @@ from headstock.meshing.formats import find_format
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.components import load_or_make_mesh
 from headstock.pipeline.stages.frf import add_load_inputs
-from headstock.pipeline.stages.machine import damp_system, run_couple_stage
+from headstock.pipeline.stages.machine import couple_pose, damp_system
 from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.storage.outputs import (
@@ -78,17 +78,14 @@ def export_state_space(
     wanted = dataclasses.replace(scene, analyses=Analyses(request))
     state = start_run(wanted, comm)
     make_superelements(state)
-    for stage in state.plan.stages:
-        if stage.kind == "couple":
-            run_couple_stage(state, stage)
     text = ""
     if state.is_root:
-        if state.coupled is None:
+        if scene.is_lumped:
             raise ModelError(
                 "a state space is exported for machines of coupled components only, not for a lumped mechanism"
             )
-        system = damp_system(scene, state.coupled.system)
-        system = add_load_inputs(system, state.coupled.loads, inputs)
+        coupled = couple_pose(state.parts, state.plan.poses[name]).coupled
+        system = add_load_inputs(damp_system(scene, coupled.system), coupled.loads, inputs)
         space = to_state_space(system, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz)
         write_output(path, encode_mat(space, origin))
         sizes = f"{len(space.a)} states, {len(space.inputs)} inputs, {len(space.outputs)} outputs"

@@ -1,8 +1,15 @@
-"""Run a scene: plan it, run the stages of the plan in turn, write what they found.
+"""Run a scene: plan it, run the stages of the plan in turn, gather what they found, write it.
 
-:func:`run_scene` is the whole of it. Stages of components come first; each later one is a handler
-that takes the state of the run and adds an answer to it. With an accuracy in the scene, rounds of
-stages repeat until it is met. ``docs/architecture.md`` shows a run in fifteen lines.
+A run in a few lines, as ``docs/architecture.md`` executes it::
+
+    scene = load_scene(path)
+    plan = plan_scene(scene)                               # stages, each with its reason and cost
+    state = run_stages(scene, MPI.COMM_SELF, plan=plan)    # each stage adds answers to the state
+    results = gather_results(state)
+
+Stages of components come first; each later one is a handler that takes the state of the run and
+adds an answer to it. With an accuracy in the scene, rounds of stages repeat until it is met.
+:func:`run_scene` does the same and writes the files of the results.
 """
 
 import dataclasses
@@ -93,13 +100,7 @@ def run_scene(
     """
     make_on_root(comm, lambda: require_feed_of_run(scene))
     make_on_root(comm, lambda: prepare_output(output, (RESULTS_FILE, SUMMARY_FILE)))
-    runner = _StageRunner(
-        scene.limits.time_s,
-        comm,
-        store or Store(default_store_root()),
-        observer=observer,
-        announce=announce,
-    )
+    runner = _StageRunner(scene, comm, store, observer=observer, announce=announce)
     state = _run_rounds(scene, runner)
     remarks = make_on_root(
         comm, lambda: _write(state, runner, output, volume=volume, provenance=provenance)
@@ -110,13 +111,47 @@ def run_scene(
     return dataclasses.replace(results, warnings=(*results.warnings, *remarks.warnings))
 
 
-def _run_rounds(scene: Scene, runner: "_StageRunner") -> RunState:
+def run_stages(
+    scene: Scene,
+    comm: MPI.Comm,
+    store: Store | None = None,
+    *,
+    plan: Plan | None = None,
+    with_errors: bool = True,
+    observer: Observer = lambda record: None,
+) -> RunState:
+    """Run all stages of a scene but the one that writes; collective.
+
+    Args:
+        scene: The same on every rank.
+        store: Where meshes and superelements are kept; by default the user's.
+        plan: Of the scene, where it is already known.
+        with_errors: Choose models for the accuracy of the scene, and compare with other models of
+            bodies and joints as it asks; else it is run as it is written.
+        observer: Called with each stage as it ends, on rank 0.
+
+    Returns:
+        The state with the answers found; complete on rank 0 only.
+
+    Raises:
+        HeadstockError: A computation failed; on several ranks the cause of a ``SharedFailure``.
+    """
+    if not with_errors:
+        scene = dataclasses.replace(
+            scene, accuracy=None, model_errors=False, interface_errors=False
+        )
+    return _run_rounds(scene, _StageRunner(scene, comm, store, observer=observer), plan)
+
+
+def _run_rounds(scene: Scene, runner: "_StageRunner", plan: Plan | None = None) -> RunState:
     """Run one round; or as many as an accuracy needs, and then what is requested beyond the analyses
     whose errors the search estimates.
     """
     if scene.accuracy is None:
         ranks = find_ranks(runner.comm)
-        return runner.run(scene, make_on_root(runner.comm, lambda: plan_scene(scene, held=ranks)))
+        return runner.run(
+            scene, plan or make_on_root(runner.comm, lambda: plan_scene(scene, held=ranks))
+        )
     search = search_settings(scene, runner.run, runner.note, comm=runner.comm, store=runner.store)
     state = search.state
     more = search.scene.analyses != state.scene.analyses
@@ -200,13 +235,15 @@ HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
     "joints": run_interfaces_stage,
 }
 # all ranks work on them
-SHARED_STAGES = {"spread", "models", "joints"} | {each.kind for each in RECORDS if each.shared}
+SHARED_STAGES = {"spread", "models", "joints"} | {
+    record.kind for record in RECORDS if record.shared
+}
 
 
-def find_handler(kind: str) -> Callable[[RunState, Stage], Outcome]:
+def _find_handler(kind: str) -> Callable[[RunState, Stage], Outcome]:
     """Return what does the work of a stage of the machine."""
     if kind not in HANDLERS:
-        (record,) = (each for each in RECORDS if each.kind == kind)
+        (record,) = (record for record in RECORDS if record.kind == kind)
         HANDLERS[kind] = load_named(record.solve)
     return HANDLERS[kind]
 
@@ -216,20 +253,16 @@ class _StageRunner:
 
     def __init__(
         self,
-        limit_s: float | None,
+        scene: Scene,
         comm: MPI.Comm,
-        store: Store,
+        store: Store | None,
         *,
         observer: Observer,
-        announce: Announcer,
+        announce: Announcer = lambda stage: None,
     ) -> None:
-        self.limit_s, self.comm, self.store, self.observer, self.announce = (
-            limit_s,
-            comm,
-            store,
-            observer,
-            announce,
-        )
+        self.limit_s, self.comm = scene.limits.time_s, comm
+        self.store = store or Store(default_store_root())
+        self.observer, self.announce = observer, announce
         self.records: list[StageRecord] = []
         self._start = time.perf_counter()
 
@@ -256,7 +289,7 @@ class _StageRunner:
         state.weigh_meshes(mesh_factors or {})
         for stage in plan.stages[:-1]:
             if stage.component is None:
-                work = functools.partial(self.run_stage, state, stage, find_handler(stage.kind))
+                work = functools.partial(self.run_stage, state, stage, _find_handler(stage.kind))
                 if stage.kind in SHARED_STAGES:
                     work()
                 else:
@@ -303,7 +336,7 @@ def gather_results(
     state: RunState,
     records: tuple[StageRecord, ...] = (),
     *,
-    provenance: Provenance | None,
+    provenance: Provenance | None = None,
     files: dict[str, str] | None = None,
 ) -> Results:
     """Return what a run has found so far.

@@ -8,16 +8,16 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.numbers.numbers import Numbers
-from headstock.pipeline.results.short_forms import ShortForm, list_few
+from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
 from headstock.pipeline.stages.run_state import PoseModel
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.solvers.pairing.mode_pairing import SAME_MODE, ModeSet, correlate_modes, pair_modes
-from headstock.studies.responses import ResponseEntry, compare_entries, overlay_responses
+from headstock.studies.responses import EntrySummary, compare_entries, overlay_responses
 from headstock.studies.variants import VariantSolution
 
 
 @dataclass(frozen=True)
-class ModeCell:
+class _ModeCell:
     """A mode of one variant in its row.
 
     Attributes:
@@ -46,7 +46,7 @@ class ModeRow:
 
     name: str
     origin: str
-    cells: dict[str, ModeCell] = field(default_factory=dict)
+    cells: dict[str, _ModeCell] = field(default_factory=dict)
 
     @property
     def frequency_hz(self) -> float:
@@ -54,8 +54,8 @@ class ModeRow:
         return self.cells[self.origin].frequency_hz
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Displayed):
     """Variants side by side.
 
     Attributes:
@@ -67,7 +67,7 @@ class Comparison:
             variant)`` of single shapes; none of the reference.
         lines: Variant to its frequency response on lines that all have in common; none without
             one, and none of a variant with other inputs or outputs than the reference.
-        entries: Variant to what each entry of its response says.
+        entries: Variant to the numbers of each entry of its response, as ``compare.json`` has them.
         not_computed: Variant to why there is no such model, in plain words.
         columns: All variants, solved or not, in the order asked for.
         not_compared: What is not compared, and why, in plain words.
@@ -81,7 +81,7 @@ class Comparison:
     mac_threshold: float
     correlations: dict[str, FloatArray]
     lines: dict[str, ResponseCurves]
-    entries: dict[str, tuple[ResponseEntry, ...]]
+    entries: dict[str, list[EntrySummary]]
     not_computed: dict[str, str]
     columns: tuple[str, ...]
     not_compared: tuple[str, ...] = ()
@@ -90,13 +90,6 @@ class Comparison:
     def numbers(self) -> dict[str, Numbers]:
         """Variant to every number that was asked for, with its ±, by name."""
         return {name: solution.numbers for name, solution in self.solutions.items()}
-
-    def __repr__(self) -> str:
-        return self._short_form().text()
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return self._short_form().html()
 
     def _short_form(self) -> ShortForm:
         facts = [
@@ -156,24 +149,7 @@ def compare_variants(
         for name, part in by_name[best].machine.parts.superelements.items()
     }
     sets = {name: _mode_set(solution, places) for name, solution in by_name.items()}
-    families: list[_Family] = []
-    for name in order:
-        left = sets[name]
-        numbers = list(range(len(left.frequencies_hz)))
-        for family in families:
-            left, numbers = _enter_cells(family, name, left, numbers, SAME_MODE)
-        rows = [
-            ModeRow(by_name[name].named.names[i], name, {name: ModeCell(i, float(hz))})
-            for i, hz in zip(numbers, left.frequencies_hz, strict=True)
-        ]
-        families.append(_Family(rows, left))
-    every = [row for family in families for row in family.rows]
-    kept = [
-        row
-        for row in every
-        if any(cell.index < by_name[name].wanted for name, cell in row.cells.items())
-    ]
-    rows = sorted(kept, key=lambda row: row.frequency_hz)
+    rows = _gather_rows(by_name, sets, order)
     lines = overlay_responses(by_name, best)
     first = sets[best].field[:, : by_name[best].wanted]
     return Comparison(
@@ -181,7 +157,7 @@ def compare_variants(
         by_name[best].pose,
         best,
         by_name,
-        tuple(rows),
+        rows,
         SAME_MODE,
         correlations={
             name: correlate_modes(first, modes.field)
@@ -197,6 +173,32 @@ def compare_variants(
         not_computed=dict(cannot or {}),
         columns=tuple(columns) or tuple(by_name),
     )
+
+
+def _gather_rows(
+    solutions: Mapping[str, VariantSolution], sets: Mapping[str, ModeSet], order: Sequence[str]
+) -> tuple[ModeRow, ...]:
+    """Return the modes that some variant is asked for, rising: those of the first one with their
+    partners, then those that it lacks.
+    """
+    families: list[_Family] = []
+    for name in order:
+        left = sets[name]
+        numbers = list(range(len(left.frequencies_hz)))
+        for family in families:
+            left, numbers = _enter_cells(family, name, left, numbers, SAME_MODE)
+        rows = [
+            ModeRow(solutions[name].named.names[i], name, {name: _ModeCell(i, float(hz))})
+            for i, hz in zip(numbers, left.frequencies_hz, strict=True)
+        ]
+        families.append(_Family(rows, left))
+    wanted = [
+        row
+        for family in families
+        for row in family.rows
+        if any(cell.index < solutions[name].wanted for name, cell in row.cells.items())
+    ]
+    return tuple(sorted(wanted, key=lambda row: row.frequency_hz))
 
 
 def full_dofs(solution: VariantSolution) -> int:
@@ -251,7 +253,7 @@ def _enter_cells(
         row, hz = family.rows[pair.first], float(modes.frequencies_hz[pair.second])
         rigid = pair.second < modes.rigid_count or pair.first < family.modes.rigid_count
         deviation = None if rigid else hz / row.frequency_hz - 1.0
-        row.cells[name] = ModeCell(numbers[pair.second], hz, deviation, pair.correlation)
+        row.cells[name] = _ModeCell(numbers[pair.second], hz, deviation, pair.correlation)
     used = {pair.second for pair in pairs}
     kept = [i for i in range(len(numbers)) if i not in used]
     rigid_left = sum(i < modes.rigid_count for i in kept)

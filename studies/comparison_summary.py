@@ -1,4 +1,6 @@
-"""A comparison of variants as ``compare.json`` has it."""
+"""A comparison of variants as ``compare.json`` has it, with what of the reference a simpler model of
+it agrees with, and which modes that lacks.
+"""
 
 from collections.abc import Iterable
 from typing import NotRequired, TypedDict
@@ -11,12 +13,12 @@ from headstock.pipeline.numbers.estimates import Estimate, FrequencyErrors, scal
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.json_texts import check_finite, null_open
 from headstock.pipeline.storage.provenance import ProvenanceSummary
+from headstock.reduction.motions.body_motions import name_families
 from headstock.reduction.motions.compliance_budget import PointBudget, WeakLink
 from headstock.studies.comparison import Comparison, ModeRow, full_dofs
 from headstock.studies.kind_changes import select_compared
-from headstock.studies.responses import ResponseEntry
+from headstock.studies.responses import HOLDS, EntrySummary
 from headstock.studies.variants import Effort, VariantSolution
-from headstock.studies.verdicts import JudgedMode, Verdict, judge_models
 
 
 class CellSummary(TypedDict):
@@ -45,7 +47,7 @@ class LinkSummary(TypedDict):
     change_if_doubled: float
 
 
-class VariantPointSummary(TypedDict):
+class _VariantPointSummary(TypedDict):
     """Compliance of a variant at a point; directions x, y, z are keys of errors, budgets and
     links.
     """
@@ -72,41 +74,17 @@ class EffortSummary(TypedDict):
     peak_rss_mb: float
 
 
-class PeakSummary(TypedDict):
-    """A maximum of the size of a response, in SI."""
-
-    frequency_hz: float
-    size: float
-
-
-class DifferenceSummary(TypedDict):
-    """How far a response is from that of the reference, sizes in SI."""
-
-    size: float
-    at_hz: float
-    share_of_peak: float
-    agrees_to_hz: float | None
-
-
-class EntrySummary(TypedDict):
-    """An entry of a frequency response, compliances in SI; ``reason`` says why it has none."""
-
-    output: list[str]
-    input: list[str]
-    peak: float | None
-    peak_hz: float | None
-    peak_mode: str
-    most_negative_real: float | None
-    most_negative_real_hz: float | None
-    most_negative_real_error: float | None
-    peaks: list[PeakSummary]
-    difference: DifferenceSummary | None
-    negligible: bool
-    reason: str
-
-
 class JudgedModeSummary(TypedDict):
-    """A mode of the reference that a model has elsewhere or not at all."""
+    """A mode of the reference that another model lacks, or has elsewhere.
+
+    Attributes:
+        number: In the reference, from 1.
+        frequency_hz: In the reference [Hz].
+        part: Component with the largest share of its strain energy, or several whose names differ
+            by a number only; empty without one.
+        deviation: Relative deviation of the model's frequency; None where it has no such mode.
+        mac: That of its partner, or the largest with any mode of the model.
+    """
 
     number: int
     frequency_hz: float
@@ -118,7 +96,16 @@ class JudgedModeSummary(TypedDict):
 
 
 class VerdictSummary(TypedDict):
-    """What a model of the same machine at another fidelity is good for; see ``Verdict``."""
+    """A model against the reference, which is the same machine at another fidelity.
+
+    Attributes:
+        agreement: Relative deviation up to which an answer counts as agreeing.
+        compliance: ``"POINT DIRECTION"`` to the relative deviation of the compliance along it.
+        agreeing: Numbers of the elastic modes of the reference that agree, from 1.
+        agreeing_within: Largest deviation among those; None where there is none.
+        deviating: Modes that the model has, but not within ``agreement``.
+        missing: Modes that it lacks.
+    """
 
     agreement: float
     compliance: dict[str, float]
@@ -153,14 +140,14 @@ class VariantSummary(FrequencyErrors):
     mode_names: list[str]
     strain_share: list[dict[str, float]]
     mac: list[list[float]]
-    static: dict[str, VariantPointSummary]
+    static: dict[str, _VariantPointSummary]
     frf: list[EntrySummary]
     others: dict[str, dict[str, OtherSummary]]
     effort: EffortSummary
     failures: list[str]
 
 
-class EffortsSummary(TypedDict):
+class _EffortsSummary(TypedDict):
     """Costs from an empty store: of each variant its ``first`` model, and one ``changed`` after
     it.
     """
@@ -182,7 +169,7 @@ class ComparisonSummary(TypedDict):
     not_computed: dict[str, str]
     verdicts: dict[str, VerdictSummary]
     not_compared: list[str]
-    effort: NotRequired[EffortsSummary]
+    effort: NotRequired[_EffortsSummary]
     provenance: NotRequired[ProvenanceSummary]
 
 
@@ -205,7 +192,9 @@ def summarise_comparison(comparison: Comparison) -> ComparisonSummary:
         },
         "not_computed": dict(comparison.not_computed),
         "verdicts": {
-            name: _summarise_verdict(verdict) for name, verdict in judge_models(comparison).items()
+            name: _evaluate_model(comparison, solution)
+            for name, solution in comparison.solutions.items()
+            if _is_model_of(solution, comparison.solutions[comparison.reference])
         },
         "not_compared": list(comparison.not_compared),
     }
@@ -250,7 +239,7 @@ def _summarise_variant(solution: VariantSolution, comparison: Comparison) -> Var
             name: _summarise_point(name, budget, solution)
             for name, budget in solution.points.items()
         },
-        "frf": [_summarise_entry(entry) for entry in comparison.entries.get(choice.name, ())],
+        "frf": comparison.entries.get(choice.name, []),
         "others": _summarise_others(solution.others),
         "effort": summarise_effort(solution.effort),
         "failures": list(solution.failures),
@@ -272,7 +261,7 @@ def _summarise_others(numbers: Numbers) -> dict[str, dict[str, OtherSummary]]:
 
 def _summarise_point(
     name: str, budget: PointBudget, solution: VariantSolution
-) -> VariantPointSummary:
+) -> _VariantPointSummary:
     what = f"static compliance at {name} in variant {solution.choice.name}"
     along = np.diag(budget.compliance)[:3]
     # a free direction has no number, and no error
@@ -314,7 +303,7 @@ def _summarise_link(link: WeakLink | None) -> LinkSummary | None:
 
 
 def summarise_effort(effort: Effort) -> EffortSummary:
-    """What it cost to get from the scene to the answers."""
+    """Return the cost from the scene to the answers."""
     return {
         "seconds": {step: round(value, 4) for step, value in effort.seconds.items()}
         | {"total": round(effort.total, 4)},
@@ -327,49 +316,74 @@ def summarise_effort(effort: Effort) -> EffortSummary:
     }
 
 
-def _summarise_entry(entry: ResponseEntry) -> EntrySummary:
-    difference = entry.difference
+def _is_model_of(solution: VariantSolution, best: VariantSolution) -> bool:
+    """Whether a variant is the reference at another fidelity."""
+    return (
+        solution is not best
+        and solution.choice.fidelity is not None
+        and best.choice.fidelity is not None
+        and solution.choice.variant == best.choice.variant
+    )
+
+
+def _evaluate_model(comparison: Comparison, solution: VariantSolution) -> VerdictSummary:
+    """Return what of the reference a model of it agrees with."""
+    best = comparison.solutions[comparison.reference]
+    modes = _evaluate_modes(comparison, solution, best)
+    agreeing = {
+        mode["number"]: abs(mode["deviation"])
+        for mode in modes
+        if mode["deviation"] is not None and abs(mode["deviation"]) <= HOLDS
+    }
+    deviating = [mode for mode in modes if mode["number"] not in agreeing]
     return {
-        "output": list(entry.output),
-        "input": list(entry.given),
-        "peak": entry.peak,
-        "peak_hz": entry.peak_hz,
-        "peak_mode": entry.peak_mode,
-        "most_negative_real": entry.most_negative_real,
-        "most_negative_real_hz": entry.most_negative_real_hz,
-        "most_negative_real_error": entry.most_negative_real_error,
-        "peaks": [{"frequency_hz": peak.frequency_hz, "size": peak.size} for peak in entry.peaks],
-        "difference": None
-        if difference is None
-        else {
-            "size": difference.size,
-            "at_hz": difference.at_hz,
-            "share_of_peak": difference.share_of_peak,
-            "agrees_to_hz": difference.agrees_to_hz,
-        },
-        "negligible": entry.negligible,
-        "reason": entry.reason,
+        "agreement": HOLDS,
+        "compliance": _compare_compliances(solution, best),
+        "agreeing": list(agreeing),
+        "agreeing_within": max(agreeing.values(), default=None),
+        "deviating": [mode for mode in deviating if mode["deviation"] is not None],
+        "missing": [mode for mode in deviating if mode["deviation"] is None],
     }
 
 
-def _summarise_verdict(verdict: Verdict) -> VerdictSummary:
-    return {
-        "agreement": verdict.agreement,
-        "compliance": dict(verdict.compliance),
-        "agreeing": list(verdict.agreeing),
-        "agreeing_within": verdict.agreeing_within,
-        "deviating": [_summarise_judged(mode) for mode in verdict.deviating],
-        "missing": [_summarise_judged(mode) for mode in verdict.missing],
-    }
+def _compare_compliances(solution: VariantSolution, best: VariantSolution) -> dict[str, float]:
+    deviations = {}
+    for point in (name for name in best.points if name in solution.points):
+        pairs = (np.diag(variant.points[point].compliance)[:3] for variant in (solution, best))
+        for direction, value, wanted in zip(DIRECTIONS, *pairs, strict=True):
+            if wanted > 0.0 and not np.isnan(value):  # a free direction has none
+                deviations[f"{point} {direction}"] = float(value / wanted - 1.0)
+    return deviations
 
 
-def _summarise_judged(mode: JudgedMode) -> JudgedModeSummary:
-    return {
-        "number": mode.number,
-        "frequency_hz": mode.frequency_hz,
-        "name": mode.name,
-        "part": mode.part,
-        "part_share": mode.part_share,
-        "deviation": mode.deviation,
-        "mac": mode.correlation,
-    }
+def _evaluate_modes(
+    comparison: Comparison, solution: VariantSolution, best: VariantSolution
+) -> list[JudgedModeSummary]:
+    """Elastic modes of the reference that the scene asks for, rising."""
+    name, rigid = solution.choice.name, 0 if best.modal is None else best.modal.rigid_count
+    table, modes = comparison.correlations.get(name), list[JudgedModeSummary]()
+    for row in comparison.rows:
+        if row.origin != comparison.reference:
+            continue
+        first, cell = row.cells[comparison.reference], row.cells.get(name)
+        if not rigid <= first.index < best.wanted:
+            continue
+        shares = best.named.strain_shares[first.index]
+        strained = {
+            family: sum(shares[part] for part in members)
+            for family, members in name_families(shares.keys() & best.components.keys()).items()
+        }
+        part = max(strained, key=lambda key: strained[key], default="")
+        nearest = 0.0 if table is None else float(table[first.index].max())
+        modes.append(
+            {
+                "number": first.index + 1,
+                "frequency_hz": first.frequency_hz,
+                "name": row.name,
+                "part": part,
+                "part_share": strained.get(part, 0.0),
+                "deviation": None if cell is None else cell.deviation,
+                "mac": nearest if cell is None else (cell.correlation or 0.0),
+            }
+        )
+    return modes

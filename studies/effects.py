@@ -2,35 +2,33 @@
 it, compared by kind.
 """
 
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.numbers.numbers import Numbers
-from headstock.pipeline.runner import run_scene
+from headstock.pipeline.runner import gather_results, run_stages
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
-from headstock.scene.building.loader import load_scene
-from headstock.scene.reading.findings import SceneError
-from headstock.scene.scene import Scene, keep_analyses
+from headstock.scene.scene import Scene
 from headstock.scene.schema.effects import EFFECT_NAMES
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import use_threads
 from headstock.studies.kind_changes import Change, compare_kinds
-from headstock.studies.shared_runs import PlannedRun, plan_run, share_runs
+from headstock.studies.shared_runs import (
+    PlannedRun,
+    load_choice,
+    plan_change,
+    repeat_quick,
+    share_runs,
+)
 
 # changes of a number below which an effect may be left out, and from which it is to be named
-LITTLE, MUCH = (
-    1e-3,
-    1e-2,
-)
+LITTLE, MUCH = 1e-3, 1e-2
 QUICK = 3.0  # a run that takes no longer is repeated, for the least of its times [s]
-REPEATS = 3
 # effects that act through another one
 NEEDS = {
     "gravity_stiffening": "gravity",
@@ -80,7 +78,7 @@ class EffectTrial:
 
     @property
     def advice(self) -> str:
-        """What to do with it."""
+        """Advice of a few words."""
         if self.obstacle:
             return "not tried"
         if self.largest == 0.0:
@@ -116,28 +114,39 @@ def try_effects(
             ``SharedFailure``, as the other one.
     """
     comm = comm or MPI.COMM_SELF
-    scene = make_on_root(comm, lambda: load_choice(choice, ()))
+    scene = make_on_root(comm, lambda: load_choice(choice))
     pairs = {effect: _switched_runs(effect, scene) for effect in EFFECT_NAMES}
-    switches = list(dict.fromkeys([(), *(each for pair in pairs.values() for each in pair)]))
-    planned = make_on_root(comm, lambda: {each: _plan(choice, each) for each in switches})
-    runs = {each: run for each, run in planned.items() if isinstance(run, PlannedRun)}
+    switches = list(
+        dict.fromkeys([(), *(settings for pair in pairs.values() for settings in pair)])
+    )
+    planned = make_on_root(
+        comm, lambda: {settings: plan_change(choice, settings) for settings in switches}
+    )
+    runs = {settings: run for settings, run in planned.items() if isinstance(run, PlannedRun)}
     if comm.size > 1 and scene.accuracy is not None:
-        _run(scene, store, comm)  # keeps what the settings it finds take
-    bench = _Bench(runs, store, announce, threads=1 if comm.size > 1 else None)
-    done = share_runs(list(runs.values()), bench.run, comm=comm, store=store)
+        run_stages(scene, comm, store)  # keeps what the settings it finds take
+    warm: set[str] = set()
+
+    def work(number: int) -> "_Run | str":
+        settings = list(runs)[number]
+        if comm.size > 1:
+            use_threads(1)  # so that the processor seconds of ranks compare
+        if not warm:
+            announce("as written")
+            _run(scene, store)  # loads libraries
+            warm.add("libraries")
+        announce(" ".join(settings) or "as written")
+        try:
+            return _run_timed(runs[settings].scene, store, least=1 if settings else 2)
+        except HeadstockError as error:
+            if not settings:
+                raise
+            return str(error)
+
+    done = share_runs(list(runs.values()), work, comm=comm, store=store)
     # on other ranks there are none
-    found = planned | dict(zip(runs, done, strict=False))
-    return [_judge_effect(effect, scene, pairs[effect], found) for effect in pairs if done]
-
-
-def _plan(choice: SceneChoice, switches: tuple[str, ...]) -> PlannedRun | str:
-    """A run with overrides, or why there is none; one without them must be had."""
-    try:
-        return plan_run(load_choice(choice, switches))
-    except (SceneError, HeadstockError) as error:
-        if not switches:
-            raise
-        return error.problems[0].message if isinstance(error, SceneError) else str(error)
+    tried = planned | dict(zip(runs, done, strict=False))
+    return [_compare_runs(effect, scene, pairs[effect], tried) for effect in pairs if done]
 
 
 class _Pair(NamedTuple):
@@ -153,15 +162,15 @@ def _switched_runs(effect: str, scene: Scene) -> _Pair:
     return _Pair(need, (*need, *switch_effect(effect, scene)))
 
 
-def _judge_effect(
+def _compare_runs(
     effect: str,
     scene: Scene,
     pair: _Pair,
-    found: Mapping[tuple[str, ...], "_Run | PlannedRun | str"],
+    tried: Mapping[tuple[str, ...], "_Run | PlannedRun | str"],
 ) -> EffectTrial:
     """An effect by its two runs, or by why one of them was not to be had."""
-    named, written = effect in scene.effects, found[()]
-    as_named, other = found[pair.as_named], found[pair.other]
+    named, written = effect in scene.effects, tried[()]
+    as_named, other = tried[pair.as_named], tried[pair.other]
     if not (isinstance(written, _Run) and isinstance(as_named, _Run) and isinstance(other, _Run)):
         obstacle = next(run for run in (as_named, other) if isinstance(run, str))
         return EffectTrial(effect, named, obstacle=obstacle)
@@ -210,77 +219,15 @@ class _Run:
         return max(self.seconds) / min(self.seconds) - 1.0
 
 
-class _Bench:
-    """Runs a scene with effects switched, on this rank alone.
-
-    Args:
-        runs: By what is switched, the scene as written first.
-        store: Where superelements are kept.
-        announce: Called with what is run.
-        threads: Of BLAS in every run, so that the processor seconds of ranks that have one thread
-            or two compare; None for those there are.
-    """
-
-    def __init__(
-        self,
-        runs: Mapping[tuple[str, ...], PlannedRun],
-        store: Store,
-        announce: Callable[[str], None],
-        *,
-        threads: int | None,
-    ) -> None:
-        self._runs, self._store, self._announce = list(runs.items()), store, announce
-        self._threads, self._warm = threads, False
-
-    def run(self, number: int) -> _Run | str:
-        """The run of a number, or why it failed.
-
-        Raises:
-            HeadstockError: The scene as written cannot be run.
-        """
-        if self._threads is not None:
-            use_threads(self._threads)
-        if not self._warm:
-            self._announce("as written")
-            _run(self._runs[0][1].scene, self._store)  # loads libraries
-            self._warm = True
-        switches, planned = self._runs[number]
-        self._announce(" ".join(switches) or "as written")
-        try:
-            return _run_timed(planned.scene, self._store, least=1 if switches else 2)
-        except HeadstockError as error:
-            if not switches:
-                raise
-            return str(error)
-
-
-def load_choice(choice: SceneChoice, switches: Sequence[str]) -> Scene:
-    """The scene of a choice with the analyses chosen.
-
-    Args:
-        choice: File, variant, overrides and analyses.
-        switches: Further ``key=value`` overrides.
-
-    Raises:
-        SceneError: It has problems.
-    """
-    scene = load_scene(
-        choice.path, variant=choice.variant, overrides=[*choice.overrides, *switches]
-    )
-    return keep_analyses(scene, choice.analyses) if choice.analyses else scene
-
-
 def _run_timed(scene: Scene, store: Store, *, least: int) -> _Run:
-    """A run, repeated where it is short."""
-    numbers, first = _run(scene, store)
-    times = [first]
-    while len(times) < (REPEATS if first < QUICK else least):
-        times.append(_run(scene, store)[1])
-    return _Run(numbers, times)
+    """Run a scene, again where that is quick."""
+    runs = repeat_quick(
+        lambda number: _run(scene, store), lambda run: run[1], quick=QUICK, least=least
+    )
+    return _Run(runs[0][0], [seconds for _, seconds in runs])
 
 
-def _run(scene: Scene, store: Store, comm: MPI.Comm | None = None) -> tuple[Numbers, float]:
-    with tempfile.TemporaryDirectory(prefix="headstock-effects-") as folder:
-        begun = time.process_time()
-        results = run_scene(scene, Path(folder), comm=comm or MPI.COMM_SELF, store=store)
-        return results.numbers, time.process_time() - begun
+def _run(scene: Scene, store: Store) -> tuple[Numbers, float]:
+    begun = time.process_time()
+    state = run_stages(scene, MPI.COMM_SELF, store)
+    return gather_results(state).numbers, time.process_time() - begun

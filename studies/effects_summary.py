@@ -10,14 +10,14 @@ from headstock.studies.model_trials import ModelKind
 from headstock.studies.model_worth import Action, ModelFinding, RunPrice
 
 
-class PriceSummary(TypedDict):
+class _PriceSummary(TypedDict):
     """What a model costs from an empty store."""
 
     cpu_seconds: float
     peak_memory_mb: float
 
 
-class ModelSummary(TypedDict):
+class _ModelSummary(TypedDict):
     """What a change of the model moves and costs."""
 
     kind: ModelKind
@@ -29,8 +29,8 @@ class ModelSummary(TypedDict):
     worth: float
     missing_modes: list[str]
     added_modes: list[str]
-    price_as_written: PriceSummary
-    price_as_tried: PriceSummary
+    price_as_written: _PriceSummary
+    price_as_tried: _PriceSummary
     time_saved_share: float
     worth_over_price: float
     action: Action
@@ -38,7 +38,7 @@ class ModelSummary(TypedDict):
     changes: list[ChangeSummary]
 
 
-class TrialSummary(TypedDict):
+class _TrialSummary(TypedDict):
     """What an effect moves and costs; of the time its share and by which share runs differ without
     any change.
     """
@@ -64,8 +64,8 @@ class EffectsSummary(TypedDict):
     scene: str
     small_change: float
     large_change: float
-    effects: list[TrialSummary]
-    models: list[ModelSummary]
+    effects: list[_TrialSummary]
+    models: list[_ModelSummary]
     provenance: NotRequired[ProvenanceSummary]
 
 
@@ -97,7 +97,7 @@ def summarise_effects(
     }
 
 
-def _summarise_finding(each: ModelFinding) -> ModelSummary:
+def _summarise_finding(each: ModelFinding) -> _ModelSummary:
     return {
         "kind": each.trial.kind,
         "bodies": list(each.trial.bodies),
@@ -118,5 +118,5 @@ def _summarise_finding(each: ModelFinding) -> ModelSummary:
     }
 
 
-def _summarise_price(price: RunPrice) -> PriceSummary:
+def _summarise_price(price: RunPrice) -> _PriceSummary:
     return {"cpu_seconds": price.cpu_seconds, "peak_memory_mb": price.peak_memory_mb}

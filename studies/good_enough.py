@@ -33,7 +33,7 @@ class Drop:
 def choose_drops(
     scene: Scene, trials: Sequence[EffectTrial], findings: Sequence[ModelFinding]
 ) -> list[Drop]:
-    """What moves hardly anything: effects to leave out, and per body one model, one kind of
+    """Choose what moves hardly anything: effects to leave out, and per body one model, one kind of
     interfaces and one count of modes: of those that save most, within ``CLEARLY``, that which
     moves least.
 

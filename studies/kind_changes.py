@@ -8,7 +8,7 @@ import numpy as np
 
 from headstock.pipeline.answers.path import SIZES
 from headstock.pipeline.answers.volumetric import TOTAL
-from headstock.pipeline.numbers.changes import compare
+from headstock.pipeline.numbers.changes import compare_numbers
 from headstock.pipeline.numbers.kinds import KINDS
 from headstock.pipeline.numbers.numbers import Key, Number
 
@@ -54,7 +54,7 @@ class Change:
 
     @property
     def place(self) -> str:
-        """Which number of the kind, in plain words: ``frequency 3 in pose left``, ``face 1, mean, x``."""
+        """The number of the kind in plain words: ``frequency 3 in pose left``, ``face 1, mean, x``."""
         key = self.key
         return key.describe(several_poses=True) if key.group.words else key.describe_place()
 
@@ -107,7 +107,7 @@ def compare_kinds(without: Iterable[Number], present: Iterable[Number]) -> list[
 
 
 def _list_changes(before: Mapping[Key, Number], after: Mapping[Key, Number]) -> Iterator[Change]:
-    moved = compare(before.values(), after.values())
+    moved = compare_numbers(before.values(), after.values())
     vectors: dict[tuple[Key, str], float] = {}
     kinds: dict[str, float] = {}
     for number in (*before.values(), *after.values()):

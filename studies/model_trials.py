@@ -12,6 +12,7 @@ from headstock.meshing.components.meshing import automatic_size
 from headstock.pipeline.planning.plan import Plan
 from headstock.scene.analyses.path import PathRequest
 from headstock.scene.scene import Scene
+from headstock.studies.parameters.convergence import write_size
 
 ModelKind = Literal["elasticity", "interfaces", "modes", "mesh", "pose", "several"]
 MODEL_KINDS: tuple[ModelKind, ...] = ("elasticity", "interfaces", "modes", "mesh", "pose")
@@ -44,7 +45,7 @@ class ModelTrial:
 
     @property
     def subject(self) -> str:
-        """What is changed, in words."""
+        """The changed part in words."""
         names = ", ".join(self.bodies)
         return {
             "elasticity": names,
@@ -107,7 +108,7 @@ def _group_equals(scene: Scene) -> list[tuple[str, ...]]:
 
 
 def are_alike(first: Component, second: Component) -> bool:
-    """Whether two components are one model at two places."""
+    """Tell whether two components are one model at two places."""
     return all(getattr(first, field) == getattr(second, field) for field in SAME)
 
 
@@ -134,10 +135,12 @@ def _vary_elasticity(part: Component, names: tuple[str, ...]) -> Iterator[ModelT
 
 def _vary_interfaces(part: Component, names: tuple[str, ...]) -> Iterator[ModelTrial]:
     """All interfaces but rails of one kind; those that are so already stay."""
-    fixed = {name: each for name, each in part.interfaces.items() if each.rail is None}
+    fixed = {
+        name: interface for name, interface in part.interfaces.items() if interface.rail is None
+    }
     words = {
-        name: f"flexible ({each.flexible})" if each.flexible else each.coupling
-        for name, each in fixed.items()
+        name: f"flexible ({interface.flexible})" if interface.flexible else interface.coupling
+        for name, interface in fixed.items()
     }
     kinds = {
         "rigid": '"rigid"',
@@ -201,15 +204,11 @@ def _vary_mesh(part: Component, names: tuple[str, ...]) -> Iterator[ModelTrial]:
     size, rim = part.mesh.size or automatic_size(part), part.mesh.rim_size
     steps: tuple[tuple[float, Sense], ...] = ((1.0 / FINER, "simpler"), (FINER, "richer"))
     for factor, sense in steps:
-        other = _in_mm(factor * size)
+        other = write_size(factor * size)
         settings = _set(names, "mesh.size", f'"{other}"')
         if rim is not None:
-            settings += _set(names, "mesh.rim_size", f'"{_in_mm(factor * rim)}"')
-        yield ModelTrial("mesh", names, _in_mm(size), other, settings, sense)
-
-
-def _in_mm(size: float) -> str:
-    return f"{float(f'{1e3 * size:.3g}'):g} mm"
+            settings += _set(names, "mesh.rim_size", f'"{write_size(factor * rim)}"')
+        yield ModelTrial("mesh", names, write_size(size), other, settings, sense)
 
 
 def _vary_pose(scene: Scene) -> Iterator[ModelTrial]:

@@ -3,34 +3,44 @@ its model; what to do about each.
 """
 
 import contextlib
-import importlib
 import shutil
 import tempfile
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from headstock.geometry.errors import HeadstockError
-from headstock.pipeline.accuracy.followed import MachineFamily
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.accuracy.followed import ComparedMachine, MachineFamily, follow_numbers
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.numbers.estimates import show_share
-from headstock.pipeline.numbers.numbers import Numbers
-from headstock.pipeline.planning.budgets import BASE_MB
+from headstock.pipeline.numbers.numbers import Number, Numbers, make_key
 from headstock.pipeline.planning.plan import StageRecord
-from headstock.pipeline.planning.resources import node_memory_bytes
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.components import ELASTIC_MODULE
+from headstock.pipeline.runner import gather_results, run_stages
+from headstock.pipeline.stages.frf import prepare_response
 from headstock.pipeline.stages.run_state import MachineParts
-from headstock.pipeline.stages.shared_components import expect_job, make_superelements, start_run
+from headstock.pipeline.stages.shared_components import (
+    deal_out,
+    expect_job,
+    load_elastic,
+    make_superelements,
+    start_run,
+)
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
-from headstock.scene.reading.findings import SceneError
+from headstock.reduction.motions.mode_naming import name_modes
+from headstock.scene.expansion.overrides import AS_WRITTEN
+from headstock.solvers.linear.frequency_response import evaluate_frf
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
-from headstock.solvers.shared_work import share_work, use_threads
-from headstock.studies.effects import LITTLE, MUCH, load_choice
-from headstock.studies.followed_models import FollowedModel, follow_model
+from headstock.solvers.shared_work import use_threads
+from headstock.studies.effects import LITTLE, MUCH
 from headstock.studies.kind_changes import Change, compare_kinds
 from headstock.studies.model_trials import (
     MODEL_KINDS,
@@ -39,12 +49,104 @@ from headstock.studies.model_trials import (
     are_alike,
     list_model_trials,
 )
-from headstock.studies.shared_runs import PlannedRun, plan_run
+from headstock.studies.shared_runs import (
+    PlannedRun,
+    load_choice,
+    plan_change,
+    plan_run,
+    repeat_quick,
+)
 
+# of the drive points' responses: what symmetry makes zero is left with this of an uneven mesh
+NEGLIGIBLE = 1e-3
+FAR = 2.0  # times its frequency from which a mode of the same shape is another one
 CLEARLY = 0.05  # share of the time from which a change of it counts
-QUICK, REPEATS = 1.0, 3  # what takes less is repeated, for the least of its times [s]
+QUICK = 1.0  # what takes less is repeated, for the least of its times [s]
 WARM_UP = 30.0  # a component that is expected to take longer is not made beforehand [s]
 Action = Literal["keep", "third digit", "drop", "either", "take", "enough", "matters", "not tried"]
+
+
+@dataclass(frozen=True)
+class _FollowedModel:
+    """What another model says of the modes and responses of a machine.
+
+    Attributes:
+        numbers: Frequencies under the keys of the machine as written.
+        missing: Modes of the machine as written that the model lacks within an octave, each with its
+            frequency.
+        added: Modes of the model, below the highest of the machine as written, that this lacks.
+        lines: Of each response, the line that is furthest off.
+    """
+
+    numbers: list[Number] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    added: list[str] = field(default_factory=list)
+    lines: list[Change] = field(default_factory=list)
+
+
+def _follow_model(
+    written: Results, family: MachineFamily, model: ComparedMachine
+) -> _FollowedModel:
+    """Return what a model says of the modes and responses of the machine as written.
+
+    Args:
+        model: The other model, of the same family.
+    """
+    found = _FollowedModel()
+    for modes in written.modal:
+        _follow_modes(modes, family, model, found)
+    found.lines.extend(_compare_lines(response, model) for response in written.frf.values())
+    return found
+
+
+def _follow_modes(
+    modes: PoseModes, family: MachineFamily, model: ComparedMachine, found: _FollowedModel
+) -> None:
+    """Add the modes of a pose to what was found."""
+    pose = modes.pose.name
+    followed = follow_numbers(modes, family.base, model)
+    own = modes.frequencies_hz[modes.rigid_count :]
+    names = modes.mode_names[modes.rigid_count :]
+    for number, hz, name in zip(followed.numbers, own, names, strict=True):
+        if hz / FAR < number.value < hz * FAR:
+            found.numbers.append(number)
+        else:
+            found.missing.append(f"{name} ({hz:.4g} Hz) in pose {pose}")
+    if followed.missing:
+        coupled = model.at(pose).coupled
+        others = model.watch(pose, modes.below + len(modes.frequencies_hz)).modes
+        named = name_modes(coupled, others).names
+        found.added.extend(
+            f"{named[mode]} ({others.frequencies_hz[mode]:.4g} Hz) in pose {pose}"
+            for mode in followed.missing
+        )
+
+
+def _compare_lines(response: PoseResponse, model: ComparedMachine) -> Change:
+    """Return the line furthest off, over the peak of its response; what symmetry makes zero is left out."""
+    curves = response.curves
+    prepared = prepare_response(model.at(curves.pose))
+    receptance = evaluate_frf(prepared, curves.frequencies_hz).receptance
+    own, other = (np.nan_to_num(values) for values in (curves.receptance, receptance))
+    peaks = np.abs(own).max(axis=0)
+    counted = peaks > NEGLIGIBLE * np.sqrt(np.outer(peaks.max(axis=1), peaks.max(axis=0)))
+    off: FloatArray = np.where(
+        counted, np.abs(other - own) / np.where(peaks > 0.0, peaks, 1.0), 0.0
+    )
+    line, output, given = (int(place) for place in np.unravel_index(np.argmax(off), off.shape))
+    where = (
+        f"{' '.join(curves.outputs[output])} under {' '.join(curves.inputs[given])} at "
+        f"{curves.frequencies_hz[line]:.4g} Hz"
+    )
+    without, present = (float(abs(lines[line, output, given])) for lines in (other, own))
+    entry = list(response.list_series())[output * len(curves.inputs) + given]
+    return Change(
+        make_key("response_line", pose=curves.pose, line=where),
+        float(off[line, output, given]),
+        without,
+        present,
+        entry.unit,
+    )
 
 
 @dataclass(frozen=True)
@@ -102,7 +204,7 @@ class ModelFinding:
 
     @property
     def action(self) -> Action:
-        """What to do: keep what is written, drop it, or take what was tried."""
+        """Advice: keep what is written, drop it, or take what was tried."""
         if self.obstacle:
             return "not tried"
         if self.trial.sense == "richer":
@@ -120,9 +222,9 @@ class ModelFinding:
         """One sentence: what it moves most, what it costs, what to do."""
         if self.obstacle:
             return f"not tried: {self.obstacle}"
-        return f"{self._tell_worth()}, {self._tell_price()}: {self._tell_action()}"
+        return f"{self._describe_worth()}, {self._describe_price()}: {self._describe_action()}"
 
-    def _tell_worth(self) -> str:
+    def _describe_worth(self) -> str:
         if self.missing:
             return f"lacks {_first_of(self.missing)}"
         if self.added:
@@ -131,13 +233,13 @@ class ModelFinding:
             return "moves nothing that was asked for"
         return f"moves {self.changes[0].label} by {show_share(self.worth)}"
 
-    def _tell_price(self) -> str:
+    def _describe_price(self) -> str:
         share = 100.0 * abs(self.saved_share)
         if abs(self.saved_share) < CLEARLY:
             return f"within {100.0 * CLEARLY:.0f} % of the time"
         return f"{share:.0f} % {'less' if self.saved_share > 0.0 else 'more'} time"
 
-    def _tell_action(self) -> str:
+    def _describe_action(self) -> str:
         written, tried = self.trial.written, self.trial.tried
         return {
             "keep": f"keep {written}",
@@ -185,52 +287,57 @@ def try_models(
             ``SharedFailure``, as the other one.
     """
     comm = comm or MPI.COMM_SELF
-    base = make_on_root(comm, lambda: plan_run(load_choice(choice, ())))
+    base = make_on_root(comm, lambda: plan_run(load_choice(choice)))
     if trials is None:
         trials = make_on_root(comm, lambda: list_model_trials(base.scene, base.plan, kinds))
     if not trials:
         return []
-    planned = make_on_root(comm, lambda: [_plan(choice, trial) for trial in trials])
-    runs = [base, *(each for each in planned if isinstance(each, PlannedRun))]
-    names = [
-        trial.name for trial, each in zip(trials, planned, strict=True) if not isinstance(each, str)
-    ]
+    planned = make_on_root(comm, lambda: [plan_change(choice, trial.settings) for trial in trials])
+    pairs = list(zip(trials, planned, strict=True))
+    runs = {trial.name: run for trial, run in pairs if isinstance(run, PlannedRun)}
+    runs, names = {AS_WRITTEN: base, **runs}, [AS_WRITTEN, *runs]
     with _trial_store(comm, store) as cold:
-        reduces = [stage.kind == "reduce" for each in runs for stage in each.plan.stages]
-        if make_on_root(comm, lambda: any(reduces)):
-            importlib.import_module(ELASTIC_MODULE)  # PETSc starts on all ranks together
-        bench = _Bench(base, cold, announce, threads=1 if comm.size > 1 else None)
-        bench.warm_up()
+        load_elastic(stage for run in runs.values() for stage in run.plan.stages)
+        models = _Models(base, cold, threads=1 if comm.size > 1 else None)
+        models.warm_up(announce)
         announce("components as written")
-        records = _make_written(base, comm, cold)
+        records = _make_cold(base, comm, cold)
 
         def work(number: int, settle: Callable[[], None]) -> "_ModelRun | str":
-            announce(["as written", *names][number])
-            return bench.run(runs[number], is_base=number == 0)
+            announce(names[number])
+            try:
+                return models.run(runs[names[number]])
+            except HeadstockError as error:
+                if number == 0:
+                    raise
+                return str(error)
 
-        done = share_work(
-            comm,
-            [expect_job(run.plan.stages) for run in runs],
-            work,
-            folder=store.root,
-            memory_mb=node_memory_bytes() / 1e6,
-            idle_mb=BASE_MB,
-        )
+        jobs = [expect_job(run.plan.stages) for run in runs.values()]
+        done = deal_out(jobs, work, comm=comm, folder=store.root)
     if not done:  # on other ranks
         return []
-    written, others = done[0], iter(done[1:])
+    prices, tried = _Prices(base, records), dict(zip(names, done, strict=True))
+    return [_make_finding(trial, run, tried, prices) for trial, run in pairs]
+
+
+def _make_finding(
+    trial: ModelTrial,
+    run: PlannedRun | str,
+    tried: Mapping[str, "_ModelRun | str"],
+    prices: "_Prices",
+) -> ModelFinding:
+    """Return what a change moves and costs, or why it could not be tried.
+
+    Args:
+        run: Of the changed scene, or why there is none.
+        tried: Name of a change to its run, or why that failed; of the scene as written, too.
+    """
+    written, other = tried[AS_WRITTEN], run if isinstance(run, str) else tried[trial.name]
     if isinstance(written, str):
         raise HeadstockError(written)
-    known = _Known(base, records)
-    findings = []
-    for trial, run in zip(trials, planned, strict=True):
-        tried = run if isinstance(run, str) else next(others)
-        findings.append(
-            ModelFinding(trial, obstacle=str(tried))
-            if isinstance(tried, str) or isinstance(run, str)
-            else _judge(trial, known, written, tried, run)
-        )
-    return findings
+    if isinstance(run, str) or isinstance(other, str):
+        return ModelFinding(trial, obstacle=str(other))
+    return _compare(trial, prices, written, other, run)
 
 
 @contextlib.contextmanager
@@ -249,27 +356,33 @@ def _trial_store(comm: MPI.Comm, store: Store) -> Iterator[Store]:
             shutil.rmtree(root, ignore_errors=True)
 
 
-def _make_written(base: PlannedRun, comm: MPI.Comm, store: Store) -> tuple[StageRecord, ...]:
-    """Make the components as written in an empty store, again in others where that is quick; the
-    records of the quickest. Collective, empty on other ranks.
+def _make_cold(
+    planned: PlannedRun,
+    comm: MPI.Comm,
+    store: Store,
+    names: Collection[str] | None = None,
+    *,
+    kept: bool = True,
+) -> list[StageRecord]:
+    """Make components from an empty store, again where that is quick; the records of the quickest.
+    Collective, empty on other ranks.
+
+    Args:
+        store: In whose folder the empty ones lie.
+        names: Of the components; None for all.
+        kept: Put what is made into the store.
     """
-    runs: list[list[StageRecord]] = []
 
-    def is_quick() -> bool:
-        return _seconds(runs[-1]) < QUICK
+    def make(number: int) -> list[StageRecord]:
+        records: list[StageRecord] = []
+        with _trial_store(comm, store) as cold:
+            state = start_run(planned.scene, comm, cold, plan=planned.plan)
+            make_superelements(state, only=names, observer=records.append)
+            if kept and number == 0:
+                make_on_root(comm, lambda: _move_entries(cold, store))
+        return records
 
-    for number in range(REPEATS):
-        with contextlib.ExitStack() as stack:
-            place = store if number == 0 else stack.enter_context(_trial_store(comm, store))
-            records: list[StageRecord] = []
-            make_superelements(
-                start_run(base.scene, comm, place, plan=base.plan), observer=records.append
-            )
-        runs.append(records)
-        if not make_on_root(comm, is_quick):
-            break
-    quickest = min(runs, key=_seconds)
-    return tuple(quickest)
+    return min(repeat_quick(make, _seconds, quick=QUICK, comm=comm), key=_seconds)
 
 
 def _move_entries(source: Store, target: Store) -> None:
@@ -281,13 +394,6 @@ def _move_entries(source: Store, target: Store) -> None:
             path.replace(place)
 
 
-def _plan(choice: SceneChoice, trial: ModelTrial) -> PlannedRun | str:
-    try:
-        return plan_run(load_choice(choice, trial.settings))
-    except (SceneError, HeadstockError) as error:
-        return error.problems[0].message if isinstance(error, SceneError) else str(error)
-
-
 @dataclass(frozen=True, eq=False)
 class _ModelRun:
     """What a model says, and the records of its stages: of the components that are not as written,
@@ -295,32 +401,22 @@ class _ModelRun:
     """
 
     numbers: Numbers
-    followed: FollowedModel
+    followed: _FollowedModel
     records: tuple[StageRecord, ...]
 
 
-class _Bench:
-    """Runs models of a machine on this rank alone.
+class _Models:
+    """Runs of models of a machine on this rank alone, beside the machine as written.
 
     Args:
-        announce: Called with what is run.
         threads: Of BLAS in every run, so that the processor seconds of ranks compare; None for
             those there are.
     """
 
-    def __init__(
-        self,
-        base: PlannedRun,
-        store: Store,
-        announce: Callable[[str], None],
-        *,
-        threads: int | None,
-    ) -> None:
-        self._base, self._store, self._announce = base, store, announce
-        self._threads = threads
-        self._written: tuple[Results, MachineFamily] | None = None
+    def __init__(self, base: PlannedRun, store: Store, *, threads: int | None) -> None:
+        self._base, self._store, self._threads = base, store, threads
 
-    def warm_up(self) -> None:
+    def warm_up(self, announce: Callable[[str], None]) -> None:
         """Reduce the quickest elastic component once, which loads and compiles what all take."""
         seconds = {
             stage.component: stage.estimated_seconds or 0.0
@@ -329,68 +425,32 @@ class _Bench:
         }
         quickest = min(seconds, key=lambda name: seconds[name], default=None)
         if quickest is not None and seconds[quickest] < WARM_UP:
-            self._announce("loading")
-            self._price(self._base, {quickest}, kept=False)
+            announce("loading")
+            _make_cold(self._base, MPI.COMM_SELF, self._store, {quickest}, kept=False)
 
-    def run(self, planned: PlannedRun, *, is_base: bool) -> "_ModelRun | str":
-        """A model's run, or why it failed.
+    @cached_property
+    def _written(self) -> tuple[Results, MachineFamily]:
+        return self._run(self._base), MachineFamily(self._restore(self._base))
+
+    def run(self, planned: PlannedRun) -> "_ModelRun":
+        """Run a model.
 
         Raises:
-            HeadstockError: The scene as written cannot be run.
+            HeadstockError: It, or the scene as written, cannot be run.
         """
         if self._threads is not None:
             use_threads(self._threads)
-        if self._written is None:
-            family = MachineFamily(self._restore(self._base))
-            self._written = (self._run(self._base), family)
-        own = self._base.plan.components
-        changed = {
-            name for name, part in planned.plan.components.items() if not are_alike(own[name], part)
-        }
-        try:
-            return self._repeat(planned, self._price(planned, changed), *self._written)
-        except HeadstockError as error:
-            if is_base:
-                raise
-            return str(error)
-
-    def _price(
-        self, planned: PlannedRun, names: Collection[str], *, kept: bool = True
-    ) -> list[StageRecord]:
-        """Make components from an empty store, again where that is quick; the records of the
-        quickest. They are ``kept`` in the store of the trials.
-        """
-        runs: list[list[StageRecord]] = []
-        for number in range(REPEATS):
-            records: list[StageRecord] = []
-            with tempfile.TemporaryDirectory(prefix="cold-", dir=self._store.root) as folder:
-                cold = Store(Path(folder))
-                state = start_run(planned.scene, MPI.COMM_SELF, cold, plan=planned.plan)
-                make_superelements(state, only=names, observer=records.append)
-                if kept and number == 0:
-                    _move_entries(cold, self._store)
-            runs.append(records)
-            if _seconds(records) >= QUICK:
-                break
-        return min(runs, key=_seconds)
-
-    def _repeat(
-        self,
-        planned: PlannedRun,
-        components: Sequence[StageRecord],
-        written: Results,
-        family: MachineFamily,
-    ) -> _ModelRun:
-        results = self._run(planned)
-        runs = [results.stages]
-        while len(runs) < REPEATS and _machine_seconds(results.stages) < QUICK:
-            runs.append(self._run(planned).stages)
-        machine = min(runs, key=_machine_seconds)
-        return _ModelRun(
-            results.numbers,
-            follow_model(written, family, family.change(self._restore(planned))),
-            (*components, *(record for record in machine if record.stage.component is None)),
+        written, family = self._written
+        changed = planned.plan.components.keys() - _find_alike(self._base, planned)
+        records = _make_cold(planned, MPI.COMM_SELF, self._store, changed)
+        runs = repeat_quick(
+            lambda number: self._run(planned),
+            lambda results: _seconds(_of_machine(results.stages)),
+            quick=QUICK,
         )
+        machine = min((_of_machine(results.stages) for results in runs), key=_seconds)
+        followed = _follow_model(written, family, family.change(self._restore(planned)))
+        return _ModelRun(runs[0].numbers, followed, (*records, *machine))
 
     def _restore(self, planned: PlannedRun) -> MachineParts:
         """Return the components of a model, which the store has."""
@@ -399,29 +459,35 @@ class _Bench:
         return state.parts
 
     def _run(self, planned: PlannedRun) -> Results:
-        with tempfile.TemporaryDirectory(prefix="headstock-effects-") as folder:
-            return run_scene(planned.scene, Path(folder), comm=MPI.COMM_SELF, store=self._store)
+        records: list[StageRecord] = []
+        state = run_stages(planned.scene, MPI.COMM_SELF, self._store, observer=records.append)
+        return gather_results(state, tuple(records))
+
+
+def _find_alike(base: PlannedRun, other: PlannedRun) -> set[str]:
+    """Return the components of another model that are as written."""
+    written, parts = base.plan.components, other.plan.components
+    return {name for name, part in parts.items() if are_alike(written[name], part)}
 
 
 def _seconds(records: Sequence[StageRecord]) -> float:
     return sum(record.cpu_seconds for record in records)
 
 
-def _machine_seconds(records: Sequence[StageRecord]) -> float:
-    return _seconds([record for record in records if record.stage.component is None])
+def _of_machine(records: Sequence[StageRecord]) -> list[StageRecord]:
+    return [record for record in records if record.stage.component is None]
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
+class _Prices:
     """The machine as written, and the records of its components."""
 
     base: PlannedRun
-    records: tuple[StageRecord, ...]
+    records: Sequence[StageRecord]
 
-    def price(self, run: PlannedRun, records: Sequence[StageRecord]) -> RunPrice:
-        """Of a run by the records of what is not as written, and of the machine."""
-        own = self.base.plan.components
-        same = {name for name, part in run.plan.components.items() if are_alike(own[name], part)}
+    def find(self, run: PlannedRun, records: Sequence[StageRecord]) -> RunPrice:
+        """Return that of a run by the records of what is not as written, and of the machine."""
+        same = _find_alike(self.base, run)
         whole = [record for record in self.records if record.stage.component in same]
         whole += records
         return RunPrice(
@@ -430,12 +496,8 @@ class _Known:
         )
 
 
-def _judge(
-    trial: ModelTrial,
-    known: _Known,
-    written: _ModelRun,
-    tried: _ModelRun,
-    run: PlannedRun,
+def _compare(
+    trial: ModelTrial, prices: _Prices, written: _ModelRun, tried: _ModelRun, run: PlannedRun
 ) -> ModelFinding:
     # what is written is what is present; modes are followed by their shapes
     without, present = (
@@ -453,8 +515,8 @@ def _judge(
         tuple(sorted(changes, key=lambda change: -change.share)),
         tuple(tried.followed.missing),
         tuple(tried.followed.added),
-        known.price(known.base, written.records),
-        known.price(run, tried.records),
+        prices.find(prices.base, written.records),
+        prices.find(run, tried.records),
     )
 
 

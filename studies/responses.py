@@ -3,7 +3,7 @@ and how far each is from that of a reference.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 import scipy  # whose search of peaks, half a second, is loaded where it is used
@@ -26,16 +26,14 @@ UNBOUNDED = (
 )
 
 
-@dataclass(frozen=True)
-class Peak:
+class _PeakSummary(TypedDict):
     """A maximum of the size of a response: where [Hz], and its size [m/N, rad/N, ...]."""
 
     frequency_hz: float
     size: float
 
 
-@dataclass(frozen=True)
-class LineDifference:
+class _DifferenceSummary(TypedDict):
     """How far a response is from that of a reference.
 
     Attributes:
@@ -52,13 +50,12 @@ class LineDifference:
     agrees_to_hz: float | None
 
 
-@dataclass(frozen=True)
-class ResponseEntry:
-    """What one entry of a response says, in SI.
+class EntrySummary(TypedDict):
+    """Numbers of one entry of a response, in SI.
 
     Attributes:
         output: Point and direction of the motion.
-        given: Point and direction of the load.
+        input: Point and direction of the load.
         peak: Largest dynamic compliance in the band; None where a peak has no top.
         peak_hz: Its frequency [Hz].
         peak_mode: Name of the natural mode nearest to it; empty where output and load differ.
@@ -73,18 +70,18 @@ class ResponseEntry:
         reason: Why there are no such numbers, in plain words.
     """
 
-    output: Channel
-    given: Channel
-    peak: float | None = None
-    peak_hz: float | None = None
-    peak_mode: str = ""
-    most_negative_real: float | None = None
-    most_negative_real_hz: float | None = None
-    most_negative_real_error: float | None = None
-    peaks: tuple[Peak, ...] = ()
-    difference: LineDifference | None = None
-    negligible: bool = False
-    reason: str = ""
+    output: list[str]
+    input: list[str]
+    peak: float | None
+    peak_hz: float | None
+    peak_mode: str
+    most_negative_real: float | None
+    most_negative_real_hz: float | None
+    most_negative_real_error: float | None
+    peaks: list[_PeakSummary]
+    difference: _DifferenceSummary | None
+    negligible: bool
+    reason: str
 
 
 def overlay_responses(
@@ -127,8 +124,8 @@ def overlay_responses(
 
 def compare_entries(
     solution: VariantSolution, lines: Mapping[str, ResponseCurves], reference: str
-) -> tuple[ResponseEntry, ...]:
-    """What each entry of a variant's response says.
+) -> list[EntrySummary]:
+    """Return the numbers of each entry of a variant's response.
 
     Args:
         lines: Of ``overlay_responses``.
@@ -136,15 +133,15 @@ def compare_entries(
     """
     response, model, name = solution.response, solution.frf, solution.choice.name
     if response is None or model is None:
-        return ()
-    curves, found = response.curves, []
+        return []
+    curves, entries = response.curves, list[EntrySummary]()
     to_hz = float(curves.frequencies_hz[-1])
     bounded = peaks_have_tops(find_peaks(model, to_hz), to_hz)
     mine, other = lines.get(name), lines.get(reference)
     for row, output in enumerate(curves.outputs):
         for column, given in enumerate(curves.inputs):
             if not bounded:
-                found.append(ResponseEntry(output, given, reason=UNBOUNDED))
+                entries.append(_start_entry(output, given, UNBOUNDED))
                 continue
             difference = None
             if mine is not None and other is not None and name != reference:
@@ -153,13 +150,31 @@ def compare_entries(
                     mine.receptance[:, row, column],
                     other.receptance[:, row, column],
                 )
-            found.append(_describe_entry(response, row, column, difference))
-    return tuple(found)
+            entries.append(_describe_entry(response, row, column, difference))
+    return entries
+
+
+def _start_entry(output: Channel, given: Channel, reason: str = "") -> EntrySummary:
+    """Return an entry without numbers."""
+    return {
+        "output": list(output),
+        "input": list(given),
+        "peak": None,
+        "peak_hz": None,
+        "peak_mode": "",
+        "most_negative_real": None,
+        "most_negative_real_hz": None,
+        "most_negative_real_error": None,
+        "peaks": [],
+        "difference": None,
+        "negligible": False,
+        "reason": reason,
+    }
 
 
 def _describe_entry(
-    response: PoseResponse, row: int, column: int, difference: LineDifference | None
-) -> ResponseEntry:
+    response: PoseResponse, row: int, column: int, difference: _DifferenceSummary | None
+) -> EntrySummary:
     curves = response.curves
     output, given = curves.outputs[row], curves.inputs[column]
     sizes = np.abs(curves.receptance[:, row, column])
@@ -169,33 +184,24 @@ def _describe_entry(
         tops[row, column] < NEGLIGIBLE * _usual_size(curves, tops, output, given)
     )
     figures = next((own for own in response.figures if own.channel == output == given), None)
+    entry = _start_entry(output, given)
     if figures is not None and figures.minimum_dynamic_stiffness:
-        return ResponseEntry(
-            output,
-            given,
-            peak=1.0 / figures.minimum_dynamic_stiffness,
-            peak_hz=figures.minimum_dynamic_stiffness_hz,
-            peak_mode=figures.minimum_dynamic_stiffness_mode,
-            most_negative_real=figures.most_negative_real,
-            most_negative_real_hz=figures.most_negative_real_hz,
-            most_negative_real_error=response.errors.get(
-                response.figure_key(figures.channel), Estimate()
-            ).total,
-            peaks=peaks,
-            difference=difference,
-        )
-    if not np.isfinite(sizes).any():
-        return ResponseEntry(output, given, reason="nothing moves there, or nothing holds it")
-    worst = int(np.nanargmax(sizes))
-    return ResponseEntry(
-        output,
-        given,
-        peak=float(sizes[worst]),
-        peak_hz=float(curves.frequencies_hz[worst]),
-        peaks=peaks,
-        difference=difference,
-        negligible=negligible,
-    )
+        error = response.errors.get(response.figure_key(figures.channel), Estimate()).total
+        entry["peak"] = 1.0 / figures.minimum_dynamic_stiffness
+        entry["peak_hz"] = figures.minimum_dynamic_stiffness_hz
+        entry["peak_mode"] = figures.minimum_dynamic_stiffness_mode
+        entry["most_negative_real"] = figures.most_negative_real
+        entry["most_negative_real_hz"] = figures.most_negative_real_hz
+        entry["most_negative_real_error"] = error
+    elif np.isfinite(sizes).any():
+        worst = int(np.nanargmax(sizes))
+        entry["peak"] = float(sizes[worst])
+        entry["peak_hz"] = float(curves.frequencies_hz[worst])
+        entry["negligible"] = negligible
+    else:
+        return _start_entry(output, given, "nothing moves there, or nothing holds it")
+    entry["peaks"], entry["difference"] = peaks, difference
+    return entry
 
 
 def _largest_sizes(curves: ResponseCurves) -> FloatArray:
@@ -225,16 +231,19 @@ def _usual_size(curves: ResponseCurves, tops: FloatArray, output: Channel, given
     return max(alike)
 
 
-def _list_peaks(frequencies_hz: FloatArray, sizes: FloatArray) -> tuple[Peak, ...]:
+def _list_peaks(frequencies_hz: FloatArray, sizes: FloatArray) -> list[_PeakSummary]:
     known = np.isfinite(sizes) & (sizes > 0.0)
     lines, logs = frequencies_hz[known], np.log(sizes[known])
     places, _ = scipy.signal.find_peaks(logs, prominence=np.log(PROMINENCE))
-    return tuple(Peak(float(lines[place]), float(np.exp(logs[place]))) for place in places)
+    return [
+        {"frequency_hz": float(lines[place]), "size": float(np.exp(logs[place]))}
+        for place in places
+    ]
 
 
 def _differ(
     frequencies_hz: FloatArray, mine: ComplexArray, other: ComplexArray
-) -> LineDifference | None:
+) -> _DifferenceSummary | None:
     known = np.isfinite(mine) & np.isfinite(other)
     if not known.any() or not np.abs(other[known]).any():
         return None
@@ -248,9 +257,9 @@ def _differ(
         holds_to: float | None = float(lines[-1])
     else:
         holds_to = None if beyond[0] == 0 else float(lines[beyond[0] - 1])
-    return LineDifference(
-        size=float(away[most]),
-        at_hz=float(lines[most]),
-        share_of_peak=float(away[most] / sizes.max()),
-        agrees_to_hz=holds_to,
-    )
+    return {
+        "size": float(away[most]),
+        "at_hz": float(lines[most]),
+        "share_of_peak": float(away[most] / sizes.max()),
+        "agrees_to_hz": holds_to,
+    }

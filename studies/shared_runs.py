@@ -1,17 +1,26 @@
-"""Runs of many scenes dealt out to ranks, once these have shared the components of all of them."""
+"""Runs of a scene and of changes of it: planned, or refused in words; dealt out to ranks; timed."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from headstock.pipeline.planning.budgets import BASE_MB
+from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.resources import node_memory_bytes
-from headstock.pipeline.stages.shared_components import expect_job, prepare_components, start_run
+from headstock.pipeline.stages.shared_components import (
+    deal_out,
+    expect_job,
+    prepare_components,
+    start_run,
+)
+from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
-from headstock.scene.scene import Scene
+from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.mpi import MPI
-from headstock.solvers.shared_work import share_work
+from headstock.solvers.ranks import make_on_root
+
+REPEATS = 3  # of a quick run
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,12 +32,62 @@ class PlannedRun:
 
 
 def plan_run(scene: Scene) -> PlannedRun:
-    """A scene with its plan.
+    """Return a scene with its plan.
 
     Raises:
         HeadstockError: There is none.
     """
     return PlannedRun(scene, plan_scene(scene))
+
+
+def load_choice(choice: SceneChoice, settings: Sequence[str] = ()) -> Scene:
+    """Return the scene of a choice with the analyses chosen.
+
+    Args:
+        choice: File, variant, overrides and analyses.
+        settings: Further ``key=value`` overrides.
+
+    Raises:
+        SceneError: It has problems.
+    """
+    scene = load_scene(
+        choice.path, variant=choice.variant, overrides=[*choice.overrides, *settings]
+    )
+    return keep_analyses(scene, choice.analyses) if choice.analyses else scene
+
+
+def plan_change(choice: SceneChoice, settings: Sequence[str]) -> PlannedRun | str:
+    """Return the run of a scene with overrides, or why there is none.
+
+    Args:
+        settings: ``key=value`` overrides; without any, errors are raised.
+    """
+    try:
+        return plan_run(load_choice(choice, settings))
+    except (SceneError, HeadstockError) as error:
+        if not settings:
+            raise
+        return error.problems[0].message if isinstance(error, SceneError) else str(error)
+
+
+def repeat_quick[T](
+    run: Callable[[int], T],
+    seconds: Callable[[T], float],
+    *,
+    quick: float,
+    least: int = 1,
+    comm: MPI.Comm = MPI.COMM_SELF,
+) -> list[T]:
+    """Run something, ``REPEATS`` times where the first took less than ``quick`` seconds; collective.
+
+    Args:
+        run: Takes the number of the repeat, from 0.
+        seconds: Of a run, on rank 0 [s].
+        least: Runs of what is not quick.
+    """
+    runs = [run(0)]
+    is_quick = make_on_root(comm, lambda: seconds(runs[0]) < quick)
+    return runs + [run(number) for number in range(1, REPEATS if is_quick else least)]
 
 
 def share_runs[T](
@@ -58,12 +117,10 @@ def share_runs[T](
     """
     prepare_components([start_run(run.scene, comm, store, plan=run.plan) for run in runs])
     machines = [[stage for stage in run.plan.stages if stage.component is None] for run in runs]
-    return share_work(
-        comm,
+    return deal_out(
         [expect_job(stages) for stages in machines],
         lambda number, settle: work(number),
+        comm=comm,
         folder=store.root,
-        memory_mb=node_memory_bytes() / 1e6,
-        idle_mb=BASE_MB,
         observer=observer,
     )

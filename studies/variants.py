@@ -4,7 +4,7 @@ compliances, with the time of each step.
 
 import dataclasses
 import importlib
-import tempfile
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -23,17 +23,16 @@ from headstock.pipeline.numbers.numbers import Key, Number, Numbers, make_key
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.planning.resources import Cost, measure
 from headstock.pipeline.results.results import ComponentFacts
-from headstock.pipeline.runner import gather_facts, run_scene
+from headstock.pipeline.runner import gather_facts, gather_results, run_stages
 from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.estimates import estimate_compliance_errors
 from headstock.pipeline.stages.frf import prepare_response, respond
-from headstock.pipeline.stages.machine import CoupledPose
-from headstock.pipeline.stages.mechanism import LUMPED, build_lumped_model, place_pose
+from headstock.pipeline.stages.mechanism import LUMPED, pose_machine
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.stages.static import solve_points
 from headstock.pipeline.storage.store import Store
-from headstock.reduction.coupling.coupling import couple
+from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.motions.compliance_budget import (
     PointBudget,
     WeakLink,
@@ -41,7 +40,6 @@ from headstock.reduction.motions.compliance_budget import (
     point_budget,
 )
 from headstock.reduction.motions.mode_naming import NamedModes
-from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
@@ -95,20 +93,35 @@ class Effort:
     """What it cost to get from the scene file to the answers.
 
     Attributes:
-        seconds: Wall-clock time of each of ``STEPS`` [s].
-        cpu_seconds: Processor time of each, threads and child processes included [s].
+        costs: Of each of ``STEPS``, with threads and child processes.
         import_seconds: Time to load the finite element library, which is no part of the steps [s].
         reduced: Elastic components there are.
         stored: How many of them came from the store.
-        peak_rss_mb: Most memory of the process, or of one it started, in any step [MB].
     """
 
-    seconds: dict[str, float]
-    cpu_seconds: dict[str, float]
+    costs: Mapping[str, Cost]
     import_seconds: float = 0.0
     reduced: int = 0
     stored: int = 0
-    peak_rss_mb: float = 0.0
+
+    def add(self, step: str, cost: Cost) -> "Effort":
+        """Return it with another step."""
+        return dataclasses.replace(self, costs={**self.costs, step: cost})
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Wall-clock time of each step [s]."""
+        return {step: self.costs.get(step, Cost()).seconds for step in STEPS}
+
+    @property
+    def cpu_seconds(self) -> dict[str, float]:
+        """Processor time of each step [s]."""
+        return {step: self.costs.get(step, Cost()).cpu_seconds for step in STEPS}
+
+    @property
+    def peak_rss_mb(self) -> float:
+        """Most memory of the process, or of one it started, in any step [MB]."""
+        return max(cost.peak_rss_mb for cost in self.costs.values())
 
     @property
     def total(self) -> float:
@@ -206,14 +219,12 @@ def solve_variant(
             comm, lambda: load_scene(path, variant=choice.variant, overrides=choice.overrides)
         )
         state = start_run(scene, comm, store)
-    effort, superelements = _make_components(state)
+    effort = _make_components(state).add("load", loading)
     if not state.is_root:
         return None
     stands = _choose_pose(scene, pose)
     try:
-        solution = _answer(
-            state, choice, stands, _add_steps(effort, {"load": loading}), superelements
-        )
+        solution = _answer(state, choice, stands, effort)
     except ModelError as error:
         if choice.fidelity is None and not choice.unasked:
             raise
@@ -264,14 +275,8 @@ def share_variants[T](
     )
 
 
-def _answer(
-    state: RunState,
-    choice: VariantChoice,
-    pose: Pose,
-    effort: Effort,
-    superelements: dict[str, Superelement],
-) -> VariantSolution:
-    """Every answer of the machine in a pose that the scene asks for; on rank 0.
+def _answer(state: RunState, choice: VariantChoice, pose: Pose, effort: Effort) -> VariantSolution:
+    """Return every answer of the machine in a pose that the scene asks for; on rank 0.
 
     Args:
         effort: What the components cost.
@@ -279,15 +284,8 @@ def _answer(
     Raises:
         ModelError: The machine cannot move, or nothing is determined.
     """
-    parts, machine_of = state.parts, state.scene.machine
     with measure() as coupling:
-        machine: PoseModel = (
-            place_pose(parts, pose, build_lumped_model(parts, superelements), superelements)
-            if state.scene.is_lumped
-            else CoupledPose(
-                parts, pose, couple(superelements, machine_of, pose, gravity=state.plan.gravity)
-            )
-        )
+        machine = pose_machine(state.parts, pose)
     with measure() as solving:
         modal, wanted = _solve_modes(machine, state.scene.analyses.get(ModalRequest))
     solution = VariantSolution(
@@ -302,7 +300,7 @@ def _answer(
         wanted=wanted,
         points={},
         weak_links={},
-        effort=_add_steps(effort, {"couple": coupling, "modes": solving}),
+        effort=effort.add("couple", coupling).add("modes", solving),
         errors={
             make_key("frequency", pose=pose.name, mode=mode): error
             for mode, error in enumerate(
@@ -346,8 +344,8 @@ def _choose_pose(scene: Scene, name: str | None) -> Pose:
     return scene.poses[name]
 
 
-def _make_components(state: RunState) -> tuple[Effort, dict[str, Superelement]]:
-    """Superelements and what they cost; importing the finite elements is measured apart."""
+def _make_components(state: RunState) -> Effort:
+    """Make the superelements; importing the finite elements is measured apart."""
     imports: list[float] = []
     records: list[StageRecord] = []
 
@@ -357,26 +355,14 @@ def _make_components(state: RunState) -> tuple[Effort, dict[str, Superelement]]:
                 importlib.import_module(ELASTIC_MODULE)
             imports.append(importing.seconds)
 
-    superelements = make_superelements(state, announce=import_elements, observer=records.append)
+    make_superelements(state, announce=import_elements, observer=records.append)
     stored = [record.cached for record in records if record.stage.kind == "reduce"]
-    nothing = dict.fromkeys(STEPS, 0.0)
-    return Effort(
-        nothing | {"components": sum(record.seconds for record in records)},
-        nothing | {"components": sum(record.cpu_seconds for record in records)},
-        sum(imports),
-        len(stored),
-        sum(stored),
+    cost = Cost(
+        sum(record.seconds for record in records),
+        sum(record.cpu_seconds for record in records),
         max((record.peak_rss_mb for record in records), default=0.0),
-    ), superelements
-
-
-def _add_steps(effort: Effort, costs: dict[str, Cost]) -> Effort:
-    return dataclasses.replace(
-        effort,
-        seconds=effort.seconds | {step: cost.seconds for step, cost in costs.items()},
-        cpu_seconds=effort.cpu_seconds | {step: cost.cpu_seconds for step, cost in costs.items()},
-        peak_rss_mb=max(effort.peak_rss_mb, *(cost.peak_rss_mb for cost in costs.values())),
     )
+    return Effort({"components": cost}, sum(imports), len(stored), sum(stored))
 
 
 def _solve_modes(
@@ -388,83 +374,67 @@ def _solve_modes(
     count = None if request.count is None else int(REACH * request.count) + 1
     limit = None if request.up_to_hz is None else REACH * request.up_to_hz
     modal = solve_modal(machine.system, count=count, up_to_hz=limit)
-    wanted = (
-        len(modal.frequencies_hz)
-        if request.count is None
-        else min(request.count, len(modal.frequencies_hz))
-    )
-    if request.up_to_hz is not None:
-        wanted = min(
-            wanted, max(modal.rigid_count, int((modal.frequencies_hz <= request.up_to_hz).sum()))
-        )
-    return modal, wanted
+    return modal, request.count_wanted(modal.frequencies_hz, modal.rigid_count)
 
 
 def _with_compliances(solution: VariantSolution, state: RunState) -> VariantSolution:
-    request = state.scene.analyses.get(StaticRequest)
+    request, machine = state.scene.analyses.get(StaticRequest), solution.machine
     if request is None:
         return solution
-    coupled = solution.machine.coupled
-    if coupled is None:
-        return _with_lumped_compliances(solution, request.at)
+    errors: dict[Key, Estimate] = {}
     try:
         with measure() as cost:
-            points = {name: point_budget(coupled, name) for name in request.at}
-            links = {
-                name: {
-                    direction: find_weakest_link(coupled, name, direction, budget)
-                    for direction in DIRECTIONS
-                }
-                for name, budget in points.items()
-            }
+            points, links = (
+                _solve_lumped(machine, request.at)
+                if machine.coupled is None
+                else _solve_budgets(machine.coupled, request.at)
+            )
     except ModelError as error:
         return dataclasses.replace(solution, failures=(f"static analysis: {error}",))
-    errors = {
-        compliance_key(solution.pose, name, direction): error
-        for name, budget in points.items()
-        for direction, error in estimate_compliance_errors(
-            state.parts, coupled, budget.displacements
-        ).items()
-    }
+    for name, budget in points.items():
+        known = (
+            dict.fromkeys(DIRECTIONS, LUMPED)
+            if machine.coupled is None
+            else estimate_compliance_errors(state.parts, machine.coupled, budget.displacements)
+        )
+        errors |= {
+            compliance_key(solution.pose, name, axis): error for axis, error in known.items()
+        }
     return dataclasses.replace(
         solution,
         points=points,
         weak_links=links,
         errors={**solution.errors, **errors},
-        effort=_add_steps(solution.effort, {"static": cost}),
+        effort=solution.effort.add("static", cost),
     )
 
 
-def _with_lumped_compliances(solution: VariantSolution, at: Sequence[str]) -> VariantSolution:
-    """The same of a lumped mechanism, of whose errors nothing is known."""
-    with measure() as cost:
-        solved = solve_points(solution.machine, at).answer.points
+type _Compliances = tuple[dict[str, PointBudget], dict[str, dict[str, WeakLink | None]]]
+
+
+def _solve_budgets(coupled: CoupledMachine, at: Sequence[str]) -> _Compliances:
+    """Return compliances at points, and what gives most in x, y and z at each."""
+    points = {name: point_budget(coupled, name) for name in at}
+    return points, {
+        name: {axis: find_weakest_link(coupled, name, axis, budget) for axis in DIRECTIONS}
+        for name, budget in points.items()
+    }
+
+
+def _solve_lumped(machine: PoseModel, at: Sequence[str]) -> _Compliances:
+    """Return the same of a lumped mechanism."""
+    solved = solve_points(machine, at).answer.points
     links: dict[str, dict[str, WeakLink | None]] = {}
     for name, point in solved.items():
         links[name] = {}
-        for direction, shares in point.budget.items():
+        for axis, shares in point.budget.items():
             weakest = max(shares, key=lambda part: shares[part])
             # springs in series: twice the stiffness takes half of the share away
-            links[name][direction] = WeakLink(
-                weakest, direction, shares[weakest], -0.5 * shares[weakest]
-            )
-    return dataclasses.replace(
-        solution,
-        points={
-            name: PointBudget(point.compliance, point.budget, np.zeros((0, 6)))
-            for name, point in solved.items()
-        },
-        weak_links=links,
-        errors={
-            **solution.errors,
-            **{
-                compliance_key(solution.pose, name, direction): LUMPED
-                for name in solved
-                for direction in DIRECTIONS
-            },
-        },
-        effort=_add_steps(solution.effort, {"static": cost}),
-    )
+            links[name][axis] = WeakLink(weakest, axis, shares[weakest], -0.5 * shares[weakest])
+    return {
+        name: PointBudget(point.compliance, point.budget, np.zeros((0, 6)))
+        for name, point in solved.items()
+    }, links
 
 
 def _with_response(solution: VariantSolution, state: RunState) -> VariantSolution:
@@ -483,7 +453,7 @@ def _with_response(solution: VariantSolution, state: RunState) -> VariantSolutio
         # once more with its error estimate, which is no part of the cost
         response=respond(machine, model=model).answer,
         frf=model,
-        effort=_add_steps(solution.effort, {"frf": cost}),
+        effort=solution.effort.add("frf", cost),
     )
 
 
@@ -494,19 +464,17 @@ def _with_others(solution: VariantSolution, scene: Scene, store: Store) -> Varia
     analyses = scene.analyses.drop(("static", "modal", "frf"))
     if not analyses.requests:
         return solution
-    alone = dataclasses.replace(
-        scene, analyses=analyses, accuracy=None, model_errors=False, interface_errors=False
-    )
+    alone = dataclasses.replace(scene, analyses=analyses)
     try:
-        with measure() as cost, tempfile.TemporaryDirectory(prefix="headstock-compare-") as folder:
-            found = run_scene(alone, Path(folder), comm=MPI.COMM_SELF, store=store)
+        with measure() as cost:
+            state = run_stages(alone, MPI.COMM_SELF, store, with_errors=False)
     except HeadstockError as error:
         return dataclasses.replace(solution, failures=(*solution.failures, str(error)))
     return dataclasses.replace(
         solution,
-        others=found.numbers,
-        failures=(*solution.failures, *found.failures),
-        effort=_add_steps(solution.effort, {"others": cost}),
+        others=gather_results(state).numbers,
+        failures=(*solution.failures, *state.failures),
+        effort=solution.effort.add("others", cost),
     )
 
 
@@ -533,14 +501,7 @@ def choose_variants(
         SceneError: A variant has problems, or no two models are left to compare; holds all of them.
     """
     base = load_scene(path, overrides=overrides)
-    scenes: list[tuple[VariantChoice, Scene]] = []
-    problems: list[Problem] = []
-    for name in names or base.variants or (AS_WRITTEN,):
-        choice = VariantChoice(name, None if name == AS_WRITTEN else name, tuple(overrides))
-        try:
-            scenes.append((choice, load_scene(path, variant=choice.variant, overrides=overrides)))
-        except SceneError as error:
-            problems += error.problems
+    scenes, problems = _load_variants(path, names or base.variants or (AS_WRITTEN,), overrides)
     same = any(scene.raw == base.raw for _, scene in scenes)
     if baseline and not same and not (names and (fidelities or base.is_lumped)):
         first = VariantChoice(AS_WRITTEN, None, tuple(overrides), unasked=True)
@@ -550,15 +511,32 @@ def choose_variants(
         for choice, scene in scenes
         for made in _with_fidelities(choice, scene, fidelities, alone=len(scenes) == 1)
     ]
-    refused = {choice.name: _find_problems(path, choice) for choice in choices if choice.fidelity}
-    if sum(not refused.get(choice.name) for choice in choices) < min(2, len(choices)):
-        problems += [problem for found in refused.values() for problem in found]
+    refused = [_find_problems(path, choice) if choice.fidelity else [] for choice in choices]
+    if refused.count([]) < min(2, len(choices)):
+        problems += itertools.chain.from_iterable(refused)
     if problems:
         raise SceneError(list(dict.fromkeys(problems)))
     return tuple(
-        dataclasses.replace(choice, cannot=_name_refusal(refused.get(choice.name, [])))
-        for choice in choices
+        dataclasses.replace(
+            choice, cannot="; ".join(f"{problem.key}: {problem.message}" for problem in reasons)
+        )
+        for choice, reasons in zip(choices, refused, strict=True)
     )
+
+
+def _load_variants(
+    path: Path, names: Sequence[str], overrides: Sequence[str]
+) -> tuple[list[tuple[VariantChoice, Scene]], list[Problem]]:
+    """Return the variants that can be loaded, and the problems of all others."""
+    scenes: list[tuple[VariantChoice, Scene]] = []
+    problems: list[Problem] = []
+    for name in names:
+        choice = VariantChoice(name, None if name == AS_WRITTEN else name, tuple(overrides))
+        try:
+            scenes.append((choice, load_scene(path, variant=choice.variant, overrides=overrides)))
+        except SceneError as error:
+            problems += error.problems
+    return scenes, problems
 
 
 def _with_fidelities(
@@ -591,7 +569,3 @@ def _find_problems(path: Path, choice: VariantChoice) -> list[Problem]:
     except SceneError as error:
         return list(error.problems)
     return []
-
-
-def _name_refusal(problems: Sequence[Problem]) -> str:
-    return "; ".join(f"{problem.key}: {problem.message}" for problem in problems)

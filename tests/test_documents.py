@@ -14,7 +14,7 @@ from headstock.app.actions.schemas import plain_schema, render_reference, rules_
 from headstock.pipeline.results.files import read_mesh, read_summary
 from headstock.scene.expansion.catalogue import read_catalogue, read_cutting_materials
 from headstock.scene.schema.types import MEANING
-from headstock.studies.identification.schema import TargetsTable
+from headstock.studies.identification.targets import TargetsTable
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = (

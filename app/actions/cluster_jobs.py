@@ -21,7 +21,7 @@ from headstock.pipeline.storage.provenance import PROJECT
 from headstock.solvers.mpi import MPI
 from headstock.studies.sweeps.journals import read_journals
 from headstock.studies.sweeps.runs import SweepJob, sweep_key
-from headstock.studies.sweeps.slurm_jobs import (
+from headstock.studies.sweeps.slurm import (
     CODE_FILE,
     COMMAND_FILE,
     COMPONENTS_TASK,
@@ -29,29 +29,25 @@ from headstock.studies.sweeps.slurm_jobs import (
     SCRIPT_FILE,
     SUBMISSION_FILE,
     WRITTEN_OUT,
-    ArrayJob,
-    CommandJob,
     ScriptValueError,
+    SlurmError,
+    SlurmJob,
+    SlurmMissingError,
     SlurmOptions,
     Submission,
+    TaskState,
     describe_missing,
     describe_states,
     is_waiting,
-    list_missing,
+    list_missing_poses,
     log_file,
-    read_submission,
-    render_command,
-    render_script,
-    wait_for_array,
-    write_submission,
-)
-from headstock.studies.sweeps.slurm_tools import (
-    SlurmError,
-    SlurmMissingError,
-    TaskState,
     read_states,
+    read_submission,
+    render_script,
     require_slurm,
     submit,
+    wait_for_array,
+    write_submission,
 )
 
 START_MODULE = "headstock.app.start"  # of an installed package
@@ -91,25 +87,35 @@ def sweep_on_slurm(
     key = sweep_key(job.scene)
     with claim_output(job.folder, (SCRIPT_FILE,), (FOLDER,)):
         done = {
-            found.positions.tobytes()
-            for found in read_journals(job.folder, key).values()
-            if not (request.retry and found.state == "failed")
+            result.positions.tobytes()
+            for result in read_journals(job.folder, key).values()
+            if not (request.retry and result.state == "failed")
         }
         tasks = min(request.options.tasks, len(job.sweep.positions))
-        request = dataclasses.replace(
-            request, options=dataclasses.replace(request.options, tasks=tasks)
-        )
-        missing = list_missing(job.sweep, done, tasks)
-        if missing:
-            submission = _find_waiting(job.folder, key) or _submit(
-                job, request, key, tuple(missing), fresh=not done
-            )
-            if not request.wait:
-                _say(
-                    f"to wait for it and collect: the same command without --no-wait; to stop it: scancel {submission.job}"
+        if missing := list_missing_poses(job.sweep, done, tasks):
+            submission = _find_waiting(job.folder, key)
+            if submission is None:
+                folder, scene = job.folder.absolute(), str(job.scene.path.absolute())
+                array = SlurmJob(
+                    launcher=_find_launcher(),
+                    words=("sweep", scene, job.sweep.name, "-o", str(folder), *request.arguments),
+                    folder=folder,
+                    options=dataclasses.replace(request.options, tasks=tasks),
+                    start_folder=Path.cwd(),
+                    environment=_passed_environment(),
+                    sweep=job.sweep.name,
+                    key=key,
                 )
-                return DONE
-            _wait(job, submission, key)
+                elastic = any(stage.kind == "reduce" for stage in plan_scene(job.scene).stages)
+                submission = _submit(array, key, tuple(missing), reduces=elastic and not done)
+            if not request.wait:
+                return _leave(submission, "wait for it and collect")
+            states = _watch(submission)
+            done = {each.positions.tobytes() for each in read_journals(job.folder, key).values()}
+            if missing := list_missing_poses(job.sweep, done, submission.tasks):
+                raise SlurmError(
+                    describe_missing(job.folder, job.sweep, submission, missing, states)
+                )
     return collect()
 
 
@@ -152,53 +158,43 @@ def _find_waiting(folder: Path, key: str) -> Submission | None:
 
 
 def _submit(
-    job: SweepJob, request: ClusterRequest, key: str, tasks: tuple[int, ...], *, fresh: bool
+    job: SlurmJob, key: str, tasks: tuple[int, ...], *, reduces: bool = False
 ) -> Submission:
-    folder = job.folder.absolute()
-    script = folder / SCRIPT_FILE
-    array = ArrayJob(
-        _find_launcher(),
-        job.scene.path.absolute(),
-        job.sweep.name,
-        folder,
-        key,
-        request.options,
-        request.arguments,
-        Path.cwd(),
-        _passed_environment(),
-    )
-    _write_script(script, lambda: render_script(array))
-    elastic = any(stage.kind == "reduce" for stage in plan_scene(job.scene).stages)
-    first = submit(script, [COMPONENTS_TASK]) if elastic and fresh else ""
-    number = submit(script, tasks, after=first)
-    submission = Submission(key, number, first, request.options.tasks, tasks)
-    write_submission(folder, submission)
-    before = f", after job {first}, which reduces the components" if first else ""
-    chosen = (
-        ""
-        if len(tasks) == request.options.tasks
-        else f" ({', '.join(str(task) for task in tasks)})"
-    )
-    _say(
-        f"submitted {shlex.quote(str(script))} as array job {number}: {counted(len(tasks), 'task')}{chosen}{before}"
-    )
-    return submission
+    """Write the script of a job and submit it.
 
-
-def _write_script(script: Path, render: Callable[[], str]) -> None:
-    """Write a job script beside the folder of its logs.
+    Args:
+        tasks: Of the array to compute.
+        reduces: A job before it reduces the components.
 
     Raises:
         click.UsageError: A name or word has no place in a script.
     """
+    script = job.folder / (SCRIPT_FILE if job.sweep else COMMAND_FILE)
     try:
-        text = render()
+        text = render_script(job)
     except ScriptValueError as error:
         raise click.UsageError(
             f"--on slurm: {error}; rename it, or start from elsewhere"
         ) from error
     make_part(script.parent / FOLDER)
     write_output(script, text.encode())
+    first = submit(script, [COMPONENTS_TASK]) if reduces else ""
+    number = submit(script, tasks, after=first)
+    submission = Submission(key, number, first, job.options.tasks, tasks)
+    write_submission(job.folder, submission)
+    kind = f"job {number}"
+    if job.sweep:
+        chosen = "" if len(tasks) == job.options.tasks else f" ({', '.join(map(str, tasks))})"
+        before = f", after job {first}, which reduces the components" if first else ""
+        kind = f"array job {number}: {counted(len(tasks), 'task')}{chosen}{before}"
+    _say(f"submitted {shlex.quote(str(script))} as {kind}")
+    return submission
+
+
+def _leave(submission: Submission, purpose: str) -> int:
+    """Say how to go on with a job that is not waited for."""
+    _say(f"to {purpose}: the same command without --no-wait; to stop it: scancel {submission.job}")
+    return DONE
 
 
 def _watch(submission: Submission) -> dict[int, TaskState]:
@@ -210,13 +206,6 @@ def _watch(submission: Submission) -> dict[int, TaskState]:
             f"job {submission.job} goes on; the same command again waits for it; to stop it: scancel {submission.job}"
         )
         raise
-
-
-def _wait(job: SweepJob, submission: Submission, key: str) -> None:
-    states = _watch(submission)
-    done = {found.positions.tobytes() for found in read_journals(job.folder, key).values()}
-    if missing := list_missing(job.sweep, done, submission.tasks):
-        raise SlurmError(describe_missing(job.folder, job.sweep, submission, missing, states))
 
 
 def _leave_out_cluster(words: Sequence[str]) -> tuple[str, ...]:
@@ -251,34 +240,20 @@ def command_on_slurm(words: Sequence[str], options: SlurmOptions, ranks: int, *,
     with claim_output(folder, (COMMAND_FILE,), (FOLDER,)):
         code_file = folder / FOLDER / CODE_FILE
         submission = read_submission(folder, key) if code_file.exists() else None
-        submission = (
-            submission or _find_waiting(folder, key) or _submit_command(kept, options, folder, key)
-        )
-        if not wait:
-            _say(
-                f"to wait for it and see what it prints: the same command without --no-wait; to stop it: scancel {submission.job}"
+        submission = submission or _find_waiting(folder, key)
+        if submission is None:
+            job = SlurmJob(
+                launcher=_find_launcher(),
+                words=kept,
+                folder=folder,
+                options=dataclasses.replace(options, tasks=TASK),
+                start_folder=Path.cwd(),
+                environment=_passed_environment(),
             )
-            return DONE
+            submission = _submit(job, key, (TASK,))
+        if not wait:
+            return _leave(submission, "wait for it and see what it prints")
         return _await_command(submission, folder)
-
-
-def _submit_command(
-    words: tuple[str, ...], options: SlurmOptions, folder: Path, key: str
-) -> Submission:
-    job = CommandJob(
-        launcher=_find_launcher(),
-        words=words,
-        folder=folder,
-        options=options,
-        start_folder=Path.cwd(),
-        environment=_passed_environment(),
-    )
-    _write_script(folder / COMMAND_FILE, lambda: render_command(job))
-    number = submit(folder / COMMAND_FILE, [TASK])
-    submission = Submission(key, number, "", TASK, (TASK,))
-    write_submission(folder, submission)
-    _say(f"submitted {shlex.quote(str(folder / COMMAND_FILE))} as job {number}")
-    return submission
 
 
 def _await_command(submission: Submission, folder: Path) -> int:

@@ -12,7 +12,7 @@ from headstock.app.commands.batch_commands import IdentifyOptions
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.pipeline.answers.static import UM_PER_KN
-from headstock.pipeline.storage.json_texts import dump_summary
+from headstock.pipeline.storage.json_texts import JsonTable, dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
@@ -24,7 +24,6 @@ from headstock.studies.identification.descent import StartRecord, fit
 from headstock.studies.identification.files import (
     OVERRIDES_FILE,
     RECORD_FILE,
-    IdentificationSummary,
     render_overrides,
     summarise_identification,
 )
@@ -213,7 +212,7 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
 def _publish(
     options: IdentifyOptions,
     found: Identification,
-    summary: IdentificationSummary,
+    summary: JsonTable,
     output: Path,
     origin: Provenance | None,
 ) -> None:

@@ -10,7 +10,7 @@ from headstock.app.terminal.guard import DONE
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.numbers.estimates import Estimate
-from headstock.pipeline.numbers.folders import read_tables
+from headstock.pipeline.numbers.folders import read_number_tables
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.outputs import check_output, write_output
@@ -25,7 +25,7 @@ def numbers_command(options: NumbersOptions) -> int:
     """
     if options.csv is not None:
         check_output(options.csv)
-    tables = _select_numbers(read_tables(options.folder), options.pattern)
+    tables = _select_numbers(read_number_tables(options.folder), options.pattern)
     if options.csv is not None:
         write_output(options.csv, encode_csv(_tabulate(tables)))
     listed = [

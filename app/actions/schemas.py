@@ -16,7 +16,7 @@ from headstock.scene.expansion.catalogue import BEARINGS, CATALOGUE, FROM, read_
 from headstock.scene.reading.units import DIMENSIONS, Dimension, parse_quantity
 from headstock.scene.schema.scene import complete_scene
 from headstock.scene.schema.types import DEFAULT, MEANING, StrictTable
-from headstock.studies.identification.schema import TargetsTable
+from headstock.studies.identification.targets import TargetsTable
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 LONG_PATTERN = 200

@@ -38,7 +38,7 @@ from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.parameters.costs import weigh_costs
 from headstock.studies.parameters.records import StudyRecord
-from headstock.studies.parameters.runs import StudyJob, check_points, hash_scene, run_study
+from headstock.studies.parameters.runs import StudyJob, check_study, hash_scene, run_study
 from headstock.studies.parameters.tables import StudyTable, tabulate_study
 from headstock.validation.refinement.points import collect_points, measure_beam
 from headstock.validation.refinement.references import ReferenceBeam, reference_beam
@@ -111,7 +111,7 @@ def _make_job(options: StudyOptions) -> StudyJob:
         else f"{study.reference} {code_fingerprint(headstock.validation)}",
         retry=options.retry,
     )
-    check_points(job)
+    check_study(job)
     return job
 
 

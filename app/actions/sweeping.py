@@ -47,7 +47,7 @@ from headstock.studies.sweeps.files import SWEEP_FILE, SweepSummary, summarise_s
 from headstock.studies.sweeps.journals import FOLDER, remove_other_journals
 from headstock.studies.sweeps.results import SweepResults, collect_results, name_tracked_modes
 from headstock.studies.sweeps.runs import Part, SweepJob, run_sweep, select_analyses, sweep_key
-from headstock.studies.sweeps.slurm_tools import SlurmError
+from headstock.studies.sweeps.slurm import SlurmError
 
 ARRAY_TASKS = 4
 SUMMARY, CSV_FILE, ORIGIN_FILE = "sweep.json", "sweep.csv", "provenance.json"

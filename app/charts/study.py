@@ -24,7 +24,7 @@ from headstock.scene.reading.units import DIMENSIONS, read_unit, unit_of
 from headstock.scene.studies import shorten_key, show_setting
 from headstock.studies.parameters.convergence import Convergence
 from headstock.studies.parameters.costs import CostPoint, pareto_front, read_cost
-from headstock.studies.parameters.limits import MeshNeed, relative_errors
+from headstock.studies.parameters.limits import MeshNeed, list_deviations
 from headstock.studies.parameters.tables import (
     MESH_SIZE,
     StudyRow,
@@ -372,7 +372,7 @@ def draw_convergence(found: Convergence, need: MeshNeed) -> bytes | None:
     lines = [
         (
             each.name,
-            [None if error is None else abs(error) for error in relative_errors(each, limit)],
+            [None if error is None else abs(error) for error in list_deviations(each, limit)],
         )
         for each, limit in zip(found.watched, found.limits, strict=True)
         if limit.order is not None

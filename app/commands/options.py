@@ -15,7 +15,7 @@ from headstock.app.terminal.guard import run_guarded
 if TYPE_CHECKING:
     from headstock.pipeline.storage.provenance import Provenance, SceneChoice
     from headstock.solvers.mpi import MPI
-    from headstock.studies.sweeps.slurm_jobs import SlurmOptions
+    from headstock.studies.sweeps.slurm import SlurmOptions
 
 SUBMIT = "cluster_jobs:command_on_slurm"
 
@@ -192,7 +192,7 @@ class ClusterOptions:
 
     def describe_job(self, tasks: int, ranks: int | None) -> "SlurmOptions":
         """Return what Slurm is asked for."""
-        from headstock.studies.sweeps.slurm_jobs import SlurmOptions
+        from headstock.studies.sweeps.slurm import SlurmOptions
 
         more = tuple(self.sbatch or ())
         return SlurmOptions(tasks, ranks or 1, self.partition, self.time_limit, more)

@@ -103,10 +103,10 @@ class ReportOptions(CommandOptions):
 
 def _complete_numbers(ctx: click.Context, incomplete: str) -> list[str]:
     from headstock.geometry.errors import HeadstockError
-    from headstock.pipeline.numbers.folders import read_tables
+    from headstock.pipeline.numbers.folders import read_number_tables
 
     try:
-        tables = read_tables(Path(ctx.params["folder"])).values()
+        tables = read_number_tables(Path(ctx.params["folder"])).values()
         names = dict.fromkeys(str(key) for numbers in tables for key in numbers)
         return [name for name in names if name.startswith(incomplete)]
     except (HeadstockError, KeyError, TypeError):

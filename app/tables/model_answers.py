@@ -16,7 +16,6 @@ from headstock.reduction.motions.body_motions import name_families
 from headstock.solvers.second_order import Channel
 from headstock.studies.comparison_summary import (
     ComparisonSummary,
-    EntrySummary,
     JudgedModeSummary,
     OtherSummary,
     RowSummary,
@@ -24,6 +23,7 @@ from headstock.studies.comparison_summary import (
     VerdictSummary,
 )
 from headstock.studies.kind_changes import ROUNDING
+from headstock.studies.responses import EntrySummary
 
 CANNOT = "cannot"
 MISSING = "–"

@@ -24,10 +24,10 @@ from headstock.studies.parameters.convergence import (
     Convergence,
     MeshSeries,
     show_count,
-    show_size,
+    write_size,
 )
 from headstock.studies.parameters.features import FeatureTrial, MeshAdvice
-from headstock.studies.parameters.limits import Limit, MeshedNumber, MeshNeed, relative_errors
+from headstock.studies.parameters.limits import Limit, MeshedNumber, MeshNeed, list_deviations
 from headstock.studies.parameters.runs import StudyProgress
 from headstock.studies.parameters.tables import median_seconds
 
@@ -117,7 +117,7 @@ def _sum_features(advice: MeshAdvice) -> list[str]:
     if not advice.trials:
         return []
     last = advice.trials[-1]
-    radius, change = show_size(last.radius), _show_percent(last.change, signed=False)
+    radius, change = write_size(last.radius), _show_percent(last.change, signed=False)
     if last.matters:
         return [f"even fillets and holes up to {radius} matter ({change} of {last.decisive})"]
     return [f"fillets and holes up to {radius} do not matter ({change} at most)"]
@@ -136,14 +136,14 @@ def _show_sizes(series: MeshSeries, factor: float) -> str:
 def _errors(found: Convergence) -> list[list[float | None]]:
     """Of each watched number, the distances of its values from the limit."""
     return [
-        relative_errors(series, limit)
+        list_deviations(series, limit)
         for series, limit in zip(found.watched, found.limits, strict=True)
     ]
 
 
 def _print_meshes(console: Console, found: Convergence) -> None:
     first, limit = found.watched[0], found.limits[0]
-    own = relative_errors(first, limit)
+    own = list_deviations(first, limit)
     every = _errors(found)
     table = make_table(
         ">size", ">dofs", ">s", ">MB", f">{first.name} [{first.unit}]", ">from limit", "<furthest"
@@ -181,7 +181,7 @@ def _print_numbers(console: Console, found: Convergence) -> None:
     ][-shown:]
     table = make_table("<number", ">limit", ">order", *(f">{size}" for size in sizes), "")
     for each, limit in zip(found.watched, found.limits, strict=True):
-        errors = relative_errors(each, limit)[-shown:]
+        errors = list_deviations(each, limit)[-shown:]
         value = f"{show_bounded(limit.value, limit.error)} {show_bound(limit.value, limit.error)} {each.unit}"
         order = "-" if limit.order is None else f"{limit.order:.1f}"
         add_row(table, each.name, value, order, *map(_show_percent, errors), limit.remark)
@@ -236,7 +236,7 @@ def _print_trials(console: Console, trials: Sequence[FeatureTrial]) -> None:
     for trial in trials:
         add_row(
             table,
-            show_size(trial.radius),
+            write_size(trial.radius),
             spaced(trial.dofs),
             spaced(trial.dofs_with),
             _show_percent(trial.change, signed=False),
@@ -316,7 +316,7 @@ def _list_number(each: MeshedNumber, limit: Limit) -> dict[str, object]:
         "unit": each.unit,
         "values": list(each.values),
         "error_estimates": list(each.bounds),
-        "from_limit": relative_errors(each, limit),
+        "from_limit": list_deviations(each, limit),
         "limit": limit.value,
         "limit_error": limit.error,
         "order": limit.order,

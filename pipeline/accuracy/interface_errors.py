@@ -23,7 +23,7 @@ from headstock.pipeline.answers.accuracy import InterfaceErrorsAnswer, JointShap
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.modal import PoseModes
-from headstock.pipeline.numbers.changes import compare, to_errors
+from headstock.pipeline.numbers.changes import compare_numbers, to_errors
 from headstock.pipeline.numbers.estimates import INTERFACE, Estimate, show_share
 from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.planning.interfaces import GluedJoint, find_glued_joints, give_shapes
@@ -250,7 +250,9 @@ def judge_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
 def _compare_forms(family: _Family, answer: Answer, base: Sequence[Number]) -> dict[Key, Estimate]:
     """Return the part that shapes have in the ± of numbers: the larger change of both forms, by joint."""
     moved = {kind: follow_numbers(answer, family.base, own) for kind, own in family.forms.items()}
-    moves = {(str(kind), INTERFACE): compare(base, own.numbers) for kind, own in moved.items()}
+    moves = {
+        (str(kind), INTERFACE): compare_numbers(base, own.numbers) for kind, own in moved.items()
+    }
 
     def split(key: Key, size: float) -> dict[str, float]:
         return family.split(str(key["pose"]), moved[STRONG].motion(key), size)

@@ -31,7 +31,7 @@ from headstock.pipeline.answers.accuracy import BodyModel, ModelErrorsAnswer
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.modal import PoseModes
-from headstock.pipeline.numbers.changes import Moved, compare
+from headstock.pipeline.numbers.changes import Moved, compare_numbers, to_errors
 from headstock.pipeline.numbers.estimates import MODEL, Estimate, show_share
 from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.planning.plan import Stage
@@ -113,16 +113,16 @@ def compare_models(state: RunState, better: BetterBodies) -> Judged:
         moved = follow_numbers(answer, family.base, together, with_errors=True)
         if isinstance(answer, PoseModes) and moved.missing:
             missing.append(_name_missing(together, answer, moved.missing, several=several))
-        move = compare(base, moved.numbers)
+        move = compare_numbers(base, moved.numbers)
         moves = {
-            name: compare(base, follow_numbers(answer, family.base, machine).numbers)
+            name: compare_numbers(base, follow_numbers(answer, family.base, machine).numbers)
             for name, machine in alone.items()
         }
         for number in base:
             changes[number.key] = _relative(move, number)
             for name, own in moves.items():
                 single[name][number.key] = _relative(own, number)
-        errors = _replace_errors(base, move, moved.numbers, moves)
+        errors = _replace_errors(base, move, moves)
         if isinstance(answer, PoseModes):
             damping = list_damping_errors(answer, errors, MODEL)
             answers.append(answer.with_errors(damping, "add").with_errors(errors, "replace"))
@@ -183,10 +183,7 @@ def _name_missing(
 
 
 def _replace_errors(
-    base: Sequence[Number],
-    move: Moved,
-    better: Sequence[Number],
-    singles: Mapping[str, Moved],
+    base: Sequence[Number], move: Moved, singles: Mapping[str, Moved]
 ) -> dict[Key, Estimate]:
     """Return the ± of numbers: what better bodies change, and the ± of the machine that has them.
 
@@ -194,22 +191,12 @@ def _replace_errors(
         move: What all better bodies change.
         singles: Body to what it alone changes.
     """
-    known = {number.key: number.error for number in better if number.error is not None}
-    left_out = next(iter(known.values()), Estimate()).left_out
-    errors: dict[Key, Estimate] = {}
-    for number in base:
-        key = number.key
-        if key in move.lost:
-            errors[key] = Estimate({MODEL: None}, left_out)
-            continue
-        own, size = known.get(key, Estimate()), abs(move.difference[key])
+
+    def split(key: Key, size: float) -> dict[str, float]:
         alone = {name: single.difference.get(key, np.nan) for name, single in singles.items()}
-        errors[key] = Estimate(
-            {MODEL: size, **own.shares},
-            own.left_out,
-            {MODEL: split_change(size, alone), **own.parts},
-        )
-    return errors
+        return split_change(size, alone)
+
+    return to_errors(base, {("", MODEL): move}, join="replace", split=split)
 
 
 def _relative(move: Moved, number: Number) -> float | None:

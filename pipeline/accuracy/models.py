@@ -22,7 +22,7 @@ from headstock.pipeline.accuracy.rounds import describe_settings
 from headstock.pipeline.accuracy.settings import are_equal
 from headstock.pipeline.answers.accuracy import BodyChoice
 from headstock.pipeline.answers.modal import FREQUENCY
-from headstock.pipeline.numbers.changes import compare
+from headstock.pipeline.numbers.changes import compare_numbers
 from headstock.pipeline.numbers.estimates import show_share
 from headstock.pipeline.numbers.numbers import Key
 from headstock.pipeline.planning.budgets import STAGE_SECONDS
@@ -278,7 +278,7 @@ class _Trials:
                 continue
             base = list_followed(answer)
             moved = follow_numbers(answer, self._family.base, machine)
-            move = compare(base, moved.numbers)
+            move = compare_numbers(base, moved.numbers)
             for number in base:
                 # a mode among them that finite elements do not have is as wrong as one that lacks
                 if moved.missing or number.key in move.lost:

@@ -33,7 +33,6 @@ from headstock.pipeline.motion.coupled_contour import (
 )
 from headstock.pipeline.motion.lumped_contour import lumped_face_dynamics, run_lumped_contour
 from headstock.pipeline.motion.milled_faces import mill_faces
-from headstock.pipeline.numbers.numbers import Number
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.refined_models import (
@@ -181,7 +180,7 @@ def _repeat_contour(
     request: ContouringRequest,
     record: ForceRecord | None,
     trajectory: SampledContour | None,
-) -> Repeated[tuple[Number, ...]]:
+) -> Repeated:
     """Return the numbers of the contour once more, on the machine with finer meshes and more modes, with
     the true curved faces, and with cutting coefficients at the ends of their ranges.
     """
@@ -279,7 +278,7 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
         found,
         force_loss=loss,
         errors=repeated.estimate(tuple(found.list_numbers())),
-        sources=tuple(dict.fromkeys(source for _, source in repeated.refined)),
+        sources=repeated.sources,
         left_out=repeated.left_out,
     )
     reported = ", ".join(

@@ -194,7 +194,7 @@ def _estimate_errors(
             lambda own: list_numbers(solve(silence(state), _with_coefficients(frozen, own))),
             found,
         )
-    if found.refined and request.follows_pose:
+    if found.sources and request.follows_pose:
         solved = solve(silence(state), frozen)
     return found.estimate(list_numbers(solved)), found.left_out
 

@@ -86,7 +86,7 @@ def encode_tables(tables: Mapping[str, Numbers]) -> bytes:
     return image.getvalue()
 
 
-def read_tables(folder: Path) -> dict[str, Numbers]:
+def read_number_tables(folder: Path) -> dict[str, Numbers]:
     """Return the tables of numbers in a folder, by point or variant; an empty text for the only one. A
     folder that a run and a study have written holds those of the later one.
 
@@ -97,7 +97,7 @@ def read_tables(folder: Path) -> dict[str, Numbers]:
     if not path.is_file() or (
         summary.is_file() and summary.stat().st_mtime_ns > path.stat().st_mtime_ns
     ):
-        return {"": read_numbers(folder)}
+        return {"": read_run_numbers(folder)}
     with naming_damage(path):
         require_size(path, RESULTS, RecordError)
         with h5py.File(path, "r") as file:
@@ -108,7 +108,7 @@ def read_tables(folder: Path) -> dict[str, Numbers]:
             return {str(group.attrs["label"]): Numbers.read(group) for group in groups}
 
 
-def read_numbers(folder: Path) -> Numbers:
+def read_run_numbers(folder: Path) -> Numbers:
     """Return every number of a run with its ±.
 
     Raises:

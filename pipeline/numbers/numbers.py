@@ -53,7 +53,7 @@ class Key:
 
     @property
     def group(self) -> Kind:
-        """What its kind says."""
+        """Kind of the number."""
         return KINDS[self.kind]
 
     @property
@@ -190,6 +190,15 @@ _COLUMNS: Mapping[str, type[Any]] = {
 }
 
 
+# first row of a number in other columns to these: each of them has a row per share, part or text
+_BEGINS: Mapping[str, tuple[str, ...]] = {
+    "share_begin": ("share_source", "share_size"),
+    "part_begin": ("part_source", "part_owner", "part_size"),
+    "left_out_begin": ("left_out",),
+}
+_CODED = ("name", "unit", "share_source", "part_source", "part_owner", "left_out")
+
+
 class Numbers(Mapping[Key, Number]):
     """Numbers of a run by key, in columns: each is made when it is asked for."""
 
@@ -212,12 +221,8 @@ class Numbers(Mapping[Key, Number]):
             columns["value"].append(number.value)
             columns["unit"].append(code(number.unit))
             columns["estimated"].append(number.error is not None)
-            for begin, sizes in (
-                ("share_begin", "share_size"),
-                ("part_begin", "part_size"),
-                ("left_out_begin", "left_out"),
-            ):
-                columns[begin].append(len(columns[sizes]))
+            for begin, others in _BEGINS.items():
+                columns[begin].append(len(columns[others[0]]))
             for source, size in error.shares.items():
                 columns["share_source"].append(code(source))
                 columns["share_size"].append(np.nan if size is None else size)
@@ -344,33 +349,27 @@ class Numbers(Mapping[Key, Number]):
 
     def _estimate(self, row: int) -> Estimate:
         columns, texts = self._columns, self._texts
-        shares, parts, left_out = (
-            self._rows_of(row, begin, values)
-            for begin, values in (
-                ("share_begin", "share_source"),
-                ("part_begin", "part_source"),
-                ("left_out_begin", "left_out"),
-            )
-        )
+        shares, parts, left_out = (self._rows_of(row, begin) for begin in _BEGINS)
         owners: dict[str, dict[str, float]] = {}
-        for place in parts:
-            sizes = owners.setdefault(texts[columns["part_source"][place]], {})
-            sizes[texts[columns["part_owner"][place]]] = float(columns["part_size"][place])
+        for part in range(*parts):
+            sizes = owners.setdefault(texts[columns["part_source"][part]], {})
+            sizes[texts[columns["part_owner"][part]]] = float(columns["part_size"][part])
         return Estimate(
             {
-                texts[columns["share_source"][place]]: None
-                if np.isnan(size := columns["share_size"][place])
+                texts[columns["share_source"][share]]: None
+                if np.isnan(size := columns["share_size"][share])
                 else float(size)
-                for place in shares
+                for share in range(*shares)
             },
-            tuple(texts[columns["left_out"][place]] for place in left_out),
+            tuple(texts[code] for code in columns["left_out"][slice(*left_out)]),
             owners,
         )
 
-    def _rows_of(self, row: int, begin: str, values: str) -> range:
+    def _rows_of(self, row: int, begin: str) -> tuple[int, int]:
+        """Return the first row of a number in other columns, and the first of the next number."""
         begins = self._columns[begin]
-        last = row + 1 == len(begins)
-        return range(int(begins[row]), len(self._columns[values]) if last else int(begins[row + 1]))
+        whole = len(self._columns[_BEGINS[begin][0]])
+        return int(begins[row]), whole if row + 1 == len(begins) else int(begins[row + 1])
 
 
 def _check_columns(columns: Mapping[str, NDArray[Any]], texts: object) -> None:
@@ -382,39 +381,20 @@ def _check_columns(columns: Mapping[str, NDArray[Any]], texts: object) -> None:
     if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
         raise ValueError("texts of numbers are no list of texts")
     for name, kind in _COLUMNS.items():
-        column = columns[name]
-        if column.ndim != 1 or column.dtype.kind != np.dtype(kind).kind:
+        if columns[name].ndim != 1 or columns[name].dtype.kind != np.dtype(kind).kind:
             raise ValueError(f"numbers/{name} is no column of {np.dtype(kind)}")
-        coded = name in ("name", "unit", "left_out") or name.endswith(("_source", "_owner"))
-        if coded and len(column) and not 0 <= column.min() <= column.max() < len(texts):
+    for name in _CODED:
+        codes = columns[name]
+        if len(codes) and not 0 <= codes.min() <= codes.max() < len(texts):
             raise ValueError(f"numbers/{name} names a text that is not there")
-    for begin, values in (
-        ("share_begin", ("share_source", "share_size")),
-        ("part_begin", ("part_source", "part_owner", "part_size")),
-        ("left_out_begin", ("left_out",)),
-    ):
-        ends = np.append(columns[begin], len(columns[values[0]]))
+    for begin, others in _BEGINS.items():
+        ends = np.append(columns[begin], len(columns[others[0]]))
         if (np.diff(ends) < 0).any() or ends[0] != 0:
             raise ValueError(f"numbers/{begin} does not rise from zero")
-        if len({len(columns[name]) for name in values}) > 1:
-            raise ValueError(f"numbers/{values[0]} and numbers/{values[-1]} differ in length")
-    if (
-        len(
-            {
-                len(columns[name])
-                for name in (
-                    "name",
-                    "value",
-                    "unit",
-                    "estimated",
-                    "share_begin",
-                    "part_begin",
-                    "left_out_begin",
-                )
-            }
-        )
-        > 1
-    ):
+        if len({len(columns[name]) for name in others}) > 1:
+            raise ValueError(f"numbers/{others[0]} and numbers/{others[-1]} differ in length")
+    inside = {name for others in _BEGINS.values() for name in others}
+    if len({len(columns[name]) for name in _COLUMNS.keys() - inside}) > 1:
         raise ValueError("columns of numbers differ in length")
     for code in columns["name"]:
         parse_key(texts[code])

@@ -16,7 +16,7 @@ from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Number, Numbers, make_key
 from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.grids import MESH_MODULE, Grid, pose_numbers, surface_grid
-from headstock.pipeline.results.short_forms import ShortForm, list_few, show_short
+from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few, show_short
 from headstock.pipeline.results.views import MachineView, pick_name
 from headstock.pipeline.storage.frames import Frame
 from headstock.pipeline.storage.provenance import Provenance
@@ -52,8 +52,8 @@ class ComponentFacts:
     corrected: bool = False
 
 
-@dataclass(frozen=True, eq=False)
-class Results:
+@dataclass(frozen=True, eq=False, repr=False)
+class Results(Displayed):
     """Everything a run found.
 
     Attributes:
@@ -87,13 +87,6 @@ class Results:
     provenance: Provenance | None = None
     volumes: Callable[[str, str], Grid | None] | None = None
     saved_mesh: MeshReader | None = None
-
-    def __repr__(self) -> str:
-        return self._short_form().text()
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return self._short_form().html()
 
     def _short_form(self) -> ShortForm:
         mass = sum(facts.mass_kg for facts in self.components.values())

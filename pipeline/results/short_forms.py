@@ -44,6 +44,20 @@ class ShortForm:
         return f"{found}<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>{rest}"
 
 
+class Displayed:
+    """A result that Python and notebooks show in its short form."""
+
+    def _short_form(self) -> ShortForm:
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return self._short_form().text()
+
+    def _repr_html_(self) -> str:
+        """Return it as a notebook shows it."""
+        return self._short_form().html()
+
+
 def show_short(value: object) -> str:
     """Return a number with six digits at most, or a text; a dash for nothing."""
     if value is None:

@@ -257,7 +257,7 @@ def _name_kinds(
 
 
 def name_what_is_left_out(parts: MachineParts) -> Estimate:
-    """What no estimate is made of: meshes of imported parts and those that show nothing of their
+    """Name what no estimate is made of: meshes of imported parts and those that show nothing of their
     error, and bodies that are no finite element model.
     """
     kinds: dict[str, list[str]] = {}

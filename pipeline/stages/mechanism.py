@@ -27,10 +27,11 @@ from headstock.pipeline.stages.lumped_machine import (
     place_mechanism,
     spring_shares,
 )
-from headstock.pipeline.stages.machine import DAMPING, add_view
+from headstock.pipeline.stages.machine import DAMPING, add_view, couple_pose
 from headstock.pipeline.stages.run_state import (
     MachineParts,
     Outcome,
+    PoseModel,
     Released,
     RunState,
     Solved,
@@ -382,17 +383,25 @@ def place_pose(
     return LumpedPose(parts, pose, placed)
 
 
+def pose_machine(parts: MachineParts, pose: Pose) -> PoseModel:
+    """Return a machine in a pose, coupled of superelements or placed as a lumped mechanism.
+
+    Raises:
+        PoseError: A mechanism does not reach the pose.
+    """
+    if not parts.scene.is_lumped:
+        return couple_pose(parts, pose)
+    superelements = parts.superelements
+    return place_pose(parts, pose, build_lumped_model(parts, superelements), superelements)
+
+
 def run_place_stage(state: RunState, stage: Stage) -> Outcome:
     """Close the loops in a pose and make small motions about it."""
     if not state.is_root:
         return Outcome()
-    parts = state.parts
-    model = place_pose(
-        parts,
-        state.plan.poses[pose_name(stage)],
-        build_lumped_model(parts, parts.superelements),
-        parts.superelements,
-    )
+    parts, pose = state.parts, state.plan.poses[pose_name(stage)]
+    superelements = parts.superelements
+    model = place_pose(parts, pose, build_lumped_model(parts, superelements), superelements)
     stand = describe_state(scene_mechanism(parts), model.pose.name, model.placed.state)
     state.model = model
     add_view(state)

@@ -3,10 +3,17 @@ repeated with it tells how far its numbers may be off.
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+import functools
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from headstock.pipeline.numbers.changes import Owner, estimate_changes
+from headstock.pipeline.numbers.changes import (
+    Change,
+    Tried,
+    estimate_changes,
+    list_refused,
+    try_changes,
+)
 from headstock.pipeline.numbers.estimates import (
     CURVED_FACES,
     CUTTING,
@@ -43,96 +50,107 @@ SOURCES = {
 NOT_ASKED = "any error, as the scene says estimate = false"
 
 
+REFUSED = (ModelError, UnstableControlError, ConvergenceError, AccuracyError)
+
+
 @dataclass(frozen=True, eq=False)
-class Repeated[Found]:
+class Repeated:
     """An analysis that was repeated.
 
     Attributes:
-        refined: What was found without each source of error.
+        tried: Numbers without each source of error, or why there are none.
         unknown: Components whose mesh shows nothing of its error.
-        left_out: What is not looked at.
+        untried: What is not looked at.
     """
 
-    refined: dict[Owner, Found]
-    unknown: tuple[str, ...]
-    left_out: tuple[str, ...]
+    tried: tuple[Tried, ...] = ()
+    unknown: tuple[str, ...] = ()
+    untried: tuple[str, ...] = ()
 
-    def estimate(
-        self: "Repeated[tuple[Number, ...]]", base: Sequence[Number]
-    ) -> dict[Key, Estimate]:
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Sources of error without which there are numbers."""
+        owners = [change.owner for change in self.tried if isinstance(change.outcome, tuple)]
+        return tuple(dict.fromkeys(source for _, source in owners))
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Texts of what ± leaves out."""
+        return (*self.untried, *list_refused(self.tried))
+
+    def estimate(self, base: Sequence[Number]) -> dict[Key, Estimate]:
         """Return the ± of numbers whose analysis was repeated."""
-        return estimate_changes(
-            base, self.refined, unknown=bool(self.unknown), left_out=self.left_out
-        )
+        return estimate_changes(base, self.tried, unknown=bool(self.unknown), left_out=self.untried)
 
 
-def repeat_with_refined[Found](
+def repeat_with_refined(
     state: RunState,
     refinements: Sequence[Refinement],
-    solve: Callable[[RunState], Found],
+    solve: Callable[[RunState], Iterable[Number]],
     *,
     asked: bool,
-) -> Repeated[Found]:
-    """An analysis once more on the machine without each source of error.
+) -> Repeated:
+    """Repeat an analysis on the machine without each source of error.
 
     Args:
         asked: The scene asks for errors.
     """
     if state.scene.is_lumped:
-        return Repeated({}, (), LUMPED.left_out)
+        return Repeated(untried=LUMPED.left_out)
     if not asked:
-        return Repeated({}, (), (NOT_ASKED,))
-    left_out = list(name_what_is_left_out(state.parts).left_out)
-    refined: dict[Owner, Found] = {}
-    for owner, machine in list_refined_models(state, refinements).items():
-        try:
-            refined[owner] = solve(machine)
-        except (ModelError, UnstableControlError, ConvergenceError, AccuracyError) as error:
-            left_out.append(f"{' of '.join(filter(None, owner[::-1]))}: {error}")
-    return Repeated(refined, _find_silent_meshes(state), tuple(left_out))
+        return Repeated(untried=(NOT_ASKED,))
+    tried = try_changes(state, list_refined_models(state, refinements), solve, refused=REFUSED)
+    left_out = name_what_is_left_out(state.parts).left_out
+    return Repeated(tuple(tried), _find_silent_meshes(state), left_out)
 
 
-def repeat_at_ends[Found](
+def repeat_at_ends(
     coefficients: CuttingCoefficients,
-    solve: Callable[[CuttingCoefficients], Found],
-    found: Repeated[Found],
-) -> Repeated[Found]:
-    """What was repeated, with an analysis once more at the farther end of each range of the cutting
-    coefficients.
+    solve: Callable[[CuttingCoefficients], Iterable[Number]],
+    repeated: Repeated,
+) -> Repeated:
+    """Repeat an analysis at the farther end of each range of the cutting coefficients, too.
 
     Args:
         solve: The analysis with other coefficients.
-        found: What was repeated before.
+        repeated: What was repeated before.
     """
-    refined, left_out = dict(found.refined), list(found.left_out)
-    for key in coefficients.ranges:
-        try:
-            refined[key, CUTTING] = solve(coefficients.farther_end(key))
-        except (ModelError, UnstableControlError, ConvergenceError, AccuracyError) as error:
-            left_out.append(f"{key} of the {CUTTING}: {error}")
-    return Repeated(refined, found.unknown, tuple(left_out))
+    changes = [
+        Change((key, CUTTING), lambda own, key=key: own.farther_end(key))
+        for key in coefficients.ranges
+    ]
+    tried = try_changes(coefficients, changes, solve, refused=REFUSED)
+    return dataclasses.replace(repeated, tried=(*repeated.tried, *tried))
 
 
 def list_refined_models(
     state: RunState, refinements: Sequence[Refinement]
-) -> dict[Owner, RunState]:
-    """The run with superelements without each source of error; no entry of one that changes nothing."""
-    models = {}
-    for refinement, names in list_refinements(state.parts.plan.components, refinements):
-        refined = {}
-        for name in names:
-            part = state.reduced[name]
-            changed = refinement.refine(part.superelement)
-            if changed is not part.superelement:
-                refined[name] = dataclasses.replace(part, superelement=changed)
-        if refined:
-            replaced = dataclasses.replace(state, reduced={**state.reduced, **refined})
-            models[names[0] if refinement.apart else "", SOURCES[refinement]] = silence(replaced)
-    return models
+) -> list[Change[RunState]]:
+    """Return changes of a run to superelements without each source of error."""
+    return [
+        Change(
+            (names[0] if refinement.apart else "", SOURCES[refinement]),
+            functools.partial(_refine, refinement=refinement, names=names),
+        )
+        for refinement, names in list_refinements(state.parts.plan.components, refinements)
+    ]
+
+
+def _refine(state: RunState, *, refinement: Refinement, names: Iterable[str]) -> RunState | None:
+    parts = {name: state.reduced[name] for name in names}
+    better = {name: refinement.refine(part.superelement) for name, part in parts.items()}
+    changed = {
+        name: dataclasses.replace(part, superelement=better[name])
+        for name, part in parts.items()
+        if better[name] is not part.superelement
+    }
+    if not changed:
+        return None
+    return silence(dataclasses.replace(state, reduced={**state.reduced, **changed}))
 
 
 def _find_silent_meshes(state: RunState) -> tuple[str, ...]:
-    """Components whose mesh shows nothing of its error."""
+    """Return components whose mesh shows nothing of its error."""
     return tuple(
         name
         for name, part in state.parts.superelements.items()
@@ -141,5 +159,5 @@ def _find_silent_meshes(state: RunState) -> tuple[str, ...]:
 
 
 def silence(state: RunState) -> RunState:
-    """The run for a solution beside its own, whose warnings are not told."""
+    """Return the run for a solution whose warnings are not reported."""
     return dataclasses.replace(state, warnings=[], failures=[], energy_errors={})

@@ -136,11 +136,11 @@ class PoseModel(Protocol):
 
     @property
     def parts(self) -> MachineParts:
-        """What the machine is made of."""
+        """Components of the machine."""
 
     @property
     def pose(self) -> Pose:
-        """Where its axes are."""
+        """Positions of its axes."""
 
     @property
     def coupled(self) -> CoupledMachine | None:
@@ -194,7 +194,7 @@ class PoseModel(Protocol):
         """The same machine with the motors of drives let go: they are coordinates of its system."""
 
     def view(self) -> PoseView:
-        """What is drawn of the pose without motions."""
+        """Return what is drawn of the pose without motions."""
 
     def shift_skins(self, skins: dict[str, Skin], motions: FloatArray) -> dict[str, ShiftArray]:
         """Displacement ``(k, n, 3)`` of every skin point in machine axes under motions of
@@ -232,7 +232,7 @@ class RunState:
 
     @property
     def parts(self) -> MachineParts:
-        """What the machine is made of."""
+        """Components of the machine."""
         return MachineParts(self.scene, self.plan, self.reduced)
 
     @property

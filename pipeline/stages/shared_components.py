@@ -3,9 +3,11 @@ out to the ranks, each is meshed and reduced on one.
 """
 
 import importlib
+import itertools
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
@@ -67,7 +69,7 @@ def start_run(
 
 
 @dataclass(frozen=True, eq=False)
-class SharedComponent:
+class _SharedComponent:
     """What became of a component on the rank that reduced it.
 
     Attributes:
@@ -148,11 +150,43 @@ def prepare_components(states: Sequence[RunState]) -> None:
             make_superelements(state, only=large)
 
 
+def load_elastic(stages: Iterable[Stage]) -> None:
+    """Load the finite elements where a stage reduces with them: PETSc starts on all ranks together."""
+    if any(stage.kind == "reduce" for stage in stages):
+        importlib.import_module(ELASTIC_MODULE)
+
+
 def expect_job(stages: Sequence[Stage]) -> Job:
-    """What stages that one rank runs will cost."""
+    """Estimate the cost of stages that one rank runs."""
     return Job(
         sum(stage.estimated_seconds or 0.0 for stage in stages),
         max((stage.estimated_memory_mb or 0.0 for stage in stages), default=0.0),
+    )
+
+
+def deal_out[T](
+    jobs: Sequence[Job],
+    work: Callable[[int, Callable[[], None]], T],
+    *,
+    comm: MPI.Comm,
+    folder: Path,
+    observer: Callable[[int, T], None] = lambda number, result: None,
+) -> list[T]:
+    """Do each job on one rank, as many at once as memory lets; collective, empty on other ranks.
+
+    Args:
+        work: Takes the number of a job, and what settles others before each of its stages.
+        folder: Which all ranks reach.
+        observer: Called on rank 0 with the number of each job that is done and its result.
+    """
+    return share_work(
+        comm,
+        jobs,
+        work,
+        folder=folder,
+        memory_mb=node_memory_bytes() / 1e6,
+        idle_mb=BASE_MB,
+        observer=observer,
     )
 
 
@@ -176,12 +210,10 @@ def _share_components(
     first = states[0]
     held = find_ranks(first.comm)
     dealt = make_on_root(first.comm, lambda: _list_dealt(states, stages, held))
-    if dealt:
-        # PETSc starts on all ranks together
-        importlib.import_module(ELASTIC_MODULE)
     by_job = [[stage for stage in stages[one.run] if stage.component == one.name] for one in dealt]
+    load_elastic(itertools.chain.from_iterable(by_job))
 
-    def reduce_one(number: int, settle: Callable[[], None]) -> SharedComponent:
+    def reduce_one(number: int, settle: Callable[[], None]) -> _SharedComponent:
         one = dealt[number]
         state = states[one.run]
         alone = start_run(state.scene, MPI.COMM_SELF, state.store, plan=state.plan)
@@ -202,16 +234,10 @@ def _share_components(
         reduced = alone.reduced[one.name]
         request = stored_request(alone, state.plan.components[one.name])
         stored = not state.is_root and serving_keys(state.store, request)
-        return SharedComponent(tuple(records), tuple(alone.warnings), None if stored else reduced)
+        return _SharedComponent(tuple(records), tuple(alone.warnings), None if stored else reduced)
 
-    shared = share_work(
-        first.comm,
-        [expect_job(each) for each in by_job],
-        reduce_one,
-        folder=first.store.root,
-        memory_mb=node_memory_bytes() / 1e6,
-        idle_mb=BASE_MB,
-    )
+    jobs = [expect_job(own_stages) for own_stages in by_job]
+    shared = deal_out(jobs, reduce_one, comm=first.comm, folder=first.store.root)
     for one, made in zip(dealt, shared, strict=False):  # none on other ranks
         state = states[one.run]
         for message in made.warnings:
@@ -223,7 +249,7 @@ def _share_components(
 
 
 def find_ranks(comm: MPI.Comm) -> RanksOnNodes:
-    """Where the ranks of a run are; collective."""
+    """Count the ranks of a run and those on a node; collective."""
     node, node_mb = find_node(comm), node_memory_bytes() / 1e6
     return RanksOnNodes(
         comm.size, comm.allreduce(node.ranks, op=MPI.MAX), comm.allreduce(node_mb, op=MPI.MIN)

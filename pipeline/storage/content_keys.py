@@ -40,6 +40,8 @@ from headstock.scene.reading.keys import find_keys, split_key, value_at
 from headstock.scene.scene import Scene, list_analyses
 
 SIGNIFICANT_DIGITS = 12
+# of a scene, of no influence on what is found in one of its points or poses
+UNUSED_SECTIONS = ("name", "studies", "sweeps", "variants", "compare")
 MESH_LIBRARIES = ("gmsh", "meshio", "numpy", "vtk")
 REDUCTION_LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy")
 # a build from pip that holds these and says nothing of their versions, which are then those of other
@@ -196,6 +198,29 @@ def search_key(scene: Scene) -> str:
             "files": dict(file_digests(scene.path.parent, scene.raw)),
             "analyses": sorted(list_analyses(scene)),
             "models": scene.accuracy,
+        }
+    )
+
+
+def hash_dependencies(
+    folder: Path, raw: TomlTable, *, without: Sequence[str] = (), **more: object
+) -> str:
+    """Return the key of everything results of a scene depend on: the scene, its files, this program.
+
+    Args:
+        folder: Of the scene.
+        raw: As parsed.
+        without: Further sections of no influence.
+        more: What they depend on besides.
+    """
+    left_out = (*UNUSED_SECTIONS, *without)
+    return _digest(
+        {
+            "scene": {key: value for key, value in raw.items() if key not in left_out},
+            "files": dict(file_digests(folder, raw)),
+            "algorithm": [code_fingerprint(package) for package in PACKAGES],
+            "libraries": library_versions(REDUCTION_LIBRARIES),
+            **more,
         }
     )
 

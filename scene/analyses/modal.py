@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
+from headstock.geometry.frames import FloatArray
 from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.scene import Request
 from headstock.scene.schema import types
@@ -38,6 +39,20 @@ class ModalRequest(Request):
             return "all frequencies" if self.count is None else f"{self.count} frequencies"
         first = "frequencies" if self.count is None else f"{self.count} frequencies at most,"
         return f"{first} up to {self.up_to_hz:g} Hz"
+
+    def count_wanted(self, frequencies_hz: FloatArray, rigid_count: int) -> int:
+        """Return how many of the modes solved for are asked for.
+
+        Args:
+            frequencies_hz: ``(m,)`` rising [Hz].
+            rigid_count: How many of them are rigid-body modes, which a highest frequency keeps.
+        """
+        count = len(frequencies_hz)
+        wanted = count if self.count is None else min(self.count, count)
+        if self.up_to_hz is None:
+            return wanted
+        below = int(frequencies_hz.searchsorted(self.up_to_hz, side="right"))
+        return min(wanted, max(rigid_count, below))
 
 
 class ModalTable(types.RequestTable):

@@ -144,8 +144,8 @@ def problem(message: str) -> PydanticCustomError:
     return PydanticCustomError("scene", "{message}", {"message": message})
 
 
-def _read_quantity(value: object, *dimensions: Dimension) -> Quantity:
-    """A quantity of one of some dimensions."""
+def read_quantity(value: object, *dimensions: Dimension) -> Quantity:
+    """Return a quantity of one of some dimensions."""
     if isinstance(value, Quantity):
         return value
     try:
@@ -285,7 +285,7 @@ class _Measured(JsonForm):
         return no_info_before_validator_function(self._read, handler(source))
 
     def _read(self, value: object) -> Quantity | float:
-        quantity = _read_quantity(value, *self.dimensions)
+        quantity = read_quantity(value, *self.dimensions)
         _check_sign(quantity.value, self.sign)
         return quantity
 

@@ -279,10 +279,7 @@ def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | Non
     reached = MESHED_STEP if touched.meshed else STEP
     step = reached * (abs(value) if parameter.logarithmic else parameter.upper - parameter.lower)
     pairs = []
-    # levers are linear in every place, so that one pair is exact but for matrices of components,
-    # carriages on rails and screws
-    rails = any(part.rails for part in state.model.parametric.superelements.values())
-    curved = touched.matrices or rails or any(joint.screw is not None for joint in joints.values())
+    curved = touched.matrices or _has_curved_levers(state.model.parametric)
     for reach, weight in FOURTH_ORDER if curved and not touched.meshed else SECOND_ORDER:
         after, before = (
             _pieces_at(state, {**state.values, parameter.name: value + side * reach * step}, wanted)
@@ -290,6 +287,15 @@ def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | Non
         )
         pairs.append((after, before, weight / step))
     return difference_pieces(pairs)
+
+
+def _has_curved_levers(parametric: ParametricScene) -> bool:
+    """Tell whether carriages run on rails, or there are screws: other levers are linear in every place,
+    so that one pair of a difference is exact.
+    """
+    return any(part.rails for part in parametric.superelements.values()) or any(
+        joint.screw is not None for joint in parametric.scene.machine.joints.values()
+    )
 
 
 def _bodies_of(joint: Joint) -> set[str | None]:

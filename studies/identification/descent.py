@@ -9,7 +9,6 @@ there is tried on the machine itself.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -106,12 +105,12 @@ def _propose_exchanges(problem: FitProblem, point: FitPoint) -> list[tuple[Pairi
 
 def _linearise(problem: FitProblem, point: FitPoint) -> list[_LinearCase]:
     scale, start, cases = problem.value_slopes(point.coordinates), 0, []
-    for state in point.states:
+    for state, pairing in zip(point.states, point.pairings, strict=True):
         targets = state.model.case.modes
         slopes = np.zeros((len(state.eigenvalues), len(scale)))
         for index, slope in state.by_parameter.items():
             slopes[:, index] = slope.eigenvalues / (2.0 * state.eigenvalues) * scale[index]
-        rows, size = mode_rows(state)
+        rows, size = mode_rows(state, pairing)
         cases.append(
             _LinearCase(
                 logs=np.log(state.frequencies_hz),
@@ -186,6 +185,14 @@ class StartRecord:
     exchanges: int
     converged: bool
     reason: str
+
+    def add(self, other: "StartRecord") -> "StartRecord":
+        """Return it with the evaluations of another descent, too."""
+        return replace(
+            self,
+            evaluations=self.evaluations + other.evaluations,
+            refused=self.refused + other.refused,
+        )
 
     @property
     def cost(self) -> float:
@@ -322,59 +329,39 @@ def _run_start(problem: FitProblem, start: FloatArray, settle: Callable[[], None
     except HeadstockError as error:
         return StartRecord(start, None, 1, 0, 0, converged=False, reason=str(error))
     for _ in range(ROUNDS if problem.settings.pairing == "best" else 0):
-        trial = _try_exchanges(problem, record, settle)
-        record = _count(record, trial)
-        if trial.better is None:
+        before, record = record, _try_exchanges(problem, record, settle)
+        if record.end is before.end:
             break
     return replace(record, end=record.end.place) if isinstance(record.end, FitPoint) else record
 
 
-class _Trial(NamedTuple):
-    """The first exchange of modes that leads to a lower end, where there is one, and the
-    evaluations that trying took or that failed.
+def _try_exchanges(
+    problem: FitProblem, record: StartRecord, settle: Callable[[], None]
+) -> StartRecord:
+    """Return the record with what trying exchanges of modes took, and with the end of the first that
+    leads lower, where one does.
     """
-
-    better: StartRecord | None
-    tried: int
-    refused: int
-
-
-def _try_exchanges(problem: FitProblem, record: StartRecord, settle: Callable[[], None]) -> _Trial:
-    tried = refused = 0
     point = record.end
     if not isinstance(point, FitPoint):
-        return _Trial(None, 0, 0)
+        return record
     for pairings in _propose_exchanges(problem, point):
+        exchanged = exchange_modes(problem, point, pairings)
         try:
-            followed = _descend(
-                problem,
-                point.coordinates,
-                exchange_modes(problem, point, pairings),
-                settle,
-                at_most=TRIAL_STEPS,
-            )
+            followed = _descend(problem, point.coordinates, exchanged, settle, at_most=TRIAL_STEPS)
         except HeadstockError:
-            refused += 1
+            record = replace(record, refused=record.refused + 1)
             continue
-        tried, refused = tried + followed.evaluations, refused + followed.refused
+        record = record.add(followed)
         if followed.end is not None and followed.cost < WORTHWHILE * record.cost:
-            found = _descend(problem, followed.end.coordinates, None, settle)
-            return _Trial(found, tried + found.evaluations, refused + found.refused)
-    return _Trial(None, tried, refused)
-
-
-def _count(before: StartRecord, trial: _Trial) -> StartRecord:
-    """The later record with what both took."""
-    after = trial.better or before
-    return StartRecord(
-        start=before.start,
-        end=after.end,
-        evaluations=before.evaluations + trial.tried,
-        refused=before.refused + trial.refused,
-        exchanges=before.exchanges + (after is not before),
-        converged=after.converged,
-        reason=after.reason,
-    )
+            lower = _descend(problem, followed.end.coordinates, None, settle)
+            return replace(
+                record.add(lower),
+                end=lower.end,
+                exchanges=record.exchanges + 1,
+                converged=lower.converged,
+                reason=lower.reason,
+            )
+    return record
 
 
 def _descend(

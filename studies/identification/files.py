@@ -4,10 +4,9 @@ the scene.
 
 import math
 from collections.abc import Mapping
-from typing import Literal, NotRequired, TypedDict
 
 from headstock.pipeline.answers.static import UM_PER_KN
-from headstock.pipeline.storage.provenance import ProvenanceSummary
+from headstock.pipeline.storage.json_texts import JsonTable
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import show_key
 from headstock.scene.reading.keys import value_at, write_number, written_unit
@@ -29,91 +28,12 @@ _SCALES = {"frequency": 1.0, "compliance": UM_PER_KN}
 _UNITS = {"frequency": "Hz", "compliance": "um/kN"}
 
 
-class ParameterSummary(TypedDict):
-    """A fitted parameter in its unit; None for what is open or was not given."""
+def summarise_identification(found: Identification) -> JsonTable:
+    """Return the content of ``identification.json``.
 
-    unit: str
-    value: float | None
-    low_95: float | None
-    high_95: float | None
-    start: float | None
-    prior: float | None
-    bounds: list[float | None]
-    prior_sigma: float | None
-    scale: Literal["log", "linear"]
-    data_share: float
-    at_bound: str | None
-
-
-class UnobservableSummary(TypedDict):
-    """A direction of the parameters that the data do not see: shares by parameter, and its spread
-    over the one allowed before.
+    Values of parameters are in their units, None where they are open or were not given; fitted keys
+    are by variant, the scene as written under an empty name.
     """
-
-    direction: dict[str, float]
-    text: str
-    spread_over_allowed: float | None
-
-
-class CorrelationSummary(TypedDict):
-    """Two parameters that the data hardly tell apart."""
-
-    parameters: list[str]
-    correlation: float
-
-
-class OutcomeSummary(TypedDict):
-    """A target beside the fitted model."""
-
-    case: str
-    name: str
-    kind: str
-    unit: str
-    measured: float
-    model: float
-    deviation: float
-    residual_sigma: float
-    mac: float | None
-    mode: int | None
-    hold_out: bool
-
-
-class StartSummary(TypedDict):
-    """A start of the fit: what it took, how it ended, and the parameters there."""
-
-    sum_of_squares: float | None
-    evaluations: int
-    refused_evaluations: int
-    exchanges_of_modes: int
-    converged: bool
-    reason: str
-    best: bool
-    start: dict[str, float]
-    end: dict[str, float] | None
-
-
-class IdentificationSummary(TypedDict):
-    """The content of ``identification.json``; keys are by variant, the scene as written under an
-    empty name.
-    """
-
-    name: str
-    status: Literal["converged", "not converged"]
-    parameters: dict[str, ParameterSummary]
-    unidentifiable: list[UnobservableSummary]
-    correlated: list[CorrelationSummary]
-    targets: list[OutcomeSummary]
-    extra_modes_hz: dict[str, list[float]]
-    noise_over_tolerance: float | None
-    degrees_of_freedom: float
-    starts: list[StartSummary]
-    keys: dict[str, dict[str, str | float]]
-    seconds: NotRequired[float]
-    provenance: NotRequired[ProvenanceSummary]
-
-
-def summarise_identification(found: Identification) -> IdentificationSummary:
-    """Everything that was found, as JSON holds it."""
     names = [item.parameter.name for item in found.parameters]
     correlations = found.statistics.correlations
     return {
@@ -227,7 +147,7 @@ def _describe(item: FittedParameter) -> str:
     return f"{item.parameter.name} = {value}, 95 % interval {write_number(item.low, unit, 4)} .. {write_number(item.high, unit, 4)}"
 
 
-def _summarise_parameter(item: FittedParameter) -> ParameterSummary:
+def _summarise_parameter(item: FittedParameter) -> JsonTable:
     parameter = item.parameter
     return {
         "unit": parameter.unit,
@@ -247,7 +167,7 @@ def _summarise_parameter(item: FittedParameter) -> ParameterSummary:
     }
 
 
-def _summarise_outcome(item: TargetOutcome) -> OutcomeSummary:
+def _summarise_outcome(item: TargetOutcome) -> JsonTable:
     scale = _SCALES[item.kind]
     return {
         "case": item.case,
@@ -264,7 +184,7 @@ def _summarise_outcome(item: TargetOutcome) -> OutcomeSummary:
     }
 
 
-def _summarise_start(problem: FitProblem, record: StartRecord, best: bool) -> StartSummary:
+def _summarise_start(problem: FitProblem, record: StartRecord, best: bool) -> JsonTable:
     return {
         "sum_of_squares": _finite(2.0 * record.cost),
         "evaluations": record.evaluations,

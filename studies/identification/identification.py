@@ -4,7 +4,6 @@ intervals.
 
 import dataclasses
 import functools
-import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -13,9 +12,9 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.short_forms import ShortForm, list_few
-from headstock.pipeline.stages.components import ELASTIC_MODULE
+from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
 from headstock.pipeline.stages.shared_components import (
+    load_elastic,
     make_superelements,
     prepare_components,
     start_run,
@@ -124,9 +123,9 @@ class TargetOutcome:
     wanted: float
     found: float
     residual: float
-    mac: float | None
-    mode: int
     hold_out: bool
+    mac: float | None = None
+    mode: int = 0
 
     @property
     def deviation(self) -> float:
@@ -134,8 +133,8 @@ class TargetOutcome:
         return self.found / self.wanted - 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Identification:
+@dataclass(frozen=True, eq=False, repr=False)
+class Identification(Displayed):
     """What a fit found.
 
     Attributes:
@@ -156,13 +155,6 @@ class Identification:
     statistics: FitStatistics
     problem: FitProblem
     point: FitPoint
-
-    def __repr__(self) -> str:
-        return self._short_form().text()
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return self._short_form().html()
 
     def _short_form(self) -> ShortForm:
         facts = [
@@ -199,9 +191,8 @@ def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProb
     if comm.size > 1:
         scenes = [_with_modes(scene, loaded.task.cases) for scene in loaded.scenes.values()]
         plans = make_on_root(comm, lambda: [plan_scene(scene) for scene in scenes])
-        if any(stage.kind == "reduce" for plan in plans for stage in plan.stages):
-            # PETSc starts on all ranks together; a fit may mesh components anew on any of them
-            importlib.import_module(ELASTIC_MODULE)
+        # a fit may mesh components anew on any rank
+        load_elastic(stage for plan in plans for stage in plan.stages)
         states = [
             start_run(scene, comm, store, plan=plan)
             for scene, plan in zip(scenes, plans, strict=True)
@@ -234,7 +225,7 @@ def _tie_scenes(loaded: LoadedTask, store: Store) -> FitProblem:
     return problem
 
 
-def identify(
+def fit_parameters(
     problem: FitProblem,
     name: str,
     observer: Callable[[StartRecord], None] = lambda record: None,
@@ -263,7 +254,7 @@ def identify(
 def assess_starts(
     problem: FitProblem, name: str, starts: tuple[StartRecord, ...]
 ) -> Identification:
-    """What is known of the parameters at the best end of all starts.
+    """Assess the parameters at the best end of all starts.
 
     Args:
         problem: Prepared cases and parameters.
@@ -354,42 +345,38 @@ def _at_bound(problem: FitProblem, coordinates: FloatArray, index: int) -> str:
 
 def _outcomes(point: FitPoint, index: int) -> list[TargetOutcome]:
     state, pairing = point.states[index], point.pairings[index]
-    case, found = state.model.case, []
+    case, outcomes = state.model.case, list[TargetOutcome]()
     for target, mode in zip(case.modes, pairing.modes, strict=True):
         frequency = float(state.frequencies_hz[mode])
         residual = float(np.log(frequency / target.frequency_hz) / target.sigma)
         mac = None if target.shape is None else float(compare_shape(state, target.shape)[mode])
-        found.append(
+        outcomes.append(
             TargetOutcome(
-                case.name,
-                target.name,
-                "frequency",
-                target.frequency_hz,
-                frequency,
-                residual,
-                mac,
-                mode + 1,
-                target.hold_out,
+                case=case.name,
+                name=target.name,
+                kind="frequency",
+                wanted=target.frequency_hz,
+                found=frequency,
+                residual=residual,
+                mac=mac,
+                mode=mode + 1,
+                hold_out=target.hold_out,
             )
         )
-    for number, compliance in enumerate(case.compliances):
-        value = float(state.compliances[number])
-        value = abs(value) if compliance.either_sign else value
-        gap = compliance_gap(compliance, value)
-        found.append(
+    for compliance, signed in zip(case.compliances, map(float, state.compliances), strict=True):
+        value = abs(signed) if compliance.either_sign else signed
+        outcomes.append(
             TargetOutcome(
-                case.name,
-                compliance.name,
-                "compliance",
-                compliance.value,
-                value,
-                gap,
-                None,
-                0,
-                compliance.hold_out,
+                case=case.name,
+                name=compliance.name,
+                kind="compliance",
+                wanted=compliance.value,
+                found=value,
+                residual=compliance_gap(compliance, value),
+                hold_out=compliance.hold_out,
             )
         )
-    return found
+    return outcomes
 
 
 def _extra_modes(point: FitPoint, index: int) -> tuple[float, ...]:

@@ -54,10 +54,10 @@ class KeyLaw:
     written: float
     dimension: Dimension
     rules: tuple[tuple[Parameter, KeyRule], ...]
-    calculated: "CalculatedNumbers | None" = None
+    calculated: "_CalculatedNumbers | None" = None
 
     def content(self) -> tuple[object, ...]:
-        """What the law does, wherever the key stands; to be compared only."""
+        """Return what the law does, wherever the key stands; to be compared only."""
         rules = [
             (parameter.name, rule.kind, rule.factor, rule.offset) for parameter, rule in self.rules
         ]
@@ -65,7 +65,7 @@ class KeyLaw:
         return self.written, tuple(rules), somewhere
 
     def depends_on(self, parameter: str) -> bool:
-        """Whether the number depends on a parameter."""
+        """Tell whether the number depends on a parameter."""
         return any(other.name == parameter for other, _ in self.rules) or (
             self.calculated is not None and self.key in self.calculated.followers.get(parameter, ())
         )
@@ -121,7 +121,7 @@ class KeyLaw:
 
 
 @dataclass(frozen=True, eq=False)
-class CalculatedNumbers:
+class _CalculatedNumbers:
     """What a scene calculates from numbers of its ``[parameters]`` that are fitted.
 
     Attributes:
@@ -191,7 +191,7 @@ def find_laws(scene: Scene, parameters: Sequence[Parameter]) -> tuple[KeyLaw, ..
     named = tuple(law for key, law in laws.items() if key[0] == PARAMETERS)
     if not named:
         return tuple(laws.values())
-    calculated = CalculatedNumbers(
+    calculated = _CalculatedNumbers(
         {key: value for key, value in scene.written.items() if key not in UNSEEN_SECTIONS}, named
     )
     _find_followers(calculated, parameters, scene)
@@ -201,7 +201,7 @@ def find_laws(scene: Scene, parameters: Sequence[Parameter]) -> tuple[KeyLaw, ..
 
 
 def _find_followers(
-    calculated: CalculatedNumbers, parameters: Sequence[Parameter], scene: Scene
+    calculated: _CalculatedNumbers, parameters: Sequence[Parameter], scene: Scene
 ) -> None:
     references = {parameter.name: parameter.reference for parameter in parameters}
     between = {p.name: p.lower + SOMEWHERE * (p.upper - p.lower) for p in parameters}
@@ -229,14 +229,14 @@ def _make_law(
     raw: TomlTable,
     key: KeyPath,
     rules: tuple[tuple[Parameter, KeyRule], ...],
-    calculated: CalculatedNumbers | None = None,
+    calculated: _CalculatedNumbers | None = None,
 ) -> KeyLaw:
     quantity = read_number(raw, key)
     return KeyLaw(key, quantity.value, quantity.dimension, rules, calculated)
 
 
 def holds_number(raw: TomlTable, key: KeyPath) -> bool:
-    """Whether a parsed scene holds a number at a key."""
+    """Tell whether a parsed scene holds a number at a key."""
     if not find_keys(raw, key):
         return False
     try:

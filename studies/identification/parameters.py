@@ -2,7 +2,7 @@
 every variant.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,17 +23,19 @@ from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Dimension, Quantity
 from headstock.scene.scene import Scene
 from headstock.studies.identification.key_laws import ParameterValueError, find_laws, holds_number
-from headstock.studies.identification.schema import (
+from headstock.studies.identification.targets import (
+    KeyRule,
+    Parameter,
     ParameterTable,
     PowerRuleTable,
     SetRuleTable,
     ShiftRuleTable,
     TargetsTable,
 )
-from headstock.studies.identification.targets import KeyRule, Parameter
 
 Scenes = Mapping[str | None, Scene]
 Rule = SetRuleTable | PowerRuleTable | ShiftRuleTable
+_TABLES = {"set": "keys", "multiply": "multiplies", "shift": "shifts"}
 _FREE_OF_MESH = ("at", "rotate", "mass")
 _PLACES: dict[str, tuple[str, ...]] = {
     "components": ("solid", "mass", "at", "rotate", "interfaces"),
@@ -68,8 +70,8 @@ def read_parameters(
         key: KeyPath = ("parameters", name)
         targets = [
             target
-            for kind, rules in _rules_by_kind(entry)
-            for index, rule in enumerate(rules)
+            for kind, rules in _TABLES.items()
+            for index, rule in enumerate(getattr(entry, rules))
             for target in _find_targets(key, kind, index, rule, scenes, findings)
         ]
         for target in targets:
@@ -116,55 +118,47 @@ def _check_followers(
         )
 
 
-def _rules_by_kind(table: ParameterTable) -> tuple[tuple[str, Sequence[Rule]], ...]:
-    return ("set", table.keys), ("multiply", table.multiplies), ("shift", table.shifts)
-
-
 def _find_targets(
     base: KeyPath, kind: str, index: int, rule: Rule, scenes: Scenes, findings: Findings
 ) -> list[_Target]:
-    """Every key a rule means, in any of the variants."""
-    place: KeyPath = (
-        *base,
-        {"set": "keys", "multiply": "multiplies", "shift": "shifts"}[kind],
-        index,
-    )
+    """Return every key a rule means, in any of the variants."""
+    place: KeyPath = (*base, _TABLES[kind], index)
     try:
         pattern = split_key(rule.key)
     except ValueError as error:
         findings.add(place, str(error))
         return []
-    found: dict[KeyPath, _Target] = {}
-    fault = ""
+    targets: dict[KeyPath, _Target] = {}
+    faults: list[str] = []
     for scene in scenes.values():
         for key in find_keys(scene.raw, pattern):
-            fault = fault or _find_fault(key, scene)
-            if key not in found and holds_number(scene.raw, key):
-                factor = rule.power if isinstance(rule, PowerRuleTable) else rule.factor
-                offset = (
-                    rule.offset.value
-                    if isinstance(rule, SetRuleTable) and rule.offset is not None
-                    else 0.0
-                )
-                quantity = read_number(scene.raw, key)
-                found[key] = _Target(
-                    KeyRule(key, kind, factor, offset),
-                    quantity,
-                    written_unit(scene.raw, key, scene.written),
-                    place,
-                )
-                if (
-                    isinstance(rule, SetRuleTable)
-                    and rule.offset is not None
-                    and rule.offset.dimension != quantity.dimension
-                ):
-                    fault = f"offset is a {rule.offset.dimension.name} and the key holds a {quantity.dimension.name}"
-    if not found and not fault:
-        fault = _explain_missing(pattern, rule.key, scenes)
-    if fault:
+            faults.append(_find_fault(key, scene))
+            if key not in targets and holds_number(scene.raw, key):
+                targets[key] = target = _make_target(key, kind, rule, scene, place)
+                faults.append(_find_offset_fault(rule, target.quantity))
+    if not targets and not any(faults):
+        faults.append(_explain_missing(pattern, rule.key, scenes))
+    for fault in filter(None, faults):
         findings.add(place, fault)
         return []
-    return list(found.values())
+    return list(targets.values())
+
+
+def _make_target(key: KeyPath, kind: str, rule: Rule, scene: Scene, place: KeyPath) -> _Target:
+    factor = rule.power if isinstance(rule, PowerRuleTable) else rule.factor
+    offset = rule.offset.value if isinstance(rule, SetRuleTable) and rule.offset else 0.0
+    quantity, unit = read_number(scene.raw, key), written_unit(scene.raw, key, scene.written)
+    return _Target(KeyRule(key, kind, factor, offset), quantity, unit, place)
+
+
+def _find_offset_fault(rule: Rule, quantity: Quantity) -> str:
+    """Return that the offset of a rule has another dimension than its key; empty where it has not."""
+    if not isinstance(rule, SetRuleTable) or rule.offset is None:
+        return ""
+    offset, wanted = rule.offset.dimension, quantity.dimension
+    return (
+        "" if offset == wanted else f"offset is a {offset.name} and the key holds a {wanted.name}"
+    )
 
 
 def _explain_missing(pattern: KeyPath, text: str, scenes: Scenes) -> str:
@@ -214,33 +208,17 @@ def _read_parameter(
 ) -> Parameter | None:
     key: KeyPath = ("parameters", name)
     before = len(findings.problems)
-    first = next((target for target in targets if target.rule.kind == "set"), None)
-    shifted = next((target for target in targets if target.rule.kind == "shift"), None)
+    first, shifted = (
+        next((target for target in targets if target.rule.kind == kind), None)
+        for kind in ("set", "shift")
+    )
     example = first or shifted
     dimension = NUMBER if example is None else example.quantity.dimension
-    if first is not None:
-        reference = (
-            (first.quantity.value - first.rule.offset) / first.rule.factor
-            if first.rule.factor
-            else 0.0
-        )
-    else:
-        reference = 0.0 if shifted is not None else 1.0
-    for target in targets:
-        wanted = dimension if target.rule.kind != "multiply" else target.quantity.dimension
-        if target.quantity.dimension != wanted:
-            findings.add(
-                target.place,
-                f"{show_key(target.rule.key)} is a {target.quantity.dimension.name} and the parameter a {wanted.name}; "
-                "put it under multiplies, which takes any number along in proportion",
-            )
-        if target.rule.factor == 0.0:
-            findings.add(target.place, "a factor of zero moves nothing; write another")
-    if any(target.rule.kind == "multiply" for target in targets) and reference == 0.0:
-        findings.add(
-            (*key, "multiplies"),
-            "the parameter's value in the scene is zero, so nothing can be in proportion to it",
-        )
+    reference = 1.0 if example is None else 0.0
+    if first is not None and first.rule.factor:
+        reference = (first.quantity.value - first.rule.offset) / first.rule.factor
+    for place, fault in _find_rule_faults(key, targets, dimension, reference):
+        findings.add(place, fault)
     values = _read_values(key, table, dimension, reference, findings)
     if values is None or len(findings.problems) > before:
         return None
@@ -251,12 +229,32 @@ def _read_parameter(
         logarithmic=table.scale == "log",
         dimension=dimension,
         unit="" if example is None else example.unit,
-        lower=values.lower,
-        upper=values.upper,
-        start=values.start,
-        prior=values.prior,
-        prior_sigma=values.prior_sigma,
+        **values._asdict(),
     )
+
+
+type _Fault = tuple[KeyPath, str]
+
+
+def _find_rule_faults(
+    key: KeyPath, targets: Sequence[_Target], dimension: Dimension, reference: float
+) -> Iterator[_Fault]:
+    """Yield rules that do not fit the parameter, with their places."""
+    for target in targets:
+        found = target.quantity.dimension
+        if target.rule.kind != "multiply" and found != dimension:
+            yield (
+                target.place,
+                f"{show_key(target.rule.key)} is a {found.name} and the parameter a {dimension.name}; "
+                "put it under multiplies, which takes any number along in proportion",
+            )
+        if target.rule.factor == 0.0:
+            yield target.place, "a factor of zero moves nothing; write another"
+    if any(target.rule.kind == "multiply" for target in targets) and reference == 0.0:
+        yield (
+            (*key, "multiplies"),
+            "the parameter's value in the scene is zero, so nothing can be in proportion to it",
+        )
 
 
 class _Values(NamedTuple):
@@ -272,58 +270,58 @@ class _Values(NamedTuple):
 def _read_values(
     key: KeyPath, table: ParameterTable, dimension: Dimension, reference: float, findings: Findings
 ) -> _Values | None:
-    """Bounds, start and prior, or None where one of them has another dimension."""
-    given = {
-        ("bounds", 0): table.bounds[0],
-        ("bounds", 1): table.bounds[1],
-        ("start",): table.start,
-        ("prior",): table.prior,
-    }
-    wrong = [
-        (place, item)
-        for place, item in given.items()
-        if item is not None and item.dimension != dimension
-    ]
-    for place, item in wrong:
-        example = "a plain number such as 1.2" if dimension == NUMBER else f'"{dimension.example}"'
-        findings.add(
-            (*key, *place),
-            f"is a {item.dimension.name} but what it moves is a {dimension.name}; write {example}",
-        )
-    if wrong:
+    """Return bounds, start and prior, or None where one of them has another dimension."""
+    if faults := [*_find_bound_faults(table, dimension)]:
+        for place, fault in faults:
+            findings.add((*key, *place), fault)
         return None
     lower, upper = (bound.value for bound in table.bounds)
-    if lower >= upper:
-        findings.add(
-            (*key, "bounds"),
-            f"the lower bound {lower:g} is not below the upper one {upper:g} (SI); swap or widen them",
-        )
-        return None
-    if table.scale == "log" and lower <= 0.0:
-        text = f'the lower bound is {lower:g} but a logarithm needs more than zero; raise it, or write scale = "linear"'
-        findings.add((*key, "bounds"), text)
-        return None
     start = reference if table.start is None else table.start.value
-    inside = (
-        {"start": start} if table.prior is None else {"start": start, "prior": table.prior.value}
-    )
-    for what, value in inside.items():
-        if not lower <= value <= upper:
-            unit = dimension.unit
-            written = what if what == "prior" or table.start is not None else "bounds"
-            owner = "the scene's value" if written == "bounds" else f"{what} ="
-            remedy = (
-                "; widen them, or write a start inside"
-                if written == "bounds"
-                else "; move it, or widen them"
-            )
-            findings.add(
-                (*key, written),
-                f"{owner} {value:g} {unit} lies outside the bounds {lower:g} to {upper:g} {unit}{remedy}",
-            )
+    unit, span = dimension.unit, f"the bounds {lower:g} to {upper:g} {dimension.unit}"
+    if not lower <= start <= upper:
+        where, owner, remedy = (
+            ("bounds", "the scene's value", "widen them, or write a start inside")
+            if table.start is None
+            else ("start", "start =", "move it, or widen them")
+        )
+        fault = f"{owner} {start:g} {unit} lies outside {span}; {remedy}"
+        findings.add((*key, where), fault)
+    if table.prior is not None and not lower <= table.prior.value <= upper:
+        fault = f"prior = {table.prior.value:g} {unit} lies outside {span}; move it, or widen them"
+        findings.add((*key, "prior"), fault)
     sigma = _read_sigma(key, table, dimension, findings)
     prior = None if sigma is None else reference if table.prior is None else table.prior.value
     return _Values(lower, upper, start, prior, sigma)
+
+
+def _find_bound_faults(table: ParameterTable, dimension: Dimension) -> Iterator[_Fault]:
+    """Yield values of another dimension with their places in the table; where there are none, bounds
+    that leave no room.
+    """
+    given = {("bounds", 0): table.bounds[0], ("bounds", 1): table.bounds[1]}
+    given |= {("start",): table.start, ("prior",): table.prior}
+    wrong = {
+        place: value
+        for place, value in given.items()
+        if value is not None and value.dimension != dimension
+    }
+    example = "a plain number such as 1.2" if dimension == NUMBER else f'"{dimension.example}"'
+    for place, value in wrong.items():
+        yield (
+            place,
+            f"is a {value.dimension.name} but what it moves is a {dimension.name}; write {example}",
+        )
+    lower, upper = (bound.value for bound in table.bounds)
+    if not wrong and lower >= upper:
+        yield (
+            ("bounds",),
+            f"the lower bound {lower:g} is not below the upper one {upper:g} (SI); swap or widen them",
+        )
+    elif not wrong and table.scale == "log" and lower <= 0.0:
+        yield (
+            ("bounds",),
+            f'the lower bound is {lower:g} but a logarithm needs more than zero; raise it, or write scale = "linear"',
+        )
 
 
 def _read_sigma(

@@ -3,15 +3,18 @@ built anew.
 """
 
 import dataclasses
+import itertools
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.linalg
 from pydantic import ValidationError
+from scipy.optimize import linear_sum_assignment
 
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.frames import Frame
+from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.joints import Joint
 from headstock.geometry.machine.machine import Machine
 from headstock.geometry.parts.components import (
@@ -43,14 +46,18 @@ from headstock.scene.reading.units import Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.components import ComponentTable, MaterialTable
 from headstock.studies.identification.key_laws import KeyLaw, ParameterValueError, find_laws
-from headstock.studies.identification.matched_modes import match_modes
 from headstock.studies.identification.targets import Parameter
 
 REMEMBERED = 64  # builds of one entry that are kept
+# neighbours nearer than this share of their frequency are turned together: two bending modes of a
+# square section are any two of their plane
+CLOSE = 0.02
+# how far apart in ln f two modes cost as much as no likeness at all
+FAR = 0.5
 
 
 @dataclass(eq=False)
-class ParametricJoint:
+class _ParametricJoint:
     """A joint whose stiffness and place follow parameters."""
 
     written: Joint
@@ -88,7 +95,7 @@ class ParametricJoint:
 
 
 @dataclass(eq=False)
-class ParametricShape:
+class _ParametricShape:
     """What a component is made of: solid, interfaces, mass and material, wherever it stands. An
     elastic one whose shape follows a parameter is meshed and reduced anew.
 
@@ -126,7 +133,7 @@ class ParametricShape:
         return self._known[numbers]
 
     def content(self) -> tuple[object, ...]:
-        """What decides what is built, name and place left out; to be compared only."""
+        """Return what decides what is built, name and place left out; to be compared only."""
         entry = {
             key: value
             for key, value in read_entries(self.scene.raw, "components")[self.name].items()
@@ -178,7 +185,7 @@ class ParametricShape:
         if component.fidelity == "elastic":
             settings = ReductionSettings(modes=self.superelement.modal_count)
             made = self.reduce(dataclasses.replace(component, reduction=settings))
-            return component, match_modes(self.superelement, made)
+            return component, _match_modal_dofs(self.superelement, made)
         loads = self._loads()
         properties = describe_component(with_loaded_areas(component, loads))
         if component.fidelity == "polynomial":
@@ -202,7 +209,7 @@ class ParametricShape:
 
 
 @dataclass(frozen=True, eq=False)
-class ParametricComponent:
+class _ParametricComponent:
     """A component whose shape and place follow parameters.
 
     Attributes:
@@ -210,7 +217,7 @@ class ParametricComponent:
     """
 
     written: Component
-    shape: ParametricShape
+    shape: _ParametricShape
     laws: tuple[KeyLaw, ...]
 
     def build(self, values: Mapping[str, float]) -> tuple[Component, Superelement]:
@@ -234,7 +241,7 @@ class ParametricComponent:
 
 
 def moves(law: KeyLaw) -> bool:
-    """Whether a law is of a component's place and of nothing else."""
+    """Tell whether a law is of a component's place and of nothing else."""
     return law.key[0] == "components" and law.key[2] == "at"
 
 
@@ -281,7 +288,7 @@ def _explain(error: Exception) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class BuiltScene:
+class _BuiltScene:
     """A machine with the superelements of all of its components."""
 
     machine: Machine
@@ -289,7 +296,7 @@ class BuiltScene:
 
 
 @dataclass(frozen=True, eq=False)
-class Touched:
+class _Touched:
     """What a parameter changes.
 
     Attributes:
@@ -319,11 +326,11 @@ class ParametricScene:
     scene: Scene
     superelements: dict[str, Superelement]
     laws: tuple[KeyLaw, ...]
-    components: dict[str, ParametricComponent]
-    joints: dict[str, ParametricJoint]
-    touched: dict[str, Touched]
+    components: dict[str, _ParametricComponent]
+    joints: dict[str, _ParametricJoint]
+    touched: dict[str, _Touched]
 
-    def build(self, values: Mapping[str, float]) -> BuiltScene:
+    def build(self, values: Mapping[str, float]) -> _BuiltScene:
         """The machine and its superelements for given parameter values.
 
         Raises:
@@ -335,7 +342,7 @@ class ParametricScene:
         joints = self.scene.machine.joints | {
             name: joint.build(values) for name, joint in self.joints.items()
         }
-        return BuiltScene(
+        return _BuiltScene(
             dataclasses.replace(self.scene.machine, components=components, joints=joints),
             superelements,
         )
@@ -371,7 +378,7 @@ def make_parametric(
     components = {}
     for name, own in by_component.items():
         shape = _share_shape(
-            ParametricShape(
+            _ParametricShape(
                 scene,
                 name,
                 superelements[name],
@@ -380,9 +387,9 @@ def make_parametric(
             ),
             shapes,
         )
-        components[name] = ParametricComponent(scene.machine.components[name], shape, tuple(own))
+        components[name] = _ParametricComponent(scene.machine.components[name], shape, tuple(own))
     joints = {
-        name: ParametricJoint(scene.machine.joints[name], tuple(own))
+        name: _ParametricJoint(scene.machine.joints[name], tuple(own))
         for name, own in by_joint.items()
     }
     touched = {
@@ -392,7 +399,7 @@ def make_parametric(
     return ParametricScene(scene, superelements, laws, components, joints, touched)
 
 
-def _share_shape(shape: ParametricShape, known: list[ParametricShape]) -> ParametricShape:
+def _share_shape(shape: _ParametricShape, known: list[_ParametricShape]) -> _ParametricShape:
     """One that is made alike where there is one: it is built once for all."""
     content = shape.content()
     for other in known:
@@ -411,25 +418,81 @@ def _made_of(raw: TomlTable, material: str) -> list[str]:
 
 
 def _find_touched(
-    parameter: str, components: dict[str, ParametricComponent], joints: dict[str, ParametricJoint]
-) -> Touched:
-    mine = {name: _laws_of(parameter, entry.laws) for name, entry in components.items()}
-    moved = {name: _laws_of(parameter, entry.laws) for name, entry in joints.items()}
-    found = tuple(name for name, laws in mine.items() if laws)
-    return Touched(
-        components=found,
-        joints=tuple(name for name, laws in moved.items() if laws),
-        stiffness_only=not found
-        and all(law.key[2] == "stiffness" for laws in moved.values() for law in laws)
-        and all(joints[name].written.screw is None for name, laws in moved.items() if laws),
-        matrices=any(not moves(law) for laws in mine.values() for law in laws),
-        meshed=tuple(
-            name
-            for name, laws in mine.items()
-            if components[name].written.fidelity == "elastic" and any(map(_reshapes, laws))
-        ),
+    parameter: str, components: dict[str, _ParametricComponent], joints: dict[str, _ParametricJoint]
+) -> _Touched:
+    parts, links = _find_followers(parameter, components), _find_followers(parameter, joints)
+    elastic = [name for name in parts if components[name].written.fidelity == "elastic"]
+    return _Touched(
+        components=tuple(parts),
+        joints=tuple(links),
+        stiffness_only=not parts
+        and all(law.key[2] == "stiffness" for law in itertools.chain(*links.values()))
+        and all(joints[name].written.screw is None for name in links),
+        matrices=not all(map(moves, itertools.chain(*parts.values()))),
+        meshed=tuple(name for name in elastic if any(map(_reshapes, parts[name]))),
     )
 
 
-def _laws_of(parameter: str, laws: Iterable[KeyLaw]) -> list[KeyLaw]:
-    return [law for law in laws if law.depends_on(parameter)]
+def _find_followers(
+    parameter: str, entries: Mapping[str, _ParametricComponent] | Mapping[str, _ParametricJoint]
+) -> dict[str, list[KeyLaw]]:
+    """Return the laws of what depends on a parameter, by name."""
+    laws = {
+        name: [law for law in entry.laws if law.depends_on(parameter)]
+        for name, entry in entries.items()
+    }
+    return {name: found for name, found in laws.items() if found}
+
+
+def _match_modal_dofs(before: Superelement, after: Superelement) -> Superelement:
+    """Return a component that was meshed and reduced anew with its modal dofs in the order and with
+    the signs they had before: only then have differences of its matrices a meaning.
+
+    Modes are compared by how they are coupled to the boundary through the mass matrix.
+
+    Args:
+        after: Of the changed component; as many boundary and modal dofs.
+    """
+    size, count = before.boundary_size, min(before.modal_count, after.modal_count)
+    if count == 0 or before.modal_count != after.modal_count:
+        return after
+    wanted, found = (
+        _couplings(part.mass[size:, :size], before.node_size) for part in (before, after)
+    )
+    logs = [np.log(part.modal_frequencies_hz) for part in (before, after)]
+    alike = np.abs(wanted @ found.T) / np.outer(_sizes(wanted), _sizes(found))
+    order = linear_sum_assignment(alike - np.abs(np.subtract.outer(*logs)) / FAR, maximize=True)[1]
+    turned = np.zeros((count, count))
+    start = 0
+    for end in range(1, count + 1):
+        if end == count or logs[0][end] - logs[0][end - 1] > CLOSE:
+            group = slice(start, end)
+            left, _, right = np.linalg.svd(wanted[group] @ found[order[group]].T)
+            turned[group, order[group]] = left @ right
+            start = end
+    turn = scipy.linalg.block_diag(np.eye(size), turned)
+    return dataclasses.replace(
+        after,
+        stiffness=turn @ after.stiffness @ turn.T,
+        mass=turn @ after.mass @ turn.T,
+        damping=None if after.damping is None else turn @ after.damping @ turn.T,
+        constraints=after.constraints @ turn.T,
+        recovery=None,
+        modal_frequencies_hz=after.modal_frequencies_hz[order],
+    )
+
+
+def _couplings(mass: FloatArray, nodes: int) -> FloatArray:
+    """Coupling of each mode ``(m, b)`` to the boundary; rotations at the scale of translations."""
+    scaled = mass.copy()
+    turns = np.arange(nodes) % 6 > 2
+    sizes = [float(np.linalg.norm(mass[:, :nodes][:, part])) for part in (~turns, turns)]
+    if min(sizes) > 0.0:
+        scaled[:, :nodes][:, turns] *= sizes[0] / sizes[1]
+    return scaled
+
+
+def _sizes(couplings: FloatArray) -> FloatArray:
+    """Length of each row, far above the noise of a mode that no boundary drives."""
+    sizes = np.linalg.norm(couplings, axis=1)
+    return np.asarray(np.maximum(sizes, 1e-6 * sizes.max(initial=np.finfo(float).tiny)))

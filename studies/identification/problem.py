@@ -2,8 +2,9 @@
 derivatives.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from headstock.studies.identification.cases import (
 )
 from headstock.studies.identification.targets import (
     ComplianceTarget,
-    FitSettings,
+    FitTable,
     Parameter,
     ShapeTarget,
 )
@@ -55,7 +56,7 @@ def _pair_targets(state: CaseState) -> Pairing:
 
 
 def shape_costs(state: CaseState) -> FloatArray:
-    """What each target ``(t, m)`` would pay for the shape of each mode, and for another number than its
+    """Return what each target ``(t, m)`` would pay for the shape of each mode, and for another number than its
     own.
     """
     cost = np.zeros((len(state.model.case.modes), len(state.frequencies_hz)))
@@ -96,70 +97,86 @@ def compare_shape(state: CaseState, shape: ShapeTarget) -> FloatArray:
     return np.asarray((wanted @ seen) ** 2 / sizes)
 
 
-def _case_residuals(state: CaseState, pairing: Pairing) -> FloatArray:
-    """Residuals over their standard deviations: frequencies, shapes, compliances, the limit on
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Residuals over their standard deviations that belong together.
+
+    Attributes:
+        values: ``(r,)``.
+        find_slopes: Returns their derivatives ``(r, p)`` by the parameters' values.
+        frequency: They are of a frequency.
+    """
+
+    values: FloatArray
+    find_slopes: Callable[[], FloatArray]
+    frequency: bool = False
+
+
+def _list_blocks(state: CaseState, pairing: Pairing) -> Iterator[_Block]:
+    """Yield the residuals of a case: of each frequency and its shape, each compliance, the limit on
     modes; held-out ones left out.
     """
-    parts: list[FloatArray] = []
-    for target, mode in zip(state.model.case.modes, pairing.modes, strict=True):
+    case = state.model.case
+    for target, mode in zip(case.modes, pairing.modes, strict=True):
         if target.hold_out:
             continue
-        parts.append(
-            np.array([np.log(state.frequencies_hz[mode] / target.frequency_hz) / target.sigma])
+        gap = np.log(state.frequencies_hz[mode] / target.frequency_hz) / target.sigma
+        scale = 2.0 * state.eigenvalues[mode] * target.sigma
+        slopes = partial(
+            _spread_slopes, state, lambda slope, mode=mode: slope.eigenvalues[mode], scale
         )
-        if target.shape is not None:
-            parts.append(_shape_gap(state, target.shape, mode))
-    for index, compliance in enumerate(state.model.case.compliances):
+        yield _Block(np.array([gap]), slopes, frequency=True)
+        if (shape := target.shape) is not None:
+            yield _Block(
+                _shape_gap(state, shape, mode), partial(_shape_gap_slopes, state, shape, mode)
+            )
+    for number, compliance in enumerate(case.compliances):
         if not compliance.hold_out:
-            parts.append(np.array([compliance_gap(compliance, float(state.compliances[index]))]))
-    limit = state.model.case.limit
-    if limit is not None:
-        parts.append(np.array([max(0.0, _limit_gap(state) / limit.sigma)]))
-    return np.concatenate(parts) if parts else np.zeros(0)
+            value = float(state.compliances[number])
+            scale = (value if compliance.logarithmic else compliance.value) * compliance.sigma
+            slopes = partial(
+                _spread_slopes, state, lambda slope, number=number: slope.compliances[number], scale
+            )
+            yield _Block(np.array([compliance_gap(compliance, value)]), slopes)
+    if case.limit is not None:
+        gap = max(0.0, _limit_gap(state) / case.limit.sigma)
+        yield _Block(np.array([gap]), partial(_limit_slopes, state))
 
 
-def mode_rows(state: CaseState) -> tuple[tuple[int | None, ...], int]:
-    """Row of each frequency among the residuals of a case (None where it is held out), and how many
-    residuals there are.
+def _case_residuals(state: CaseState, pairing: Pairing) -> FloatArray:
+    """Return the residuals of a case over their standard deviations."""
+    return np.concatenate([np.zeros(0), *(block.values for block in _list_blocks(state, pairing))])
+
+
+def mode_rows(state: CaseState, pairing: Pairing) -> tuple[tuple[int | None, ...], int]:
+    """Return the row of each frequency among the residuals of a case (None where it is held out), and
+    how many residuals there are.
     """
-    rows: list[int | None] = []
-    size = 0
-    for target in state.model.case.modes:
-        rows.append(None if target.hold_out else size)
-        if not target.hold_out:
-            size += 1 + (0 if target.shape is None else len(target.shape.entries))
-    size += sum(not compliance.hold_out for compliance in state.model.case.compliances)
-    return tuple(rows), size + (state.model.case.limit is not None)
+    blocks = list(_list_blocks(state, pairing))
+    ends = np.cumsum([0, *(len(block.values) for block in blocks)])
+    rows = iter(int(end) for block, end in zip(blocks, ends[:-1], strict=True) if block.frequency)
+    held_out = [target.hold_out for target in state.model.case.modes]
+    return tuple(None if held else next(rows) for held in held_out), int(ends[-1])
 
 
 def _case_jacobian(state: CaseState, pairing: Pairing) -> FloatArray:
-    """Derivatives ``(r, p)`` of the residuals by the parameters' values."""
-    slopes, count = state.by_parameter, len(state.model.parameters)
-    rows: list[FloatArray] = []
-    for target, mode in zip(state.model.case.modes, pairing.modes, strict=True):
-        if target.hold_out:
-            continue
-        row = np.zeros((1, count))
-        for index, slope in slopes.items():
-            row[0, index] = slope.eigenvalues[mode] / (2.0 * state.eigenvalues[mode] * target.sigma)
-        rows.append(row)
-        if target.shape is not None:
-            rows.append(_shape_gap_slopes(state, target.shape, mode, slopes, count))
-    for number, compliance in enumerate(state.model.case.compliances):
-        if compliance.hold_out:
-            continue
-        row = np.zeros((1, count))
-        size = float(state.compliances[number]) if compliance.logarithmic else compliance.value
-        for index, slope in slopes.items():
-            row[0, index] = slope.compliances[number] / (size * compliance.sigma)
-        rows.append(row)
-    if state.model.case.limit is not None:
-        rows.append(_limit_slopes(state, slopes, count))
-    return np.vstack(rows) if rows else np.zeros((0, count))
+    """Return derivatives ``(r, p)`` of the residuals by the parameters' values."""
+    rows = [block.find_slopes() for block in _list_blocks(state, pairing)]
+    return np.vstack([np.zeros((0, len(state.model.parameters))), *rows])
+
+
+def _spread_slopes(
+    state: CaseState, read: Callable[[CaseSlope], float], scale: float
+) -> FloatArray:
+    """Return a derivative by each parameter over a scale, ``(1, p)``; zero where it touches nothing."""
+    row = np.zeros((1, len(state.model.parameters)))
+    for index, slope in state.by_parameter.items():
+        row[0, index] = read(slope) / scale
+    return row
 
 
 def compliance_gap(target: ComplianceTarget, value: float) -> float:
-    """How far a compliance lies from its target, in standard deviations."""
+    """Return the distance of a compliance from its target in standard deviations."""
     if target.logarithmic:
         ratio = value / target.value
         return float(
@@ -192,9 +209,8 @@ def _shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
     return np.asarray((wanted - (wanted @ unit) * unit) / shape.tolerance)
 
 
-def _shape_gap_slopes(
-    state: CaseState, shape: ShapeTarget, mode: int, slopes: dict[int, CaseSlope], count: int
-) -> FloatArray:
+def _shape_gap_slopes(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
+    slopes, count = state.by_parameter, len(state.model.parameters)
     seen, wanted = _seen_shapes(state, shape)
     size = max(float(np.linalg.norm(seen[:, mode])), np.finfo(float).tiny)
     unit = seen[:, mode] / size
@@ -221,15 +237,12 @@ def _limit_gap(state: CaseState) -> float:
     return float(np.log(limit.below_hz / state.frequencies_hz[limit.modes]))
 
 
-def _limit_slopes(state: CaseState, slopes: dict[int, CaseSlope], count: int) -> FloatArray:
-    row = np.zeros((1, count))
+def _limit_slopes(state: CaseState) -> FloatArray:
     limit = state.model.case.limit
-    if limit is not None and _limit_gap(state) > 0.0:
-        for index, slope in slopes.items():
-            row[0, index] = -slope.eigenvalues[limit.modes] / (
-                2.0 * state.eigenvalues[limit.modes] * limit.sigma
-            )
-    return row
+    if limit is None or not _limit_gap(state) > 0.0:
+        return np.zeros((1, len(state.model.parameters)))
+    scale = -2.0 * state.eigenvalues[limit.modes] * limit.sigma
+    return _spread_slopes(state, lambda slope: slope.eigenvalues[limit.modes], scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,16 +253,11 @@ class FitProblem:
 
     cases: tuple[CaseModel, ...]
     parameters: tuple[Parameter, ...]
-    settings: FitSettings
+    settings: FitTable
 
     def coordinates(self, values: Sequence[float]) -> FloatArray:
         """Coordinates of parameter values."""
-        return np.array(
-            [
-                np.log(v) if p.logarithmic else v / _width(p)
-                for p, v in zip(self.parameters, values, strict=True)
-            ]
-        )
+        return np.array([_locate(p, v) for p, v in zip(self.parameters, values, strict=True)])
 
     def values(self, coordinates: FloatArray) -> dict[str, float]:
         """Parameter values by name, SI."""
@@ -283,11 +291,7 @@ class FitProblem:
         means, sigmas = np.full(len(self.parameters), np.nan), np.full(len(self.parameters), np.inf)
         for index, parameter in enumerate(self.parameters):
             if parameter.prior is not None and parameter.prior_sigma is not None:
-                means[index] = (
-                    np.log(parameter.prior)
-                    if parameter.logarithmic
-                    else parameter.prior / _width(parameter)
-                )
+                means[index] = _locate(parameter, parameter.prior)
                 sigmas[index] = parameter.prior_sigma / (
                     1.0 if parameter.logarithmic else _width(parameter)
                 )
@@ -400,3 +404,8 @@ def _make_point(
 
 def _width(parameter: Parameter) -> float:
     return parameter.upper - parameter.lower
+
+
+def _locate(parameter: Parameter, value: float) -> float:
+    """Return the coordinate of a value."""
+    return float(np.log(value)) if parameter.logarithmic else value / _width(parameter)

@@ -16,7 +16,7 @@ NAMED_SHARE = 0.25  # smallest entry of a direction that is named
 
 
 @dataclass(frozen=True, eq=False)
-class UnidentifiableDirection:
+class _UnidentifiableDirection:
     """A combination of parameters that the data do not fix.
 
     Attributes:
@@ -53,7 +53,7 @@ class FitStatistics:
     quantile: float
     data_share: FloatArray
     correlations: FloatArray
-    unidentifiable: tuple[UnidentifiableDirection, ...]
+    unidentifiable: tuple[_UnidentifiableDirection, ...]
     noise: float | None
     freedom: float
 
@@ -103,7 +103,7 @@ def assess(
         data_share=np.asarray(1.0 - np.diag(proper)),
         correlations=np.nan_to_num(posterior / np.outer(scale, scale)),
         unidentifiable=tuple(
-            UnidentifiableDirection(
+            _UnidentifiableDirection(
                 _name_direction(names, directions[i]), float(1.0 / value) if value > 0.0 else np.inf
             )
             for i, value in enumerate(values)

@@ -2,7 +2,8 @@
 everything that is wrong.
 """
 
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,23 +19,20 @@ from headstock.scene.reading.units import COMPLIANCE, FREQUENCY, RATIO, Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.validation import validate_against
 from headstock.studies.identification.parameters import read_parameters
-from headstock.studies.identification.schema import (
+from headstock.studies.identification.targets import (
     AtMostTable,
     CaseTable,
+    ComplianceTarget,
     ComplianceTargetTable,
     FitTable,
-    ModeTargetTable,
-    TargetsTable,
-)
-from headstock.studies.identification.targets import (
-    ComplianceTarget,
-    FitSettings,
     IdentificationTask,
     ModeLimit,
     ModeTarget,
+    ModeTargetTable,
     Parameter,
     ShapeTarget,
     TargetCase,
+    TargetsTable,
 )
 
 DEFAULT_TOLERANCE = 0.01
@@ -46,7 +44,7 @@ LIMIT_TOLERANCE = 0.01
 def _read_case(
     name: str, table: CaseTable, scene: Scene, fit: FitTable, findings: Findings
 ) -> TargetCase:
-    """The targets of a case.
+    """Return the targets of a case.
 
     Args:
         findings: Where problems go.
@@ -58,7 +56,6 @@ def _read_case(
             (*key, "pose"),
             f"unknown pose {pose[:80]!r}; {suggest_names(pose, scene.poses, what='poses')}",
         )
-    floor = table.modes_above if table.modes_above is not None else fit.modes_above
     spread = _relative(table.tolerance, 1.0) or DEFAULT_TOLERANCE
     modes = [
         ModeTarget(f"{name} {frequency:g} Hz", frequency, spread, None, table.hold_out)
@@ -70,53 +67,50 @@ def _read_case(
     compliances = []
     for index, target in enumerate(table.compliances or ()):
         compliances.append(_read_compliance(name, target, spread, table.hold_out))
-        for part in ("point", "force_at"):
-            place = getattr(target, part)
-            if place is not None:
-                _check_place((*key, "compliances", index, part), place, scene, findings)
-    for text, measured in (table.numbers or {}).items():
-        path = (*key, "numbers", text)
-        number = _read_number(text, measured, pose or next(iter(scene.poses)), path, findings)
-        if number is not None and number.kind == "frequency":
-            modes.append(
-                ModeTarget(
-                    f"{name} {text}",
-                    measured.value,
-                    spread,
-                    hold_out=table.hold_out,
-                    number=int(number["mode"]),
-                )
-            )
-        elif number is not None:
-            point, direction = str(number["point"]), str(number["direction"])
-            _check_place(path, point, scene, findings)
-            motion, force = (ObservedDof(point, "xyz".index(direction[end])) for end in (0, -1))
-            compliances.append(
-                ComplianceTarget(
-                    f"{name} {text}",
-                    motion,
-                    force,
-                    measured.value,
-                    spread,
-                    hold_out=table.hold_out,
-                )
-            )
+        _check_place((*key, "compliances", index, "point"), target.point, scene, findings)
+        if target.force_at is not None:
+            _check_place((*key, "compliances", index, "force_at"), target.force_at, scene, findings)
+    for number in _read_numbers(name, table, spread, pose, scene, findings):
+        if isinstance(number, ModeTarget):
+            modes.append(number)
+        else:
+            compliances.append(number)
     modes.sort(key=lambda mode: mode.frequency_hz)
+    floor = (table.modes_above if table.modes_above is not None else fit.modes_above) or 0.0
     for mode in modes:
-        if floor is not None and mode.frequency_hz <= floor:
+        if mode.frequency_hz <= floor:
             findings.add(
                 key,
                 f"{mode.frequency_hz:g} Hz lies below modes_above ({floor:g} Hz), so no mode can meet it; lower that",
             )
-    return TargetCase(
-        name,
-        table.variant,
-        pose,
-        floor or 0.0,
-        _fill_shapes(modes, scene),
-        tuple(compliances),
-        _read_limit(table.at_most),
-    )
+    shaped = tuple(_fill_shape(mode, scene) for mode in modes)
+    limit = _read_limit(table.at_most)
+    return TargetCase(name, table.variant, pose, floor, shaped, tuple(compliances), limit)
+
+
+def _read_numbers(
+    case: str,
+    table: CaseTable,
+    spread: float,
+    pose: str | None,
+    scene: Scene,
+    findings: Findings,
+) -> Iterator[ModeTarget | ComplianceTarget]:
+    """Yield the targets of measured numbers: frequencies and compliances."""
+    for text, measured in (table.numbers or {}).items():
+        path: KeyPath = ("cases", case, "numbers", text)
+        key = _read_number(text, measured, pose or next(iter(scene.poses)), path, findings)
+        if key is None:
+            continue
+        name, hold_out = f"{case} {text}", table.hold_out
+        if key.kind == "frequency":
+            mode = int(key["mode"])
+            yield ModeTarget(name, measured.value, spread, hold_out=hold_out, number=mode)
+            continue
+        point, direction = str(key["point"]), str(key["direction"])
+        _check_place(path, point, scene, findings)
+        motion, force = (ObservedDof(point, "xyz".index(direction[end])) for end in (0, -1))
+        yield ComplianceTarget(name, motion, force, measured.value, spread, hold_out=hold_out)
 
 
 def _read_number(
@@ -168,8 +162,8 @@ def _read_mode(case: str, table: ModeTargetTable, spread: float, hold_out: bool)
 
 
 def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
-    """The shape as written; bodies a description is silent about are filled in by
-    ``_fill_shapes``.
+    """Return the shape as written; bodies a description is silent about are filled in by
+    ``_fill_shape``.
     """
     if table.vectors is not None:
         entries = [
@@ -193,34 +187,23 @@ def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
     )
 
 
-def _fill_shapes(modes: list[ModeTarget], scene: Scene) -> tuple[ModeTarget, ...]:
-    """Described shapes with every body: one that is not named stands still, one to be ignored is
-    left out.
+def _fill_shape(mode: ModeTarget, scene: Scene) -> ModeTarget:
+    """Return a mode whose described shape has every body: one that is not named stands still, one to
+    be ignored is left out.
     """
-    result = []
-    for mode in modes:
-        if mode.shape is not None and mode.shape.described:
-            named = {(body, dof): value for body, dof, value in mode.shape.entries if dof >= 0}
-            ignored = {body for body, dof, _ in mode.shape.entries if dof < 0}
-            dofs = [
-                dof
-                for kind in (range(3), range(3, 6))
-                for dof in kind
-                if any(d in kind for _, d in named)
-            ]
-            entries = tuple(
-                (body, dof, named.get((body, dof), 0.0))
-                for body in scene.machine.components
-                if body not in ignored
-                for dof in dofs
-            )
-            shape = ShapeTarget(entries, mode.shape.tolerance, described=True)
-            result.append(
-                ModeTarget(mode.name, mode.frequency_hz, mode.sigma, shape, mode.hold_out)
-            )
-        else:
-            result.append(mode)
-    return tuple(result)
+    if mode.shape is None or not mode.shape.described:
+        return mode
+    named = {(body, dof): value for body, dof, value in mode.shape.entries if dof >= 0}
+    ignored = {body for body, dof, _ in mode.shape.entries if dof < 0}
+    kinds = (range(3), range(3, 6))
+    dofs = [dof for kind in kinds if any(d in kind for _, d in named) for dof in kind]
+    entries = tuple(
+        (body, dof, named.get((body, dof), 0.0))
+        for body in scene.machine.components
+        if body not in ignored
+        for dof in dofs
+    )
+    return dataclasses.replace(mode, shape=dataclasses.replace(mode.shape, entries=entries))
 
 
 def _check_shape(key: KeyPath, table: ModeTargetTable, scene: Scene, findings: Findings) -> None:
@@ -330,15 +313,7 @@ def load_targets(
     parameters = read_parameters(table, scenes or {None: written}, findings)
     _check_amount(cases, parameters, findings)
     findings.raise_if_any()
-    fit = table.fit
-    settings = FitSettings(
-        fit.starts if starts is None else starts,
-        fit.seed,
-        fit.pairing,
-        fit.noise,
-        fit.method,
-        fit.evaluations,
-    )
+    settings = table.fit if starts is None else table.fit.model_copy(update={"starts": starts})
     return LoadedTask(
         IdentificationTask(table.name or path.stem, tuple(cases), parameters, settings),
         scenes,

@@ -1,12 +1,322 @@
-"""What an identification is asked for: targets per variant and pose, and parameters with bounds and
-priors. SI units.
+"""Target files: the tables of what was measured in which variants and poses and which scene keys may be
+fitted to it, and what is made of them, in SI units.
 """
 
 from dataclasses import dataclass
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from headstock.reduction.coupling.slopes import ObservedDof
+from headstock.scene.reading import units
+from headstock.scene.reading.keys import NUMBER
 from headstock.scene.reading.positions import KeyPath
-from headstock.scene.reading.units import Dimension
+from headstock.scene.reading.units import COMPLIANCE, DIMENSIONS, Dimension, Quantity
+from headstock.scene.schema.types import (
+    Between,
+    Count,
+    CountFromZero,
+    Flag,
+    JsonForm,
+    Name,
+    Names,
+    Number,
+    OrForm,
+    PositiveFrequency,
+    PositiveNumber,
+    QuantityPattern,
+    StrictTable,
+    Text,
+    describe_quantity,
+    problem,
+    read_quantity,
+)
+
+MAX_STARTS = 4096
+Measured = Annotated[
+    Quantity,
+    BeforeValidator(lambda value: read_quantity(value, units.FREQUENCY, COMPLIANCE)),
+    describe_quantity(units.FREQUENCY, COMPLIANCE),
+]
+Compliance = Annotated[
+    float,
+    BeforeValidator(lambda value: read_quantity(value, COMPLIANCE).value),
+    describe_quantity(COMPLIANCE),
+]
+Letter = Literal["x", "y", "z", "-x", "-y", "-z"]
+_ALONE = OrForm({"type": "string", "description": "scene key"})
+
+
+def _read_any(value: object) -> Quantity:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return Quantity(float(value), NUMBER)
+    return read_quantity(value, *DIMENSIONS)
+
+
+def _require_spread(found: Quantity) -> Quantity:
+    if not found.value > 0.0:
+        raise problem(f"is {found.value:g} but a standard deviation is above zero")
+    return found
+
+
+AnyQuantity = Annotated[
+    Quantity,
+    BeforeValidator(_read_any),
+    JsonForm({"type": ["string", "number"], "pattern": QuantityPattern(DIMENSIONS)}),
+]
+FrequencySpread = Annotated[
+    Quantity,
+    BeforeValidator(lambda value: read_quantity(value, units.RATIO, units.FREQUENCY)),
+    AfterValidator(_require_spread),
+    describe_quantity(units.RATIO, units.FREQUENCY),
+]
+ComplianceSpread = Annotated[
+    Quantity,
+    BeforeValidator(lambda value: read_quantity(value, units.RATIO, COMPLIANCE)),
+    AfterValidator(_require_spread),
+    describe_quantity(units.RATIO, COMPLIANCE),
+]
+RatioSpread = Annotated[
+    Quantity,
+    BeforeValidator(lambda value: read_quantity(value, units.RATIO)),
+    AfterValidator(_require_spread),
+    describe_quantity(units.RATIO),
+]
+
+
+class BodyMoveTable(StrictTable):
+    """Bodies that move alike in a mode: turn about an axis or shift along one, ``-`` for the other
+    way round.
+    """
+
+    bodies: Names
+    """components that move alike"""
+    rotation: Letter | None = None
+    """axis they turn about; `-` for the opposite sense of the first motion"""
+    translation: Letter | None = None
+    """axis they move along; `-` for the opposite sense of the first motion"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.rotation is None) == (self.translation is None):
+            raise problem('needs either rotation = "y" or translation = "x"')
+        return self
+
+
+class ModeTargetTable(StrictTable):
+    """One measured natural frequency, with the shape where it is known."""
+
+    frequency: PositiveFrequency
+    """measured natural frequency"""
+    tolerance: FrequencySpread | None = None
+    """its standard deviation"""
+    weight: PositiveNumber = 1.0
+    """multiplies the squared residual"""
+    name: Text = ""
+    """in tables"""
+    moves: Annotated[list[BodyMoveTable], Field(min_length=1, max_length=100)] | None = None
+    """mode shape in words: which bodies move together, and how"""
+    ignore: Names | None = None
+    """bodies that the description says nothing about"""
+    vectors: (
+        Annotated[
+            dict[Text, Annotated[list[Number], Field(min_length=3, max_length=3)]],
+            Field(min_length=1),
+        ]
+        | None
+    ) = None
+    """measured motion `[x, y, z]` of points, by name"""
+    shape_tolerance: Annotated[PositiveNumber, Between(0.0, 10.0)] | None = None
+    """standard deviation of 1 - MAC"""
+    hold_out: Flag = False
+    """compared, but not fitted"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.moves is not None and self.vectors is not None:
+            raise problem("gives both moves and vectors; keep one description of the shape")
+        if self.ignore is not None and self.moves is None:
+            raise problem("`ignore` names bodies that moves says nothing about; it goes with moves")
+        return self
+
+
+class ComplianceTargetTable(StrictTable):
+    """A measured compliance: motion at a point in one direction per unit force in another, at the
+    same point or elsewhere.
+    """
+
+    point: Text
+    """where the motion was measured"""
+    motion: Literal["x", "y", "z"]
+    """direction of the motion"""
+    force: Literal["x", "y", "z"]
+    """direction of the force"""
+    force_at: Text | None = None
+    """where the force acts; default: the same point"""
+    value: Compliance
+    """motion per force"""
+    tolerance: ComplianceSpread | None = None
+    """its standard deviation"""
+    weight: PositiveNumber = 1.0
+    """multiplies the squared residual"""
+    either_sign: Flag = False
+    """only the magnitude was measured"""
+    hold_out: Flag = False
+    """compared, but not fitted"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.value == 0.0:
+            raise problem(
+                "is zero; leave an entry that should vanish out, or give what was measured"
+            )
+        return self
+
+
+class AtMostTable(StrictTable):
+    """At most so many modes (above `modes_above`) below a frequency."""
+
+    modes: CountFromZero
+    """maximum number of modes"""
+    below: PositiveFrequency
+    """below this frequency"""
+    tolerance: RatioSpread | None = None
+    """relative standard deviation of the frequency"""
+
+
+class CaseTable(StrictTable):
+    """What was measured in one variant and pose."""
+
+    variant: Text | None = None
+    """variant of the scene; default: as written"""
+    pose: Text | None = None
+    """pose of the scene; default: the first"""
+    modes_above: PositiveFrequency | None = None
+    """modes below this frequency are left out (a machine on its air springs)"""
+    tolerance: RatioSpread | None = None
+    """standard deviation of every target without its own"""
+    frequencies: Annotated[list[PositiveFrequency], Field(min_length=1, max_length=1000)] | None = (
+        None
+    )
+    """all measured natural frequencies in their range"""
+    modes: Annotated[list[ModeTargetTable], Field(min_length=1, max_length=1000)] | None = None
+    """measured natural frequencies with shapes"""
+    compliances: (
+        Annotated[list[ComplianceTargetTable], Field(min_length=1, max_length=1000)] | None
+    ) = None
+    """measured compliances"""
+    numbers: Annotated[dict[Text, Measured], Field(min_length=1, max_length=1000)] | None = None
+    """measured values of numbers by name: `frequency(mode=3)`, `compliance(point=tcp,direction=x)`"""
+    at_most: AtMostTable | None = None
+    """a limit on the number of modes"""
+    hold_out: Flag = False
+    """compared, but not fitted"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not (self.frequencies or self.modes or self.compliances or self.numbers):
+            raise problem(
+                'holds no target; write frequencies = ["80 Hz"], modes = [{ ... }] or compliances = [{ ... }]'
+            )
+        return self
+
+
+def _read_rule(value: object) -> object:
+    return {"key": value} if isinstance(value, str) else value
+
+
+class SetRuleTable(StrictTable):
+    """A scene key that takes the parameter's value, times `factor`, plus `offset`."""
+
+    key: Text
+    """dotted key of the scene; `*` stands for any text"""
+    factor: Number = 1.0
+    """times the value"""
+    offset: AnyQuantity | None = None
+    """added to it"""
+
+
+class PowerRuleTable(StrictTable):
+    """A scene key whose value is multiplied by the parameter over its reference, to a power."""
+
+    key: Text
+    """dotted key of the scene; `*` stands for any text"""
+    power: Number = 1.0
+    """exponent of the ratio"""
+
+
+class ShiftRuleTable(StrictTable):
+    """A scene key that moves by `factor` times the parameter's change from its reference."""
+
+    key: Text
+    """dotted key of the scene; `*` stands for any text"""
+    factor: Number = 1.0
+    """times the change"""
+
+
+class ParameterTable(StrictTable):
+    """A number that is fitted, and the scene keys that follow it."""
+
+    keys: Annotated[
+        list[Annotated[SetRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)
+    ] = []
+    """scene keys that take the value"""
+    multiplies: Annotated[
+        list[Annotated[PowerRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)
+    ] = []
+    """scene keys that are multiplied by the value over its reference"""
+    shifts: Annotated[
+        list[Annotated[ShiftRuleTable, BeforeValidator(_read_rule), _ALONE]], Field(max_length=1000)
+    ] = []
+    """scene keys to which the change from the reference is added"""
+    bounds: Annotated[list[AnyQuantity], Field(min_length=2, max_length=2)]
+    """lowest and highest value"""
+    start: AnyQuantity | None = None
+    """start value of the first descent; default: the value in the scene"""
+    prior: AnyQuantity | None = None
+    """mean of the prior distribution"""
+    prior_sigma: AnyQuantity | None = None
+    """standard deviation of the prior distribution"""
+    scale: Literal["log", "linear"] = "log"
+    """whether steps are relative or absolute"""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not (self.keys or self.multiplies or self.shifts):
+            raise problem('moves nothing; write keys = ["joints.NAME.stiffness.normal"]')
+        return self
+
+
+class FitTable(StrictTable):
+    """How the fit is done."""
+
+    starts: Annotated[Count, Between(1, MAX_STARTS)] = 1
+    """number of descents from different start values"""
+    seed: CountFromZero = 1
+    """of the random starts"""
+    modes_above: PositiveFrequency | None = None
+    """default for every case without its own"""
+    pairing: Literal["best", "track"] = "best"
+    """assign modes to targets again in every step, or keep the first assignment"""
+    noise: Literal["stated", "residuals"] = "stated"
+    """standard deviations as given, or estimated from the residuals"""
+    method: Literal["trf", "dogbox"] = "trf"
+    """method of `scipy.optimize.least_squares`"""
+    evaluations: Count = 200
+    """maximum number of evaluations per descent"""
+
+
+class TargetsTable(StrictTable):
+    """A target file."""
+
+    name: Text | None = None
+    """heading of the results; default: the file's name"""
+    cases: Annotated[dict[Name, CaseTable], Field(min_length=1)]
+    """measurements by name: one variant in one pose each"""
+    parameters: Annotated[dict[Name, ParameterTable], Field(min_length=1)]
+    """numbers of the scene that are fitted, by name"""
+    fit: FitTable = FitTable()
+    """settings of the fit"""
 
 
 @dataclass(frozen=True)
@@ -102,7 +412,7 @@ class TargetCase:
 
     @property
     def most_modes(self) -> int:
-        """How many modes its targets take at least, those below the floor among them."""
+        """Number of modes that its targets take at least, those below the floor among them."""
         return max(len(self.modes), *(target.number or 0 for target in self.modes), 0)
 
     @property
@@ -158,32 +468,10 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class FitSettings:
-    """How the fit is done.
-
-    Attributes:
-        starts: The first at the start values, the others spread by a Sobol sequence.
-        pairing: ``best``: at every step the cheapest pairing of targets and modes; ``track``: the
-            pairing found at the start of each run is followed by MAC from step to step.
-        noise: Where the size of the errors comes from: the ``stated`` tolerances or the
-            ``residuals``.
-        method: Of ``scipy.optimize.least_squares``.
-        evaluations: At most so many per start.
-    """
-
-    starts: int = 1
-    seed: int = 1
-    pairing: str = "best"
-    noise: str = "stated"
-    method: str = "trf"
-    evaluations: int = 200
-
-
-@dataclass(frozen=True)
 class IdentificationTask:
     """A checked target file."""
 
     name: str
     cases: tuple[TargetCase, ...]
     parameters: tuple[Parameter, ...]
-    settings: FitSettings
+    settings: FitTable

@@ -5,7 +5,7 @@ go, and the numbers that are watched, modes paired by shape.
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -25,7 +25,7 @@ from headstock.pipeline.accuracy.settings import (
     grade_mesh,
     is_chosen,
 )
-from headstock.pipeline.numbers.numbers import Key, make_key
+from headstock.pipeline.numbers.numbers import Key, Numbers, make_key
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.views import ShiftArray
 from headstock.scene.reading.files import TomlValue
@@ -92,7 +92,7 @@ class MeshSeries:
                 ("details", mesh.details, 1.0),
             ):
                 if size is not None:
-                    found[f"components.{name}.mesh.{key}"] = show_size(factor**power * size)
+                    found[f"components.{name}.mesh.{key}"] = write_size(factor**power * size)
             if mesh.growth is not None:
                 found[f"components.{name}.mesh.growth"] = mesh.growth
             if any(p.shape != "whole" for i in part.interfaces.values() for p in i.patches):
@@ -103,7 +103,7 @@ class MeshSeries:
     def sizes(self, factor: float) -> dict[str, str]:
         """Element size of each component at a factor."""
         return {
-            name: show_size(factor * part.mesh.size)
+            name: write_size(factor * part.mesh.size)
             for name, part in self.parts.items()
             if part.mesh.size is not None
         }
@@ -145,8 +145,8 @@ class Convergence:
     failures: tuple[str, ...] = ()
 
 
-def show_size(size: float) -> str:
-    """A length [m] as a scene has it, to three digits."""
+def write_size(size: float) -> str:
+    """Return a length [m] as a scene has it, to three digits."""
     return f"{float(f'{1e3 * size:.3g}'):g} mm"
 
 
@@ -217,7 +217,7 @@ def run_convergence(
                 observer(dataclasses.replace(progress, total=progress.number + 1))
 
         records = run_study(step, folder, comm=comm, observer=tell, warm_up=count == 1)
-        found = make_on_root(comm, functools.partial(_judge, series, records, goal))
+        found = make_on_root(comm, functools.partial(_evaluate, series, records, goal))
         if found.end:
             break
     if found is not None and not found.records:
@@ -228,7 +228,7 @@ def run_convergence(
 def _extend(study: Study, series: MeshSeries, count: int) -> Study:
     """The study of the first few meshes."""
     settings = [series.settings(factor) for factor in series.factors]
-    columns = {key: tuple(each[key] for each in settings) for key in settings[0]}
+    columns = {key: tuple(one_mesh[key] for one_mesh in settings) for key in settings[0]}
     (family,) = study.families
     family = dataclasses.replace(
         family,
@@ -244,37 +244,35 @@ def plan_study(analyses: Sequence[str]) -> Study:
     return Study("converge", (StudyFamily("", "", {}, {}, analyses=tuple(analyses)),), cold=True)
 
 
-def _judge(
+def _evaluate(
     series: MeshSeries, records: Sequence[StudyRecord], goal: ConvergenceGoal
 ) -> Convergence:
-    """What the meshes so far say, and whether they are enough."""
-    done = [
-        (factor, record)
-        for factor, record in zip(series.factors, records, strict=False)
-        if record.status == "done"
-    ]
-    failed = [
+    """Return what the meshes so far say, and whether they are enough."""
+    meshes = list(zip(series.factors, records, strict=False))
+    done = [(factor, record) for factor, record in meshes if record.status == "done"]
+    failed = tuple(
         f"size {', '.join(series.sizes(factor).values())}: {record.error}"
-        for factor, record in zip(series.factors, records, strict=False)
+        for factor, record in meshes
         if record.status == "failed"
-    ]
+    )
     costs = _gather_costs(done)
     chosen = tuple(record for _, record in done)
     watched = tuple(watch_numbers(chosen, goal.watch)) if chosen else ()
-    limits = tuple(find_limit(costs.factors, each) for each in watched)
-    found = Convergence(series, costs, chosen, watched, limits, failures=tuple(failed))
+    limits = tuple(find_limit(costs.factors, number) for number in watched)
+    found = Convergence(series, costs, chosen, watched, limits, failures=failed)
     return dataclasses.replace(found, end=_find_end(found, records, goal))
 
 
 def _find_end(found: Convergence, records: Sequence[StudyRecord], goal: ConvergenceGoal) -> str:
-    """Why no finer mesh is computed; empty where one is."""
+    """Return why no finer mesh is computed; empty where one is."""
     last, number = records[-1], len(records)
     if last.status == "failed" and (found.records or number == MOST_FAILURES):
         fits = "the next mesh does not fit" if last.error.startswith(BUDGET) else "the next mesh"
         return f"{fits}: {last.error}" if found.records else last.error
     if not found.records:
         return ""
-    if len(found.records) >= FEWEST_MESHES[found.series.step] and all(
+    enough = len(found.records) >= FEWEST_MESHES[found.series.step]
+    if enough and all(
         limit.order is not None
         and limit.share <= goal.accuracy
         and abs((each.values[-1] or 0.0) / limit.value - 1.0) <= goal.accuracy
@@ -283,13 +281,18 @@ def _find_end(found: Convergence, records: Sequence[StudyRecord], goal: Converge
         return "every number is known well enough"
     if number == len(found.series.factors):
         return f"{number} meshes are the most that are tried"
-    costs, factor = found.costs, found.series.factors[number]
+    return _exceed_goal(found.costs, found.series.factors[number], goal)
+
+
+def _exceed_goal(costs: MeshCosts, factor: float, goal: ConvergenceGoal) -> str:
+    """Return which limit the mesh of a factor would go beyond; empty where none."""
+    most = f"--most-dofs is {goal.most_dofs}"
     if costs.dofs[-1] > goal.most_dofs:
-        return f"the last mesh has {costs.dofs[-1]} dofs already; --most-dofs is {goal.most_dofs}"
+        return f"the last mesh has {costs.dofs[-1]} dofs already; {most}"
     dofs = estimate_dofs(costs, factor)
-    seconds = estimate_cost(costs.dofs, costs.seconds, dofs, TIME_SLOPE)
     if dofs > goal.most_dofs:
-        return f"the next mesh would have about {show_count(dofs)} dofs; --most-dofs is {goal.most_dofs}"
+        return f"the next mesh would have about {show_count(dofs)} dofs; {most}"
+    seconds = estimate_cost(costs.dofs, costs.seconds, dofs, TIME_SLOPE)
     if sum(costs.seconds) + seconds > goal.most_seconds:
         return f"the next mesh would take about {seconds:.2g} s more; --most-seconds is {goal.most_seconds:g}"
     return ""
@@ -330,35 +333,54 @@ def watch_numbers(
     """
     finest, modes = records[-1].numbers, _first_modes(records[-1])
     partners = [_pair_modes(modes, _first_modes(record)) for record in records]
-    found = (
-        [number for pattern in patterns for number in finest.select(pattern).values()]
-        if patterns
-        else sorted(finest.values(), key=lambda number: number.key.kind != "frequency")
-    )
     pose = next((key["pose"] for key in finest if key.kind == "compliance"), "")
-    for key in dict.fromkeys(number.key for number in found if 0.0 < abs(number.value) < math.inf):
-        paired = modes is not None and "mode" in key.group.roles and key["pose"] == modes.pose
-        name, title = str(key), key.describe(several_poses=True)
-        if key.kind == "compliance" and key["pose"] == pose and key["direction"] in DIRECTIONS:
-            name = f"{key['point']} {key['direction']}"
-            title = f"static compliance at {key['point']} along {key['direction']}"
-        elif key.kind == "frequency" and modes is not None and paired:
-            index = int(key["mode"]) - modes.first
-            if index < modes.shapes.rigid_count:
-                continue
-            name = f"f{index - modes.shapes.rigid_count + 1}"
-            title = f"{name}, {modes.names[index]}"
-        elif not patterns:
+    for key in _select_watched(finest, patterns):
+        names = _name_watched(key, pose, modes)
+        if names is None or (not patterns and names == _name_plainly(key)):
             continue
+        paired = modes is not None and _is_of(key, modes)
         others = [_with_mode(key, pairs) if paired else key for pairs in partners]
-        yield MeshedNumber(
-            name,
-            title,
-            tuple(
-                None if other is None else record.numbers.get(other)
-                for record, other in zip(records, others, strict=True)
-            ),
+        numbers = (
+            None if other is None else record.numbers.get(other)
+            for record, other in zip(records, others, strict=True)
         )
+        yield MeshedNumber(name=names[0], title=names[1], numbers=tuple(numbers))
+
+
+def _select_watched(numbers: Numbers, patterns: Sequence[str]) -> Iterable[Key]:
+    """Return keys of numbers that are known and not zero: of patterns, or frequencies and all others."""
+    chosen = (
+        [number for pattern in patterns for number in numbers.select(pattern).values()]
+        if patterns
+        else sorted(numbers.values(), key=lambda number: number.key.kind != "frequency")
+    )
+    return dict.fromkeys(number.key for number in chosen if 0.0 < abs(number.value) < math.inf)
+
+
+def _name_plainly(key: Key) -> tuple[str, str]:
+    return str(key), key.describe(several_poses=True)
+
+
+def _is_of(key: Key, modes: "_FirstModes") -> bool:
+    """Tell whether a number is of one of the modes of the first pose."""
+    return "mode" in key.group.roles and key["pose"] == modes.pose
+
+
+def _name_watched(key: Key, pose: str | int, modes: "_FirstModes | None") -> tuple[str, str] | None:
+    """Return name and title of a number; None of a rigid-body mode.
+
+    Args:
+        pose: Whose compliances have short names.
+        modes: Of the first pose, whose frequencies have.
+    """
+    if key.kind == "compliance" and key["pose"] == pose and key["direction"] in DIRECTIONS:
+        point, direction = key["point"], key["direction"]
+        return f"{point} {direction}", f"static compliance at {point} along {direction}"
+    if key.kind == "frequency" and modes is not None and _is_of(key, modes):
+        index = int(key["mode"]) - modes.first
+        name = f"f{index - modes.shapes.rigid_count + 1}"
+        return None if index < modes.shapes.rigid_count else (name, f"{name}, {modes.names[index]}")
+    return _name_plainly(key)
 
 
 class _FirstModes(NamedTuple):
@@ -398,7 +420,7 @@ def _with_mode(key: Key, partners: Mapping[int, int]) -> Key | None:
 
 
 def measure_fields(scene: Scene, results: Results) -> Measured:
-    """How the bodies move in each mode of the first pose, the same places on every mesh.
+    """Measure motions of the bodies in each mode of the first pose, at the same places on every mesh.
 
     Args:
         scene: Not needed; every measure of a study is given it.

@@ -1,7 +1,9 @@
 """Cost and error of the runs of a study, compared with one of its points, the reference run."""
 
 import dataclasses
+import itertools
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -53,7 +55,7 @@ class CostPoint:
 
     @property
     def competes(self) -> bool:
-        """Whether it is one of those among which the cheapest is sought."""
+        """It is one of those among which the cheapest is sought."""
         return not self.automatic and not self.other_model
 
 
@@ -62,29 +64,22 @@ def weigh_costs(table: StudyTable) -> list[CostPoint]:
 
     Empty when the reference run failed.
     """
-    references = [
-        row
-        for row in table.rows
-        if row.record.family == REFERENCE_RUN and row.record.status == "done"
-    ]
-    if not references:
+    is_reference = [row.record.family == REFERENCE_RUN for row in table.rows]
+    references = itertools.compress(table.rows, is_reference)
+    reference = next((row for row in references if row.record.status == "done"), None)
+    if reference is None:
         return []
     exact = {
         column: value
-        for column, value in references[0].values.items()
+        for column, value in reference.values.items()
         if is_number(value) and column not in MEASURED_NAMES
     }
     families = {family.name: family for family in table.study.families}
-    weighed = [
-        _weigh(row, exact, families[row.record.family])
-        for row in table.rows
-        if row.record.family != REFERENCE_RUN
-    ]
-    points = [point for point in weighed if point is not None]
-    front = pareto_front([point for point in points if point.competes], "cpu")
-    return [
-        dataclasses.replace(point, best=any(other is point for other in front)) for point in points
-    ]
+    others = itertools.compress(table.rows, map(operator.not_, is_reference))
+    weighed = (_weigh(row, exact, families[row.record.family]) for row in others)
+    points = list(filter(None, weighed))
+    front = set(map(id, pareto_front([point for point in points if point.competes], "cpu")))
+    return [dataclasses.replace(point, best=id(point) in front) for point in points]
 
 
 def pareto_front(points: Sequence[CostPoint], cost: str) -> list[CostPoint]:

@@ -14,8 +14,8 @@ from headstock.solvers.ranks import make_on_root
 from headstock.studies.parameters.convergence import (
     Convergence,
     ConvergenceGoal,
-    show_size,
     watch_numbers,
+    write_size,
 )
 from headstock.studies.parameters.limits import Limit, MeshedNumber, MeshNeed
 from headstock.studies.parameters.records import StudyRecord
@@ -104,7 +104,7 @@ def try_features(
             name=FAMILY,
             settings=planned.settings,
             vary={
-                f"components.{name}.mesh.leave_out": (show_size(radius),) for name in planned.parts
+                f"components.{name}.mesh.leave_out": (write_size(radius),) for name in planned.parts
             },
             pairwise=True,
         )
@@ -117,14 +117,14 @@ def try_features(
             warm_up=False,
         )
 
-        def judge(
+        def compare(
             records: list[StudyRecord] = records, radius: float = radius
         ) -> FeatureTrial | None:
             if found is None or records[0].status == "failed":
                 return None
             return _compare(found, planned.record, records[0], radius, goal.accuracy)
 
-        trial = make_on_root(comm, judge)
+        trial = make_on_root(comm, compare)
         trials += [] if trial is None else [trial]
         if trial is not None and not trial.matters:
             break

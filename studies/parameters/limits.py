@@ -98,7 +98,7 @@ class MeshedNumber:
 
     def _scale(self, read: Callable[[Number], float | None]) -> tuple[float | None, ...]:
         found = [None if number is None else read(number) for number in self.numbers]
-        return tuple(None if each is None else self.finest.shown[1] * each for each in found)
+        return tuple(None if value is None else self.finest.shown[1] * value for value in found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,14 +148,14 @@ class MeshNeed:
 
 
 def find_limit(factors: Sequence[float], series: MeshedNumber) -> Limit:
-    """Where a number goes as the mesh gets finer, by its three finest meshes.
+    """Return the limit of a number as the mesh gets finer, by its three finest meshes.
 
-    Two ways stand beside each other. Over the sizes (Richardson) the order is free; it takes meshes
-    of which every element shrinks alike, which curved faces and patches prevent in most CAD parts.
-    Over the estimated errors of the meshes, to which true ones are proportional, there is no order
-    to be found. The limit may be off by what the ways, and pairs of the meshes, differ from each
-    other and from what the estimate of the finest mesh usually amounts to, and by no less than a
-    share of the distance from that mesh.
+    There are two ways to it. Over the sizes (Richardson) the order is free; it takes meshes of which
+    every element shrinks alike, which curved faces and patches prevent in most CAD parts. Over the
+    estimated errors of the meshes, to which true ones are proportional, there is no order to be
+    found. The limit may be off by what the ways, and pairs of the meshes, differ from each other and
+    from what the estimate of the finest mesh usually amounts to, and by no less than a share of the
+    distance from that mesh.
 
     Args:
         factors: Sizes, coarse to fine.
@@ -163,40 +163,60 @@ def find_limit(factors: Sequence[float], series: MeshedNumber) -> Limit:
     Source: Richardson (1911); Roache (1994), J. Fluids Eng. 116, 405-413; Zienkiewicz and Zhu
     (1992) on errors that are estimated.
     """
-    known = [
+    meshes = [
         _Mesh(factor, value, error)
         for factor, value, error in zip(factors, series.values, series.mesh_errors, strict=True)
         if value is not None
     ]
-    last = known[-LEAST_SIZES:]
+    last = meshes[-LEAST_SIZES:]
     finest, bound = last[-1].value, series.bounds[-1]
     if len(last) < LEAST_SIZES:
         return Limit(finest, bound, remark="too few meshes")
     spread = max(mesh.value for mesh in last) - min(mesh.value for mesh in last)
     if spread <= UNCHANGED * abs(finest):
         return Limit(finest, series.fixed, remark="does not depend on the mesh")
+    ways = _find_ways(last)
+    if isinstance(ways, str):
+        return Limit(finest, max(SCATTER * spread, bound or 0.0), remark=ways)
+    value, others = ways
+    return _bound_limit(last, value, others, fixed=series.fixed)
+
+
+def _find_ways(last: Sequence["_Mesh"]) -> tuple[float, list[float]] | str:
+    """Return the limit of three meshes and others beside it; or why there is none."""
     richardson, remark = _extrapolate_sizes(last)
     others = _extrapolate_errors(last)
     if others is None and richardson is None:
-        return Limit(finest, max(SCATTER * spread, bound or 0.0), remark=remark or "no order")
+        return remark or "no order"
     if others is None:
-        value, seconds = richardson or finest, [_cautious_limit(last)]
-    else:
-        # an order below one says little beside that
-        firm = richardson is not None and (_observe_order(last, richardson) or 0.0) >= FIRM_ORDER
-        value, seconds = others[0], [*others[1:], *([richardson] if richardson and firm else [])]
-    estimate = last[-1].error
+        return richardson or last[-1].value, [_limit_by_order(last, CAUTIOUS_ORDER)]
+    # an order below one says little beside that
+    firm = richardson is not None and (_observe_order(last, richardson) or 0.0) >= FIRM_ORDER
+    return others[0], [*others[1:], *([richardson] if richardson and firm else [])]
+
+
+def _bound_limit(
+    last: Sequence["_Mesh"], value: float, seconds: Sequence[float], *, fixed: float
+) -> Limit:
+    """Return a limit with how far it may be off, and its order where that is believable.
+
+    Args:
+        seconds: Limits found in other ways.
+        fixed: The part of ± that no finer mesh takes away.
+    """
+    finest, estimate = last[-1].value, last[-1].error
     if estimate is not None:
-        seconds.append(finest + math.copysign(USUAL_SHARE * estimate, value - finest))
+        usual = finest + math.copysign(USUAL_SHARE * estimate, value - finest)
+        seconds = [*seconds, usual]
     distance, order = abs(finest - value), _observe_order(last, value)
     error = max(LEAST_DOUBT * distance, *(abs(value - other) for other in seconds))
     if estimate is not None and error > distance:
-        return Limit(value, error + series.fixed, remark="two ways differ")
+        return Limit(value, error + fixed, remark="two ways differ")
     if order is not None and order > LARGEST_ORDER + ROUNDED:
         # a stroke of luck on the last mesh: no sequence falls so fast
-        wide = max(error, estimate or 0.0) + series.fixed
+        wide = max(error, estimate or 0.0) + fixed
         return Limit(value, wide, remark=f"faster than order {LARGEST_ORDER:g}")
-    return Limit(value, error + series.fixed, order)
+    return Limit(value, error + fixed, order)
 
 
 class _Mesh(NamedTuple):
@@ -220,10 +240,6 @@ def _limit_by_order(last: Sequence[_Mesh], order: float) -> float:
     *_, before, finest = last
     ratio = math.pow(before.factor / finest.factor, order)
     return finest.value - (before.value - finest.value) / (ratio - 1.0)
-
-
-def _cautious_limit(last: Sequence[_Mesh]) -> float:
-    return _limit_by_order(last, CAUTIOUS_ORDER)
 
 
 def _extrapolate_errors(last: Sequence[_Mesh]) -> tuple[float, float, float] | None:
@@ -257,9 +273,9 @@ def _observe_order(last: Sequence[_Mesh], limit: float) -> float | None:
     return float(np.polyfit(np.log(sizes), np.log(distances), 1)[0])
 
 
-def relative_errors(series: MeshedNumber, limit: Limit) -> list[float | None]:
-    """Relative distance of each value from the limit, with its sign; None where there is no
-    value.
+def list_deviations(series: MeshedNumber, limit: Limit) -> list[float | None]:
+    """Return the relative distance of each value from the limit, with its sign; None where there is
+    no value.
     """
     return [
         None if value is None or not limit.value else value / limit.value - 1.0
@@ -296,7 +312,7 @@ def _needed_factor(
     doubt = limit.share if limit.order is None else 0.0
     errors = [
         math.inf if error is None else abs(error) + doubt
-        for error in relative_errors(series, limit)
+        for error in list_deviations(series, limit)
     ]
     if not math.isfinite(errors[-1]):
         return factors[-1] / FAR, "far"

@@ -93,7 +93,7 @@ def append_record(journal: Journal, record: StudyRecord) -> None:
         OutputError: The disk is full or the folder is gone; finished points before it are
             untouched.
     """
-    line = {each.name: getattr(record, each.name) for each in fields(record)}
+    line = {column.name: getattr(record, column.name) for column in fields(record)}
     line |= {"summary": record.summary or {}, "numbers": record.numbers.encode()}
     journal.append(
         json.dumps(line, allow_nan=False, ensure_ascii=False, separators=(",", ":")).encode()

@@ -5,51 +5,40 @@
 import contextlib
 import errno
 import hashlib
-import importlib
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+import types
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 from headstock.geometry.errors import HeadstockError
-from headstock.pipeline.planning.budgets import BASE_MB
+from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.resources import (
-    Cost,
-    measure,
-    node_memory_bytes,
-    search_once,
-    watch_memory,
-)
+from headstock.pipeline.planning.resources import Cost, measure, search_once, watch_memory
+from headstock.pipeline.preview.watched_numbers import find_name_fault
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.components import ELASTIC_MODULE
 from headstock.pipeline.stages.run_state import Announcer
-from headstock.pipeline.stages.shared_components import expect_job
-from headstock.pipeline.storage.content_keys import (
-    PACKAGES,
-    REDUCTION_LIBRARIES,
-    canonical_json,
-    code_fingerprint,
-    file_digests,
-    library_versions,
-)
+from headstock.pipeline.stages.shared_components import deal_out, expect_job, load_elastic
+from headstock.pipeline.storage.content_keys import hash_dependencies
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.includes import scene_content
 from headstock.scene.expansion.overrides import VARIANT_JOINER, split_variant
 from headstock.scene.reading.files import TomlTable
-from headstock.scene.reading.findings import Problem, SceneError, show_key
+from headstock.scene.reading.findings import Problem, SceneError, show_key, suggest_names
 from headstock.scene.reading.keys import read_entries
+from headstock.scene.reading.names import NAMES, RESULT_KEYS
+from headstock.scene.reading.watch_paths import MEASURED_NAMES, POSE_NAME, Step, parse_watch
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.scene.studies import REFERENCE_RUN, Study, StudyPoint, expand_study, make_point
 from headstock.solvers.errors import CompileError
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import SharedFailure, make_on_root
-from headstock.solvers.shared_work import Job, share_work
 from headstock.studies.parameters.records import (
     Measured,
     StudyRecord,
@@ -57,17 +46,15 @@ from headstock.studies.parameters.records import (
     open_records,
     read_records,
 )
-from headstock.studies.parameters.watches import find_watch_fault
 
+RENAMED = RESULT_KEYS["summary.json"]
 LOST_DISK = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EFBIG, errno.EROFS)
-# of no influence on a point's results
-IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare")
 ElementKind = tuple[str, str, int]  # fidelity, cells, order
 Measure = Callable[[Scene, Results], Measured]
 
 
 def blames_surroundings(error: BaseException) -> bool:
-    """Whether the same computation may well succeed once there is room on the disk, so that the
+    """Tell whether the same computation may well succeed once there is room on the disk, so that the
     error must not be kept as its result.
     """
     cause: BaseException | None = error
@@ -127,7 +114,7 @@ def hash_scene(path: Path) -> str:
     return hashlib.sha256(scene_content(path)).hexdigest()
 
 
-def check_points(job: StudyJob) -> None:
+def check_study(job: StudyJob) -> None:
     """Load the scene with every varied value, one at a time, before anything is computed; pairs are
     loaded together. What is watched must be something that a point finds.
 
@@ -136,20 +123,13 @@ def check_points(job: StudyJob) -> None:
     """
     problems: list[Problem] = []
     scenes: list[Scene] = []
-    for family in job.study.families:
-        first = {key: values[0] for key, values in family.vary.items()}
-        alone = [{**first, key: value} for key, values in family.vary.items() for value in values]
-        pairs = [
-            dict(zip(family.vary, values, strict=True))
-            for values in zip(*family.vary.values(), strict=family.pairwise)
-        ]
-        for varied in pairs if family.pairwise else alone or [{}]:
-            try:
-                scenes.append(_load_point(job, make_point(family, varied)))
-            except SceneError as error:
-                problems += [problem for problem in error.problems if problem not in problems]
+    for point in _list_checked(job.study):
+        try:
+            scenes.append(_load_point(job, point))
+        except SceneError as error:
+            problems += [problem for problem in error.problems if problem not in problems]
     for number, watch in enumerate(job.study.watch if scenes else ()):
-        if fault := find_watch_fault(watch, scenes):
+        if fault := _find_watch_fault(watch, scenes):
             key = ("studies", job.study.name, "watch", number)
             problems.append(
                 scenes[0].findings.describe(key, fault)
@@ -158,6 +138,100 @@ def check_points(job: StudyJob) -> None:
             )
     if problems:
         raise SceneError(problems)
+
+
+def _list_checked(study: Study) -> Iterator[StudyPoint]:
+    """Yield points in which every value is varied, one at a time; pairs together."""
+    for family in study.families:
+        if family.pairwise:
+            for values in zip(*family.vary.values(), strict=True):
+                yield make_point(family, dict(zip(family.vary, values, strict=True)))
+            continue
+        first = {key: values[0] for key, values in family.vary.items()}
+        for varied in [{**first, key: v} for key, own in family.vary.items() for v in own] or [{}]:
+            yield make_point(family, varied)
+
+
+def _find_watch_fault(text: str, scenes: Sequence[Scene]) -> str:
+    """Return why a watched path leads nowhere in any point of a study; empty where it may lead
+    somewhere.
+
+    Args:
+        text: The path, or the name of numbers.
+        scenes: Of the points, with the analyses that they run.
+    """
+    path = parse_watch(text)
+    if path.names_numbers:
+        return find_name_fault(text, scenes)
+    root = str(path.steps[0])
+    if root in MEASURED_NAMES:
+        return "" if len(path.steps) == 1 else f"{text}: {root} is a number; write {root}"
+    analyses = {name for scene in scenes for name in scene.analyses.names}
+    if root in NAMES and root not in analyses:
+        return f"{text}: no point runs the analysis {root}; {suggest_names(root, analyses, what='analyses')}"
+    poses = {pose for scene in scenes for pose in scene.poses}
+    fault = _find_fault(path.steps, RunSummary, "", poses)
+    return f"{text}: {fault}" if fault else ""
+
+
+def _find_fault(steps: Sequence[Step], hint: object, label: str, poses: Collection[str]) -> str:
+    """Return where steps leave what a type can hold; empty where they do not.
+
+    Args:
+        hint: Type of the value that they start at.
+    """
+    options = [hint]
+    if get_origin(hint) in (Union, types.UnionType):
+        options = [option for option in get_args(hint) if option is not type(None)]
+    faults = []
+    for option in options:
+        table = isinstance(option, type) and is_typeddict(option)
+        follow = _follow_keys if table else _FOLLOWERS.get(get_origin(option), _follow_nothing)
+        faults.append(follow(steps, option, label, poses))
+    return "" if "" in faults else faults[0]
+
+
+def _follow_keys(steps: Sequence[Step], hint: Any, label: str, poses: Collection[str]) -> str:
+    """As ``_find_fault``, of a table whose keys are known."""
+    keys = get_type_hints(hint)
+    if not steps:
+        return f"{label} is a table; name one of {', '.join(keys)}"
+    step, rest = steps[0], steps[1:]
+    if not isinstance(step, str):
+        return f"{label} is a table, not a list"
+    name = step if step in keys else RENAMED.get(step, step)
+    if name not in keys:
+        return f"{label or 'the summary'} has no {step!r}; {suggest_names(step, keys, what='keys')}"
+    return _find_fault(rest, keys[name], f"{label}.{name}" if label else name, poses)
+
+
+def _follow_entries(steps: Sequence[Step], hint: Any, label: str, poses: Collection[str]) -> str:
+    """As ``_find_fault``, of a table with any keys."""
+    if not steps:
+        return f"{label} is a table; name one of its entries"
+    if not isinstance(steps[0], str):
+        return f"{label} is a table, not a list"
+    return _find_fault(steps[1:], get_args(hint)[1], f"{label}.{steps[0]}", poses)
+
+
+def _follow_list(steps: Sequence[Step], hint: Any, label: str, poses: Collection[str]) -> str:
+    """As ``_find_fault``, of a list; of an entry per pose by the name of the pose, or the first one's."""
+    item = get_args(hint)[0]
+    if not steps:
+        return _find_fault(steps, item, f"{label}[0]", poses)
+    if not isinstance(steps[0], str):
+        return _find_fault(steps[1:], item, f"{label}[{steps[0]}]", poses)
+    if POSE_NAME in getattr(item, "__annotations__", ()):
+        return _find_fault(steps[1:] if steps[0] in poses else steps, item, label, poses)
+    return f"{label} is a list; write {label}[0]"
+
+
+def _follow_nothing(steps: Sequence[Step], hint: Any, label: str, poses: Collection[str]) -> str:
+    """As ``_find_fault``, of a single value."""
+    return f"{label} is a single value, without {steps[0]!r}" if steps else ""
+
+
+_FOLLOWERS = {dict: _follow_entries, list: _follow_list}
 
 
 def run_study(
@@ -191,46 +265,74 @@ def run_study(
         HeadstockError: There is no room on the disk, or no compiler.
     """
     points = expand_study(job.study)
-    root = comm.rank == 0
-    keys = [_point_key(job, point, ranks=comm.size) for point in points] if root else []
-    known: dict[str, StudyRecord] = {}
-
-    def find_waiting() -> list[int]:
-        known.update(_finished_points(folder, retry=job.retry))
-        return [keys.index(key) for key in dict.fromkeys(keys) if key not in known]
-
-    waiting = make_on_root(comm, find_waiting)
-    finished = {key for key in keys if key in known}
-    records = open_records(folder) if root and waiting else contextlib.nullcontext()
+    keys = [_point_key(job, point, ranks=comm.size) for point in points] if comm.rank == 0 else []
+    study = _Points(points, keys, observer)
+    waiting = make_on_root(comm, lambda: study.resume(read_records(folder), retry=job.retry))
+    records = open_records(folder) if keys and waiting else contextlib.nullcontext()
     with search_once(), records as journal:
-
-        def report(number: int) -> None:
-            record = _label_record(known[keys[number]], points[number])
-            before = number not in waiting
-            observer(StudyProgress(number, len(points), points[number], record, known=before))
 
         def keep(number: int, record: StudyRecord) -> None:
             if journal is not None:
-                known[keys[number]] = replace(record, key=keys[number])
-                append_record(journal, known[keys[number]])
-                for other, key in enumerate(keys):
-                    if key == keys[number]:
-                        report(other)
+                append_record(journal, study.keep(number, record))
 
-        for number, key in enumerate(keys):
-            if key in finished:
-                report(number)
         if comm.size > 1 and waiting and not job.study.cold:
             _deal_points(job, comm, {number: points[number] for number in waiting}, folder, keep)
         else:
             warm: set[ElementKind] | None = set() if warm_up and job.study.cold else None
             for number in waiting:
                 keep(number, _compute_point(job, points[number], comm, warm))
-    return (
-        [_label_record(known[key], point) for key, point in zip(keys, points, strict=True)]
-        if root
-        else []
-    )
+    return study.list_records()
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Points of a study and what is known of them, on rank 0; equal points share a record.
+
+    Attributes:
+        keys: Of each point; none on other ranks.
+        observer: Called with each point that is finished.
+        known: Records by key.
+    """
+
+    points: Sequence[StudyPoint]
+    keys: Sequence[str]
+    observer: Callable[[StudyProgress], None]
+    known: dict[str, StudyRecord] = field(default_factory=dict)
+
+    def resume(self, records: Mapping[str, StudyRecord], *, retry: bool) -> list[int]:
+        """Take finished points from earlier records; the numbers of those that are to be computed.
+
+        Args:
+            retry: Points that failed are computed again.
+        """
+        done = {key: one for key, one in records.items() if one.status == "done" or not retry}
+        self.known.update(done)
+        waiting = [self.keys.index(key) for key in dict.fromkeys(self.keys) if key not in done]
+        self._report(done.keys())
+        return waiting
+
+    def keep(self, number: int, record: StudyRecord) -> StudyRecord:
+        """Take the record of a point, and return it with its key."""
+        key = self.keys[number]
+        self.known[key] = replace(record, key=key)
+        self._report({key}, computed=number)
+        return self.known[key]
+
+    def list_records(self) -> list[StudyRecord]:
+        """Return a record per point, in order."""
+        return [self._label(number) for number in range(len(self.keys))]
+
+    def _label(self, number: int) -> StudyRecord:
+        point = self.points[number]
+        record = self.known[self.keys[number]]
+        return replace(record, family=point.family, varied=dict(point.varied))
+
+    def _report(self, finished: Collection[str], *, computed: int | None = None) -> None:
+        for number, key in enumerate(self.keys):
+            if key in finished:
+                point, record = self.points[number], self._label(number)
+                known = number != computed
+                self.observer(StudyProgress(number, len(self.points), point, record, known))
 
 
 def _deal_points(
@@ -248,32 +350,27 @@ def _deal_points(
     """
     numbers = list(points)
     expected = make_on_root(comm, lambda: [_expect_point(job, point) for point in points.values()])
-    if any(elastic for _, elastic in expected):
-        # PETSc starts on all ranks together
-        importlib.import_module(ELASTIC_MODULE)
+    load_elastic(stage for stages in expected for stage in stages)
 
     def compute(place: int, settle: Callable[[], None]) -> StudyRecord:
         point = points[numbers[place]]
         return _compute_point(job, point, MPI.COMM_SELF, None, announce=lambda stage: settle())
 
-    share_work(
-        comm,
-        [cost for cost, _ in expected],
+    deal_out(
+        [expect_job(stages) for stages in expected],
         compute,
+        comm=comm,
         folder=folder,
-        memory_mb=node_memory_bytes() / 1e6,
-        idle_mb=BASE_MB,
         observer=lambda place, record: keep(numbers[place], record),
     )
 
 
-def _expect_point(job: StudyJob, point: StudyPoint) -> tuple[Job, bool]:
-    """What a point will cost, and whether it has elastic components."""
+def _expect_point(job: StudyJob, point: StudyPoint) -> tuple[Stage, ...]:
+    """Return the stages of a point; none where it cannot be planned."""
     try:
-        stages = plan_scene(_load_point(job, point)).stages
+        return plan_scene(_load_point(job, point)).stages
     except (HeadstockError, SceneError):
-        return Job(), False  # the point says so itself
-    return expect_job(stages), any(stage.kind == "reduce" for stage in stages)
+        return ()  # the point says so itself
 
 
 def _point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
@@ -285,32 +382,17 @@ def _point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
     Args:
         ranks: MPI ranks: they are part of what seconds mean.
     """
-    content = {
-        "scene": {key: value for key, value in job.raw.items() if key not in IRRELEVANT_SECTIONS},
-        "files": dict(file_digests(job.path.parent, job.raw)),
-        "variant": [
-            read_entries(job.raw, "variants")[name] for name in split_variant(point.variant or None)
-        ],
-        "settings": dict(point.settings),
-        "analyses": sorted(point.analyses),
-        "timing": (job.study.cold, job.study.repeats, ranks)
-        if job.study.cold or job.study.repeats > 1
-        else None,
-        "measure": job.measure_name,
-        "algorithm": [code_fingerprint(package) for package in PACKAGES],
-        "libraries": library_versions(REDUCTION_LIBRARIES),
-    }
-    return hashlib.sha256(canonical_json(content).encode()).hexdigest()
-
-
-def _finished_points(folder: Path, *, retry: bool) -> dict[str, StudyRecord]:
-    records = read_records(folder)
-    return {key: record for key, record in records.items() if record.status == "done" or not retry}
-
-
-def _label_record(record: StudyRecord, point: StudyPoint) -> StudyRecord:
-    # equal points of two families share a record
-    return replace(record, family=point.family, varied=dict(point.varied))
+    cold = job.study.cold or job.study.repeats > 1
+    variants = read_entries(job.raw, "variants")
+    return hash_dependencies(
+        job.path.parent,
+        job.raw,
+        variant=[variants[name] for name in split_variant(point.variant or None)],
+        settings=dict(point.settings),
+        analyses=sorted(point.analyses),
+        timing=(job.study.cold, job.study.repeats, ranks) if cold else None,
+        measure=job.measure_name,
+    )
 
 
 def _load_point(job: StudyJob, point: StudyPoint) -> Scene:
@@ -334,28 +416,10 @@ def _compute_point(
         warm: Kinds of elements that this process has run; None where no seconds are measured.
         announce: Called with each stage before it begins.
     """
-    costs: list[Cost] = []
-    peaks: list[float] = []
     ranks, threads = int(comm.size), int(os.environ.get("OMP_NUM_THREADS", os.cpu_count() or 1))
     record = StudyRecord("", point.family, dict(point.varied), "done", threads=threads, ranks=ranks)
     try:
-        # the first run of a kind of element loads libraries and compiles kernels: not a cost of
-        # this point
-        warm_up = False
-        if warm is not None:
-            kinds = make_on_root(comm, lambda: _element_kinds(_reload(job, point)))
-            warm_up = point.family != REFERENCE_RUN and not kinds <= warm
-            warm |= kinds
-        for number in range(-warm_up, 1 if point.family == REFERENCE_RUN else job.study.repeats):
-            with (
-                _scratch_store(cold=job.study.cold) as (scratch, store),
-                watch_memory() as peak,
-                measure() as cost,
-            ):
-                scene = make_on_root(comm, lambda: _reload(job, point))
-                results = run_scene(scene, scratch, comm=comm, store=store, announce=announce)
-            costs += [cost] if number >= 0 else []
-            peaks += [peak.megabytes] if number >= 0 and peak.megabytes is not None else []
+        runs = _repeat_point(job, point, comm, warm, announce)
     except (HeadstockError, SceneError, MemoryError, SharedFailure) as error:
         cause = error.__cause__ if isinstance(error, SharedFailure) else error
         # what is no property of this point is computed when the study is started again; and what
@@ -369,6 +433,7 @@ def _compute_point(
         return replace(record, status="failed", error=f"{type(cause).__name__}: {cause}")
     if comm.rank > 0:
         return record
+    results = runs[-1].results
     summary = summarise(results)
     summary.pop("files", None)
     return replace(
@@ -377,12 +442,48 @@ def _compute_point(
         error="; ".join(results.failures),
         summary=summary,
         numbers=results.numbers,
-        measured=job.measure(scene, results) if job.measure else Measured(),
-        seconds=tuple(cost.seconds for cost in costs),
-        cpu_seconds=tuple(cost.cpu_seconds for cost in costs),
-        peak_mb=tuple(peaks),
+        measured=job.measure(runs[-1].scene, results) if job.measure else Measured(),
+        seconds=tuple(run.cost.seconds for run in runs),
+        cpu_seconds=tuple(run.cost.cpu_seconds for run in runs),
+        peak_mb=tuple(run.peak_mb for run in runs if run.peak_mb is not None),
         cached_stages=sum(stage.cached for stage in results.stages),
     )
+
+
+class _PointRun(NamedTuple):
+    """A run of a point, what it cost, and its most memory [MB] where that is known."""
+
+    scene: Scene
+    results: Results
+    cost: Cost
+    peak_mb: float | None
+
+
+def _repeat_point(
+    job: StudyJob,
+    point: StudyPoint,
+    comm: MPI.Comm,
+    warm: set[ElementKind] | None,
+    announce: Announcer,
+) -> list[_PointRun]:
+    """Run a point as often as its study asks."""
+    # the first run of a kind of element loads libraries and compiles kernels: not a cost of this point
+    is_reference, warm_up = point.family == REFERENCE_RUN, False
+    if warm is not None:
+        kinds = make_on_root(comm, lambda: _element_kinds(_reload(job, point)))
+        warm_up = not is_reference and not kinds <= warm
+        warm |= kinds
+    runs = []
+    for _ in range(warm_up + (1 if is_reference else job.study.repeats)):
+        with (
+            _scratch_store(cold=job.study.cold) as (scratch, store),
+            watch_memory() as peak,
+            measure() as cost,
+        ):
+            scene = make_on_root(comm, lambda: _reload(job, point))
+            results = run_scene(scene, scratch, comm=comm, store=store, announce=announce)
+        runs.append(_PointRun(scene, results, cost, peak.megabytes))
+    return runs[warm_up:]
 
 
 def _reload(job: StudyJob, point: StudyPoint) -> Scene:

@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.numbers.estimates import known_part
 from headstock.pipeline.numbers.numbers import Numbers
-from headstock.pipeline.results.short_forms import ShortForm, list_few
+from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
 from headstock.pipeline.results.short_forms import show_short as show_cell
 from headstock.pipeline.storage.frames import Frame, frame_columns
 from headstock.scene.reading.files import TomlValue
@@ -161,8 +161,8 @@ class SizeSeries:
     extrapolation: Extrapolation
 
 
-@dataclass(frozen=True, eq=False)
-class StudyTable:
+@dataclass(frozen=True, eq=False, repr=False)
+class StudyTable(Displayed):
     """Everything a study shows.
 
     Attributes:
@@ -176,13 +176,6 @@ class StudyTable:
     columns: tuple[str, ...]
     rows: tuple[StudyRow, ...]
     series: tuple[SizeSeries, ...] = field(default=())
-
-    def __repr__(self) -> str:
-        return self._short_form().text()
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return self._short_form().html()
 
     @property
     def numbers(self) -> tuple[Numbers, ...]:
@@ -274,7 +267,7 @@ def tabulate_study(study: Study, records: Sequence[StudyRecord]) -> StudyTable:
 
 
 @dataclass(frozen=True)
-class VariedNumbers:
+class _VariedNumbers:
     """The values of a varied key as numbers: one per row of a table (None where a row has not the
     key), and their SI unit.
     """
@@ -283,7 +276,7 @@ class VariedNumbers:
     values: tuple[float | None, ...]
 
 
-def varied_numbers(table: StudyTable, key: str) -> VariedNumbers | None:
+def varied_numbers(table: StudyTable, key: str) -> _VariedNumbers | None:
     """The values of a varied key as numbers in SI; None where some are no single number, or their
     units differ in kind.
     """
@@ -294,7 +287,7 @@ def varied_numbers(table: StudyTable, key: str) -> VariedNumbers | None:
     units = {item.unit for item in read if item is not None and item.value is not None}
     if None in read or len(units) != 1:
         return None
-    return VariedNumbers(units.pop(), tuple(item.value for item in read if item is not None))
+    return _VariedNumbers(units.pop(), tuple(item.value for item in read if item is not None))
 
 
 @dataclass(frozen=True)
@@ -334,24 +327,12 @@ def _make_row(study: Study, record: StudyRecord) -> StudyRow:
     units: dict[str, str] = {}
     problems: list[str] = []
     for text in study.watch:
-        path = parse_watch(text)
-        if path.steps[0] in MEASURED_NAMES:
-            measured = median_seconds(record, str(path.steps[0]))
-            values |= {} if measured is None else {text: measured[0]}
-        elif path.names_numbers and record.summary:
-            try:
-                for key, number in record.numbers.select(text).items():
-                    unit, factor = number.shown
-                    value = factor * number.value
-                    values[str(key)] = value if math.isfinite(value) else None
-                    units[str(key)] = unit
-            except NumberNameError as error:
-                problems.append(str(error))
-        elif record.summary:
-            try:
-                values |= read_watch(path, record.summary)
-            except WatchError as error:
-                problems.append(f"{text}: {error}")
+        try:
+            values |= _read_watched(text, record, units)
+        except NumberNameError as error:
+            problems.append(str(error))
+        except WatchError as error:
+            problems.append(f"{text}: {error}")
     known: dict[str, float] = {}
     unknown: list[str] = []
     for column in (name for name, value in values.items() if value is None):
@@ -360,6 +341,33 @@ def _make_row(study: Study, record: StudyRecord) -> StudyRow:
             known[column] = part
             unknown += lacking
     return StudyRow(record, values, units, tuple(problems), known, tuple(dict.fromkeys(unknown)))
+
+
+def _read_watched(text: str, record: StudyRecord, units: dict[str, str]) -> dict[str, Watched]:
+    """Return the watched values of a point by column.
+
+    Args:
+        units: Takes those of numbers.
+
+    Raises:
+        NumberNameError: No number has such a name.
+        WatchError: The path leads nowhere.
+    """
+    path = parse_watch(text)
+    if path.steps[0] in MEASURED_NAMES:
+        measured = median_seconds(record, str(path.steps[0]))
+        return {} if measured is None else {text: measured[0]}
+    if not record.summary:
+        return {}
+    if not path.names_numbers:
+        return read_watch(path, record.summary)
+    values: dict[str, Watched] = {}
+    for key, number in record.numbers.select(text).items():
+        unit, factor = number.shown
+        value = factor * number.value
+        values[str(key)] = value if math.isfinite(value) else None
+        units[str(key)] = unit
+    return values
 
 
 def known_head(column: str) -> str:
@@ -468,6 +476,6 @@ def shorten_columns(columns: Sequence[str]) -> dict[str, str]:
 
 
 def series_title(series: SizeSeries) -> str:
-    """What stays the same along a series, in a few words."""
+    """Return what stays the same along a series, in a few words."""
     words = [f"{key} = {show_setting(value)}" for key, value in series.others.items()]
     return ", ".join([*([series.family] if series.family else []), *words])

@@ -112,7 +112,7 @@ def _words(words: tuple[str, ...] | list[str], shape: tuple[int, ...] = (-1,)) -
     return np.char.encode(np.array(words, dtype=str), "utf-8").reshape(shape)
 
 
-class SampleSummary(TypedDict):
+class _SampleSummary(TypedDict):
     """Errors in a pose: of modes by their number [Hz], of compliances by point and direction x, y,
     z.
     """
@@ -123,7 +123,7 @@ class SampleSummary(TypedDict):
     error_left_out: list[str]
 
 
-class CrossingSummary(TypedDict):
+class _CrossingSummary(TypedDict):
     """Two modes, numbered from 1, and between how many pairs of neighbouring poses they cross."""
 
     modes: list[int]
@@ -184,9 +184,9 @@ class SweepSummary(SweptAxes):
     errors: dict[str, str]
     frequencies_hz: Numbers
     mode_names: list[str]
-    sampled_errors: list[SampleSummary]
+    sampled_errors: list[_SampleSummary]
     correlation: Numbers
-    crossings: list[CrossingSummary]
+    crossings: list[_CrossingSummary]
     tracking_breaks: int
     static: dict[str, PointMapSummary]
     condition_number: Numbers
@@ -230,8 +230,8 @@ def summarise_sweep(results: SweepResults) -> SweepSummary:
     }
 
 
-def _summarise_errors(pose: int, errors: Mapping[Key, Estimate]) -> SampleSummary:
-    summary: SampleSummary = {
+def _summarise_errors(pose: int, errors: Mapping[Key, Estimate]) -> _SampleSummary:
+    summary: _SampleSummary = {
         "pose": pose,
         "error_hz": {},
         "error_um_per_kN": {},
@@ -247,7 +247,7 @@ def _summarise_errors(pose: int, errors: Mapping[Key, Estimate]) -> SampleSummar
     return summary
 
 
-def _list_crossings(results: SweepResults) -> list[CrossingSummary]:
+def _list_crossings(results: SweepResults) -> list[_CrossingSummary]:
     found = {} if results.tracked is None else results.tracked.crossings
     return [
         {"modes": [one + 1, other + 1], "between_neighbours": count}

@@ -92,7 +92,7 @@ class PoseResult:
 
     @property
     def identity(self) -> bytes:
-        """What it is the result of."""
+        """Pose and feed of the result as bytes."""
         return identify_pose(self.positions, self.feed)
 
 

@@ -15,11 +15,10 @@ from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Key, Number, Numbers, make_key
-from headstock.pipeline.results.short_forms import ShortForm, list_few
-from headstock.pipeline.stages.machine import couple_pose
-from headstock.pipeline.stages.mechanism import build_lumped_model, place_pose
+from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
+from headstock.pipeline.stages.mechanism import pose_machine
 from headstock.pipeline.stages.modal import solve_pose_modes
-from headstock.pipeline.stages.run_state import MachineParts, PoseModel
+from headstock.pipeline.stages.run_state import MachineParts
 from headstock.pipeline.stages.static import solve_points
 from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.frf import FrfRequest
@@ -86,8 +85,8 @@ class LimitMap:
         return known.min(axis=0) if len(known) else np.full(len(self.speeds), np.nan)
 
 
-@dataclass(frozen=True, eq=False)
-class SweepResults:
+@dataclass(frozen=True, eq=False, repr=False)
+class SweepResults(Displayed):
     """Everything a sweep found.
 
     Attributes:
@@ -123,13 +122,6 @@ class SweepResults:
     warnings: tuple[str, ...] = ()
     mode_names: tuple[str, ...] = ()
     sampled_errors: Mapping[int, Mapping[Key, Estimate]] = field(default_factory=dict)
-
-    def __repr__(self) -> str:
-        return self._short_form().text()
-
-    def _repr_html_(self) -> str:
-        """What a notebook shows."""
-        return self._short_form().html()
 
     def _short_form(self) -> ShortForm:
         states = {state: self.states.count(state) for state in dict.fromkeys(self.states)}
@@ -235,15 +227,9 @@ def collect_results(
         superelements: By component name, in the order of the shapes' dofs.
     """
     shapes = _stack_shapes(found)
-    modes = tracked = None
-    if shapes.shape[2]:
-        modes = SweptModes(
-            frequencies_hz=_pad([result.frequencies_hz for result in found]),
-            fields=shapes if scene.is_lumped else _weigh_shapes(shapes, superelements),
-            wanted=np.array([result.wanted for result in found], dtype=np.int64),
-            rigid=np.array([result.rigid_count for result in found], dtype=np.int64),
-        )
-        tracked = track_modes(modes, sweep_neighbours(sweep, modes.present))
+    fields = shapes if scene.is_lumped else _weigh_shapes(shapes, superelements)
+    modes = _stack_modes(found, fields) if shapes.shape[2] else None
+    tracked = modes and track_modes(modes, sweep_neighbours(sweep, modes.present))
     static, frf = scene.analyses.get(StaticRequest), scene.analyses.get(FrfRequest)
     channels = (
         () if frf is None else tuple(channel for channel in frf.inputs if channel in frf.outputs)
@@ -267,6 +253,15 @@ def collect_results(
         limits=_map_limits(scene.analyses.get(LobesRequest), found),
         limits_confirmed=all(result.limits_confirmed for result in found),
         warnings=remarks,
+    )
+
+
+def _stack_modes(found: Sequence[PoseResult], fields: SingleArray) -> SweptModes:
+    return SweptModes(
+        frequencies_hz=_pad([result.frequencies_hz for result in found]),
+        fields=fields,
+        wanted=np.array([result.wanted for result in found], dtype=np.int64),
+        rigid=np.array([result.rigid_count for result in found], dtype=np.int64),
     )
 
 
@@ -304,7 +299,7 @@ def _weigh_shapes(shapes: SingleArray, superelements: Mapping[str, Superelement]
     return weighed
 
 
-class PrincipalCompliance(NamedTuple):
+class _PrincipalCompliance(NamedTuple):
     """Largest motion per unit force ``(n,)`` [m/N], the force's direction ``(n, 3)`` and largest
     over smallest ``(n,)``.
     """
@@ -314,7 +309,7 @@ class PrincipalCompliance(NamedTuple):
     ratio: FloatArray
 
 
-def _principal_compliance(compliance: FloatArray) -> PrincipalCompliance:
+def _principal_compliance(compliance: FloatArray) -> _PrincipalCompliance:
     """Largest and smallest of the directions in which force and motion are parallel.
 
     The eigenvectors of the symmetric ``(n, 3, 3)`` are the directions in which force and motion are
@@ -332,7 +327,7 @@ def _principal_compliance(compliance: FloatArray) -> PrincipalCompliance:
     direction[known] = axis * np.sign(ahead)
     stiff = levels[:, 0] > 0.0
     ratio[known] = np.where(stiff, levels[:, 2] / np.where(stiff, levels[:, 0], 1.0), np.nan)
-    return PrincipalCompliance(largest, direction, ratio)
+    return _PrincipalCompliance(largest, direction, ratio)
 
 
 def _map_point(found: Sequence[PoseResult], place: int) -> PointMap:
@@ -439,11 +434,6 @@ def _name_pose_modes(
         parts,
         scene=dataclasses.replace(parts.scene, analyses=Analyses(request, static)),
     )
-    model: PoseModel
-    if parts.scene.is_lumped:
-        superelements = parts.superelements
-        model = place_pose(alone, pose, build_lumped_model(alone, superelements), superelements)
-    else:
-        model = couple_pose(alone, pose)
+    model = pose_machine(alone, pose)
     points = solve_points(model, () if static is None else static.at)
     return solve_pose_modes(model, request).answer, points.answer

@@ -3,7 +3,6 @@ pose kept in a journal.
 """
 
 import dataclasses
-import hashlib
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,14 +15,7 @@ from headstock.geometry.machine.tool_travel import NO_FEED
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.run_state import MachineParts, Observer
 from headstock.pipeline.stages.shared_components import make_superelements, start_run
-from headstock.pipeline.storage.content_keys import (
-    PACKAGES,
-    REDUCTION_LIBRARIES,
-    canonical_json,
-    code_fingerprint,
-    file_digests,
-    library_versions,
-)
+from headstock.pipeline.storage.content_keys import hash_dependencies
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.reduction.motions.tool_deviation import trace_feed
 from headstock.reduction.superelement import Superelement
@@ -39,16 +31,14 @@ from headstock.studies.sweeps.journals import (
     open_journal,
     read_journals,
 )
-from headstock.studies.sweeps.lumped_poses import (
+from headstock.studies.sweeps.poses import (
     POSES_AT_ONCE,
-    LumpedPoses,
+    share_machine,
     share_mechanism,
     solve_lumped_poses,
+    solve_machine_pose,
 )
-from headstock.studies.sweeps.machine_poses import share_machine, solve_machine_pose
 
-# of no influence on what is found in a pose
-IRRELEVANT_SECTIONS = ("name", "studies", "sweeps", "variants", "compare", "poses")
 SWEPT_ANALYSES = ("static", "modal", "frf", "lobes")
 POLL_SECONDS = 0.005
 POSES_NAMED = 3  # in a remark
@@ -123,13 +113,7 @@ def sweep_key(scene: Scene) -> str:
     """SHA-256 of everything a pose's result depends on but its positions: the scene, its files and
     this program.
     """
-    content = {
-        "scene": {key: value for key, value in scene.raw.items() if key not in IRRELEVANT_SECTIONS},
-        "files": dict(file_digests(scene.path.parent, scene.raw)),
-        "algorithm": [code_fingerprint(package) for package in PACKAGES],
-        "libraries": library_versions(REDUCTION_LIBRARIES),
-    }
-    return hashlib.sha256(canonical_json(content).encode()).hexdigest()
+    return hash_dependencies(scene.path.parent, scene.raw, without=("poses",))
 
 
 def run_sweep(
@@ -249,7 +233,7 @@ def _solve_poses(
                 shared, sweep_pose(job.sweep, number), job.sweep.positions[number], feed[number]
             )
         return
-    mechanism: LumpedPoses = share_mechanism(parts, superelements)
+    mechanism = share_mechanism(parts, superelements)
     for start in range(0, len(numbers), POSES_AT_ONCE):
         chunk = numbers[start : start + POSES_AT_ONCE]
         poses = [sweep_pose(job.sweep, number) for number in chunk]

@@ -75,8 +75,8 @@ def test_numbers_of_python_are_those_of_the_file(folder: Path) -> None:
 
 def test_numbers_open_without_a_solver(folder: Path) -> None:
     program = (
-        "import sys; from pathlib import Path; from headstock.pipeline.numbers.folders import read_numbers;"
-        f"found = read_numbers(Path({str(folder)!r})); print(len(found));"
+        "import sys; from pathlib import Path; from headstock.pipeline.numbers.folders import read_run_numbers;"
+        f"found = read_run_numbers(Path({str(folder)!r})); print(len(found));"
         "print([name for name in sys.modules if name.startswith(('headstock.solvers', 'headstock.reduction',"
         " 'headstock.pipeline.answers', 'dolfinx', 'scipy'))])"
     )

@@ -11,7 +11,7 @@ import pytest
 from common import approx
 from fixture_machines import machine
 from headstock.app.command_line import main
-from headstock.pipeline.numbers.folders import read_numbers
+from headstock.pipeline.numbers.folders import read_run_numbers
 from headstock.studies.kind_changes import compare_kinds
 
 pytestmark = pytest.mark.fem
@@ -131,7 +131,7 @@ def test_what_is_written_checks_runs_and_moves_what_was_said(
     for number, chosen in enumerate((variant, [])):
         folder = tmp_path / str(number)
         assert main(["run", str(target), *chosen, "-o", str(folder), "--no-figures"]) == 0
-        runs.append(read_numbers(folder).values())
+        runs.append(read_run_numbers(folder).values())
     moved = max(change.share for change in compare_kinds(*runs))
     assert moved == approx(said["worth"], rel=1e-3, abs=1e-9)
 

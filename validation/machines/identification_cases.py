@@ -15,7 +15,7 @@ from headstock.scene.reading.units import DIMENSIONS, parse_quantity
 from headstock.solvers.mpi import MPI
 from headstock.studies.identification.identification import (
     Identification,
-    identify,
+    fit_parameters,
     prepare_problem,
 )
 from headstock.studies.identification.problem import FitPoint, FitProblem, evaluate
@@ -207,7 +207,7 @@ def fit_seeds(folder: Path, seeds: Sequence[int]) -> list[Identification]:
     truth = _solve_measured(folder)
     problem = prepare_text(folder, measure(truth, 0, NOISE) + write_parameters())
     return [
-        identify(_with_data(folder, problem, measure(truth, seed, NOISE)), f"seed {seed}")
+        fit_parameters(_with_data(folder, problem, measure(truth, seed, NOISE)), f"seed {seed}")
         for seed in seeds
     ]
 
@@ -218,7 +218,7 @@ def evaluate_blindness(folder: Path) -> list[ValidationRow]:
     """
     others = {name: value for name, value in true_values().items() if name != "feet_z"}
     text = measure(_solve_measured(folder), 0, NOISE) + write_parameters(others) + UNIDENTIFIABLE
-    found = identify(prepare_text(folder, text), "blind")
+    found = fit_parameters(prepare_text(folder, text), "blind")
     unidentifiable = {
         name: abs(share)
         for direction in found.statistics.unidentifiable

@@ -18,11 +18,10 @@ from headstock.pipeline.accuracy.settings import start_component
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
-from headstock.pipeline.runner import find_handler
+from headstock.pipeline.runner import run_stages
 from headstock.pipeline.stages.frf import estimate_response_errors, prepare_response
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose
-from headstock.pipeline.stages.run_state import RunState, run_stage
-from headstock.pipeline.stages.shared_components import make_superelements, start_run
+from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.estimates.model_errors import WatchedModes, compare_modes, watch_modes
@@ -96,14 +95,15 @@ def measure_machine(seed: int, scene: Scene, store: Store) -> MachineNumbers:
     Args:
         scene: With ``model_errors``, and statics, modes and a frequency response.
     """
-    plain = _solve(scene, store)
+    plain = run_stages(scene, MPI.COMM_SELF, store)
     fine = {
         name: start_component(
             dataclasses.replace(part, fidelity="elastic"), TRUE_ACCURACY, TRUE_MODES_TO
         )
         for name, part in scene.machine.components.items()
     }
-    true = _solve(replace_components(dataclasses.replace(scene, model_errors=False), fine), store)
+    elastic = replace_components(dataclasses.replace(scene, model_errors=False), fine)
+    true = run_stages(elastic, MPI.COMM_SELF, store)
     (pose,) = plain.plan.poses.values()
     machines = couple_pose(plain.parts, pose), couple_pose(true.parts, pose)
     rows, named = _compare_modes(plain, true, machines)
@@ -111,16 +111,6 @@ def measure_machine(seed: int, scene: Scene, store: Store) -> MachineNumbers:
     table = np.array(rows).T
     lines = _cover_lines(plain, machines[1])
     return MachineNumbers(seed, table[0], table[1], table[2], table[3], lines, named)
-
-
-def _solve(scene: Scene, store: Store) -> RunState:
-    """Run all stages of a scene but that which writes."""
-    state = start_run(scene, MPI.COMM_SELF, store)
-    make_superelements(state)
-    for stage in state.plan.stages[:-1]:
-        if stage.component is None:
-            run_stage(state, stage, find_handler(stage.kind))
-    return state
 
 
 def _compare_modes(

@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 from slurm_stand_ins import write_stand_ins
 
-import headstock.studies.sweeps.slurm_tools
+import headstock.studies.sweeps.slurm
 from headstock.app.command_line import main
-from headstock.studies.sweeps.slurm_jobs import FOLDER, SCRIPT_FILE
-from headstock.studies.sweeps.slurm_tools import (
+from headstock.studies.sweeps.slurm import (
+    FOLDER,
     HOST_VARIABLE,
+    SCRIPT_FILE,
     SlurmError,
     read_states,
     require_slurm,
@@ -34,7 +35,7 @@ def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
     monkeypatch.delenv(HOST_VARIABLE, raising=False)
     # the stand-in computes before it answers
-    monkeypatch.setattr(headstock.studies.sweeps.slurm_tools, "TOOL_SECONDS", 900.0)
+    monkeypatch.setattr(headstock.studies.sweeps.slurm, "TOOL_SECONDS", 900.0)
     return folder
 
 

@@ -16,7 +16,7 @@ from fixture_machines import machine
 from headstock.app.command_line import main
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.geometry.parts.components import Component
-from headstock.pipeline.numbers.folders import read_numbers
+from headstock.pipeline.numbers.folders import read_run_numbers
 from headstock.reduction.components import elastic as elastic_reduction
 from headstock.reduction.superelement import Superelement
 
@@ -112,7 +112,7 @@ def test_other_analyses_are_compared_as_run_finds_them(
     assert "Limit depth of cut [mm]" in printed and "Profiles of faces [µm]" in printed
     variants = json.loads((out / "compare.json").read_text())["variants"]
     assert main(["run", str(scene), "-o", str(tmp_path / "run"), "--variant", "soft"]) == 0
-    found = read_numbers(tmp_path / "run")
+    found = read_run_numbers(tmp_path / "run")
     soft = variants["soft"]["others"]
     assert {"limit depth of cut", "profiles of faces"} <= set(soft)
     for entries in soft.values():

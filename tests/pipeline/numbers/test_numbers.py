@@ -7,11 +7,9 @@ import h5py
 import numpy as np
 import pytest
 
-from common import approx
 from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.numbers.changes import compare, estimate_changes, to_errors
-from headstock.pipeline.numbers.estimates import CUTTING, DISCRETISATION, Estimate
+from headstock.pipeline.numbers.estimates import DISCRETISATION, Estimate
 from headstock.pipeline.numbers.kinds import KINDS
 from headstock.pipeline.numbers.numbers import Key, Number, Numbers, make_key, parse_key
 
@@ -72,50 +70,6 @@ def test_a_table_that_a_hand_has_altered_is_refused(column: str, values: list[fl
         group[column] = np.array(values, kind)
         with pytest.raises(ValueError, match=r"numbers/|columns of numbers"):
             Numbers.read(group)
-
-
-def test_equal_keys_are_a_pair() -> None:
-    moved = compare(hz(50.0, 80.0), [Number(FIRST, 48.0, "Hz"), Number(PEAK, 1.0, "m")])
-    assert moved.difference == {FIRST: -2.0}
-    assert moved.lost == {SECOND} and set(moved.added) == {PEAK}
-    assert compare(hz(50.0), hz(math.nan)).lost == {FIRST}
-
-
-def test_a_deviation_is_compared_by_its_size() -> None:
-    moved = compare([Number(PEAK, -3e-6, "m")], [Number(PEAK, 5e-6, "m")])
-    assert moved.difference[PEAK] == approx(2e-6)
-
-
-def test_errors_of_owners_add_up_and_forms_of_one_stand_for_each_other() -> None:
-    base = hz(50.0, 80.0)
-    moves = {
-        ("column", DISCRETISATION): compare(base, hz(49.0, 79.5)),
-        ("bed", DISCRETISATION): compare(base, hz(50.5)),
-    }
-    added = to_errors(base, moves, join="sum")
-    assert added[FIRST].shares == {DISCRETISATION: 1.5}
-    assert added[FIRST].parts == {DISCRETISATION: {"column": 1.0, "bed": 0.5}}
-    assert added[SECOND].total is None  # the machine of the bed lost it
-    largest = to_errors(base, moves, join="largest", split=lambda key, size: {"joint": size})
-    assert largest[FIRST] == Estimate({DISCRETISATION: 1.0}, (), {DISCRETISATION: {"joint": 1.0}})
-    assert largest[SECOND].shares == {DISCRETISATION: None}
-
-
-def test_changes_count_as_often_as_their_kind_says() -> None:
-    base = [Number(PEAK, 4e-6, "m", Estimate({"local": 1e-7}))]
-    found = estimate_changes(
-        base,
-        {
-            ("", DISCRETISATION): [Number(PEAK, 5e-6, "m")],
-            ("Ktc", CUTTING): [Number(PEAK, 4.5e-6, "m")],
-        },
-        left_out=("what is not looked at",),
-    )[PEAK]
-    cover = KINDS["path_deviation"].cover
-    assert found.shares == approx(
-        {DISCRETISATION: cover[""] * 1e-6, CUTTING: cover[CUTTING] * 5e-7, "local": 1e-7}
-    )
-    assert found.left_out == ("what is not looked at",)
 
 
 def test_errors_are_added_or_replaced() -> None:

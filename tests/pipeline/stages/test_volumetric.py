@@ -13,7 +13,7 @@ from headstock.app.views.registry import list_tables
 from headstock.app.views.view import FinishedRun
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.components.meshing import describe_component
-from headstock.pipeline.numbers.folders import RESULTS_FILE, read_numbers
+from headstock.pipeline.numbers.folders import RESULTS_FILE, read_run_numbers
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.reduction.components.rigid import reduce_rigid
@@ -83,7 +83,7 @@ def test_effects_tell_what_errors_of_guides_move(
 ) -> None:
     ideal = load_scene(SCENE, overrides=["effects.guide_errors=false"])
     results = run_scene(keep_analyses(ideal, ("volumetric",)), tmp_path, comm=MPI.COMM_SELF)
-    present = read_numbers(run[1])
+    present = read_run_numbers(run[1])
     changes = {
         change.label: change for change in compare_kinds(results.numbers.values(), present.values())
     }

@@ -11,7 +11,7 @@ import pytest
 from common import approx
 from headstock.solvers.errors import ModelError
 from headstock.studies.identification.descent import spread_starts
-from headstock.studies.identification.identification import identify
+from headstock.studies.identification.identification import fit_parameters
 from headstock.studies.identification.problem import FitProblem, evaluate, follow_modes
 from headstock.validation.machines.identification_cases import (
     evaluate_blindness,
@@ -53,9 +53,8 @@ def make_targets(folder: Path) -> str:
 
 
 def with_settings(problem: FitProblem, *, starts: int, pairing: str = "best") -> FitProblem:
-    return dataclasses.replace(
-        problem, settings=dataclasses.replace(problem.settings, starts=starts, pairing=pairing)
-    )
+    changed = {"starts": starts, "pairing": pairing}
+    return dataclasses.replace(problem, settings=problem.settings.model_copy(update=changed))
 
 
 def test_a_frequency_by_name_is_met_by_the_mode_of_its_number(tmp_path: Path) -> None:
@@ -78,7 +77,7 @@ def test_most_starts_find_the_true_stiffnesses_although_modes_change_places(tmp_
     problem = with_settings(
         prepare_text(tmp_path, make_targets(tmp_path) + write_parameters(TRUTH)), starts=6
     )
-    found = identify(problem, "test")
+    found = fit_parameters(problem, "test")
     ends = [
         problem.values(record.end.coordinates) for record in found.starts if record.end is not None
     ]
@@ -92,7 +91,7 @@ def test_most_starts_find_the_true_stiffnesses_although_modes_change_places(tmp_
 
 def test_modes_that_are_only_followed_keep_the_pairing_they_start_with(tmp_path: Path) -> None:
     problem = prepare_text(tmp_path, make_targets(tmp_path) + write_parameters(TRUTH))
-    found = identify(with_settings(problem, starts=2, pairing="track"), "test")
+    found = fit_parameters(with_settings(problem, starts=2, pairing="track"), "test")
     assert max(record.cost for record in found.starts) > 1.0
 
 
@@ -129,7 +128,7 @@ modes = [
 """
     problem = prepare_text(tmp_path, text + write_parameters({"feet_z": 170e6}))
     state = solve_truth(problem, {"feet_z": 170e6}).states[0]
-    (outcome,) = identify(problem, "test").outcomes
+    (outcome,) = fit_parameters(problem, "test").outcomes
     assert outcome.mac is not None
     assert outcome.mac > 0.8
     assert int(np.argmin(np.abs(state.frequencies_hz - 150.0))) + 1 != outcome.mode
@@ -141,7 +140,7 @@ def test_what_is_fixed_out_is_predicted_and_changes_nothing(tmp_path: Path) -> N
     wrong = targets.replace(
         entry, '{ hold_out = true, point = "tcp", motion = "z", force = "z", value = "9'
     )
-    found = identify(
+    found = fit_parameters(
         with_settings(prepare_text(tmp_path, wrong + write_parameters(TRUTH)), starts=3), "test"
     )
     assert found.values == approx(TRUTH, rel=1e-4)
@@ -154,12 +153,12 @@ def test_a_limit_on_the_number_of_modes_pushes_the_next_one_up(tmp_path: Path) -
     names = {"feet_x": 120e6, "feet_z": 170e6}
     text = '[cases.stiff]\nvariant = "stiff"\nfrequencies = ["64 Hz", "70 Hz"]\n'
     third = float(
-        identify(prepare_text(tmp_path, text + write_parameters(names)), "free")
+        fit_parameters(prepare_text(tmp_path, text + write_parameters(names)), "free")
         .point.states[0]
         .frequencies_hz[2]
     )
     limit = f'at_most = {{ modes = 2, below = "{1.02 * third:.6g} Hz", tolerance = "0.1 %" }}\n'
-    found = identify(prepare_text(tmp_path, text + limit + write_parameters(names)), "limit")
+    found = fit_parameters(prepare_text(tmp_path, text + limit + write_parameters(names)), "limit")
     assert found.point.states[0].frequencies_hz[2] > 1.01 * third
 
 

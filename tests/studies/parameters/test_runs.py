@@ -38,7 +38,7 @@ from headstock.studies.parameters.runs import (
     StudyError,
     StudyJob,
     StudyProgress,
-    check_points,
+    check_study,
     hash_scene,
     run_study,
 )
@@ -174,7 +174,7 @@ def test_a_point_that_met_a_full_disk_ends_the_study_and_is_computed_when_it_is_
 def test_values_that_do_not_fit_are_all_told_before_anything_is_computed(scene_file: Path) -> None:
     study = Study("s", (StudyFamily("", "s", {}, {COUNT: (2, 0, 2.5)}),), ("status",))
     with pytest.raises(SceneError) as caught:
-        check_points(make_job(scene_file, study=study))
+        check_study(make_job(scene_file, study=study))
     assert len(caught.value.problems) == 2
     assert all(COUNT in problem.key for problem in caught.value.problems)
 

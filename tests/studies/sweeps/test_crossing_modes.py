@@ -15,7 +15,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_lowest_modes
 from headstock.solvers.second_order import SecondOrderSystem
-from headstock.studies.sweeps import machine_poses
+from headstock.studies.sweeps import poses
 from headstock.studies.sweeps.results import SweepResults, collect_results
 from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
 
@@ -113,7 +113,7 @@ def test_a_pose_that_lacks_one_result_fails_the_sweep_by_name(
             raise ConvergenceError("LAPACK gave up")
         return solve_lowest_modes(system, count=count, up_to_hz=up_to_hz)
 
-    monkeypatch.setattr(machine_poses, "solve_lowest_modes", fail_in_the_third)
+    monkeypatch.setattr(poses, "solve_lowest_modes", fail_in_the_third)
     out = tmp_path / "out"
     assert main(["sweep", str(scene_file), "few", "-o", str(out)]) == 1
     said = capsys.readouterr().out

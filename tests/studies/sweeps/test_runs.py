@@ -28,7 +28,7 @@ from headstock.studies.sweeps.journals import (
     open_journal,
     read_journals,
 )
-from headstock.studies.sweeps.machine_poses import MachinePoses, solve_machine_pose
+from headstock.studies.sweeps.poses import MachinePoses, solve_machine_pose
 from headstock.studies.sweeps.results import SweepResults, collect_results
 from headstock.studies.sweeps.runs import Part, SweepJob, SweepOutcome, run_sweep, select_analyses
 

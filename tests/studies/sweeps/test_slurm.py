@@ -9,23 +9,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-import headstock.studies.sweeps.slurm_jobs
+import headstock.studies.sweeps.slurm
 from headstock.scene.studies import make_grid
-from headstock.studies.sweeps.slurm_jobs import (
+from headstock.studies.sweeps.slurm import (
     FOLDER,
-    ArrayJob,
     ScriptValueError,
+    SlurmError,
+    SlurmJob,
     SlurmOptions,
     Submission,
+    TaskState,
     describe_missing,
-    list_missing,
+    list_missing_poses,
     log_file,
     read_submission,
     render_script,
     wait_for_array,
     write_submission,
 )
-from headstock.studies.sweeps.slurm_tools import SlurmError, TaskState
 
 SWEEP = make_grid("line", {"X": "m"}, {"X": np.linspace(-0.2, 0.2, 9, dtype=np.float64)})
 SUBMISSION = Submission("key", "17", "16", 3, (1, 2, 3))
@@ -56,9 +57,15 @@ exec /opt/headstock/headstock sweep /data/a.toml line -o '/data/100% mine' --set
 def test_the_script_says_everything_a_task_needs() -> None:
     options = SlurmOptions(3, 2, "long", "0:30:00", ("--account=ours",))
     changed = ("--set", 'joints.drive.stiffness.axial="40 N/um"')
-    places = (("/opt/headstock/headstock",), Path("/data/a.toml"), "line", Path("/data/100% mine"))
-    job = ArrayJob(
-        *places, "abc", options, changed, Path("/data/mine"), {"HEADSTOCK_STORE": "/data/the store"}
+    job = SlurmJob(
+        launcher=("/opt/headstock/headstock",),
+        words=("sweep", "/data/a.toml", "line", "-o", "/data/100% mine", *changed),
+        folder=Path("/data/100% mine"),
+        options=options,
+        start_folder=Path("/data/mine"),
+        environment={"HEADSTOCK_STORE": "/data/the store"},
+        sweep="line",
+        key="abc",
     )
     assert render_script(job) == SCRIPT
 
@@ -74,11 +81,11 @@ ROW = '/data/x"\n#SBATCH --wrap="touch /tmp/owned'
         {"folder": Path("/data/it's")},
         {"start_folder": Path(ROW)},
         {"start_folder": Path("/data/`id`")},
-        {"scene": Path("/data/a\n.toml")},
+        {"words": ("sweep", "/data/a\n.toml")},
         {"launcher": ("/opt/a\x1b[2J/headstock",)},
         {"sweep": "line\n#SBATCH --wrap=id"},
         {"key": "a\nb"},
-        {"arguments": ("--set", "name=a\nb")},
+        {"words": ("sweep", "/data/a.toml", "--set", "name=a\nb")},
         {"environment": {"HEADSTOCK_STORE": "/data\n#SBATCH --wrap=id"}},
         {"options": SlurmOptions(partition="long\n#SBATCH --wrap=id")},
         {"options": SlurmOptions(partition='"long"')},
@@ -91,8 +98,13 @@ ROW = '/data/x"\n#SBATCH --wrap="touch /tmp/owned'
 def test_a_value_that_would_add_lines_to_the_script_is_refused_by_name(
     change: dict[str, Any],
 ) -> None:
-    job = ArrayJob(
-        ("/opt/headstock",), Path("/data/a.toml"), "line", Path("/data/mine"), "abc", SlurmOptions()
+    job = SlurmJob(
+        launcher=("/opt/headstock",),
+        words=("sweep", "/data/a.toml", "line"),
+        folder=Path("/data/mine"),
+        options=SlurmOptions(),
+        sweep="line",
+        key="abc",
     )
     render_script(job)
     with pytest.raises(ScriptValueError, match="no place in"):
@@ -100,10 +112,10 @@ def test_a_value_that_would_add_lines_to_the_script_is_refused_by_name(
 
 
 def test_every_missing_pose_belongs_to_the_task_that_computes_it() -> None:
-    assert list_missing(SWEEP, (), 3) == {1: [0, 3, 6], 2: [1, 4, 7], 3: [2, 5, 8]}
+    assert list_missing_poses(SWEEP, (), 3) == {1: [0, 3, 6], 2: [1, 4, 7], 3: [2, 5, 8]}
     done = {SWEEP.positions[number].tobytes() for number in (0, 1, 2, 3, 5, 6, 8)}
-    assert list_missing(SWEEP, done, 3) == {2: [4, 7]}
-    assert list_missing(SWEEP, done, 9) == {5: [4], 8: [7]}
+    assert list_missing_poses(SWEEP, done, 3) == {2: [4, 7]}
+    assert list_missing_poses(SWEEP, done, 9) == {5: [4], 8: [7]}
 
 
 def test_a_submission_is_found_again_for_the_same_sweep_only(tmp_path: Path) -> None:
@@ -127,9 +139,9 @@ def wait(
             raise found
         return {task: TaskState(*text.split(" ")) for task, text in found.items()}
 
-    monkeypatch.setattr(headstock.studies.sweeps.slurm_jobs, "read_states", answer)
-    monkeypatch.setattr(headstock.studies.sweeps.slurm_jobs, "SHORTEST_SECONDS", 0.0)
-    monkeypatch.setattr(headstock.studies.sweeps.slurm_jobs, "MOST_SILENCES", 2)
+    monkeypatch.setattr(headstock.studies.sweeps.slurm, "read_states", answer)
+    monkeypatch.setattr(headstock.studies.sweeps.slurm, "SHORTEST_SECONDS", 0.0)
+    monkeypatch.setattr(headstock.studies.sweeps.slurm, "MOST_SILENCES", 2)
     states = wait_for_array(SUBMISSION, reported.append)
     assert not left
     return states, reported
