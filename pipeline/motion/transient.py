@@ -18,8 +18,9 @@ from headstock.pipeline.answers.transient import (
 )
 from headstock.pipeline.motion.motion_forces import (
     SteppedStates,
-    find_largest_forces,
     follow_drives,
+    largest_joint_forces,
+    watch_joints,
 )
 from headstock.pipeline.motion.probe_motions import (
     MovingModel,
@@ -145,12 +146,12 @@ class _Solution:
         """The model with its states and what acts on them: loads, then friction against the motion."""
         loads, motion = self.motion.loads, self.motion
         values, _ = loads.evaluate()
-        begins, ends = values[:, 0], values[:, 1]
+        acting = np.concatenate([values[:, 0], values[:, 1]])
         if self.with_friction is not None:
-            motion, (first, last) = self.with_friction.motion, self.with_friction.friction
-            begins, ends = np.hstack([begins, -first]), np.hstack([ends, -last])
-        states = (motion.right[:-1], motion.left[1:])
-        return MovingModel(self.model.watched, SteppedStates(loads.times, states, (begins, ends)))
+            motion = self.with_friction.motion
+            acting = np.hstack([acting, -np.concatenate(self.with_friction.friction)])
+        states = np.concatenate([motion.right[:-1], motion.left[1:]])
+        return MovingModel(self.model.watched, SteppedStates(loads.times, states, acting))
 
     @functools.cached_property
     def energy(self) -> EnergyBalance | None:
@@ -418,7 +419,11 @@ def _make_answer(
         energy=solution.energy,
         motors=request.motors,
         drives=drives.extremes,
-        joints=find_largest_forces(machine.joints, moved.space, moved.motion),
+        joints=largest_joint_forces(
+            machine.joints,
+            moved.motion.instants,
+            lambda joint: moved.motion.observe(moved.space.watch(watch_joints([joint]))),
+        ),
         probes=probes,
     )
 
