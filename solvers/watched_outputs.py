@@ -2,15 +2,13 @@
 what else states and loads say.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.second_order import Channel, Index
-
-CHUNK = 4096  # steps looked at together
 
 
 @dataclass(frozen=True)
@@ -87,31 +85,6 @@ class WatchedOutputs:
     def evaluate(self, states: FloatArray, acting: FloatArray) -> FloatArray:
         """Return the values ``(..., k)`` at states ``(..., n)`` and inputs ``(..., m)``."""
         return np.asarray(states @ self.states.T + acting @ self.inputs.T)
-
-    def find_extremes(
-        self, times: FloatArray, states: Sequence[FloatArray], acting: Sequence[FloatArray]
-    ) -> tuple[Extreme, ...]:
-        """Find the largest values at the begin and the end of every step.
-
-        Args:
-            times: ``(n,)`` [s].
-            states: ``(n - 1, s)`` at the begin of each step, and at its end.
-            acting: ``(n - 1, m)`` likewise.
-        """
-        count = len(self.states)
-        values, places = np.zeros(count), np.zeros(count, dtype=np.intp)
-        for end in (0, 1):
-            for start in range(0, len(times) - 1, CHUNK):
-                part = slice(start, start + CHUNK)
-                values_at = self.evaluate(states[end][part], acting[end][part])
-                rows = np.abs(values_at).argmax(axis=0)
-                largest = values_at[rows, np.arange(count)]
-                larger = np.abs(largest) > np.abs(values)
-                values[larger], places[larger] = largest[larger], rows[larger] + start + end
-        return tuple(
-            Extreme(float(value), float(times[instant]))
-            for value, instant in zip(values, places, strict=True)
-        )
 
 
 def find_largest(times: FloatArray, values: FloatArray) -> tuple[Extreme, ...]:

@@ -1,5 +1,7 @@
 """Rows of frequency responses."""
 
+from typing import Literal
+
 import numpy as np
 
 from headstock.app.tables.table import Column, PlainTable, show_percent, tabulate_curves
@@ -24,6 +26,18 @@ def _show_four(value: float) -> str:
     return show_digits(value, 4)
 
 
+type PortKey = Literal[
+    "most_negative_real_hz",
+    "chatter_limit_N_per_um",
+    "minimum_dynamic_stiffness_N_per_um",
+    "minimum_dynamic_stiffness_hz",
+]
+
+
+def _of_port(key: PortKey, screen: str, report: str) -> Column[DrivePointSummary]:
+    return Column(lambda row: row[key], screen=screen, report=report, show=_show_four)
+
+
 DRIVE_POINT_COLUMNS: tuple[Column[DrivePointSummary], ...] = (
     Column(lambda row: " ".join(row["dof"]), screen="force at", report="Force and motion"),
     Column(
@@ -40,27 +54,12 @@ DRIVE_POINT_COLUMNS: tuple[Column[DrivePointSummary], ...] = (
         show=_show_four,
         error=lambda row: row.get("most_negative_real_error_um_per_kN"),
     ),
-    Column(
-        lambda row: row["most_negative_real_hz"], screen=">at Hz", report="at [Hz]", show=_show_four
+    _of_port("most_negative_real_hz", ">at Hz", "at [Hz]"),
+    _of_port("chatter_limit_N_per_um", ">-1/(2 Re) N/µm", "chatter limit −1/(2 Re) [N/µm]"),
+    _of_port(
+        "minimum_dynamic_stiffness_N_per_um", ">min. N/µm", "minimum dynamic stiffness [N/µm]"
     ),
-    Column(
-        lambda row: row["chatter_limit_N_per_um"],
-        screen=">-1/(2 Re) N/µm",
-        report="chatter limit −1/(2 Re) [N/µm]",
-        show=_show_four,
-    ),
-    Column(
-        lambda row: row["minimum_dynamic_stiffness_N_per_um"],
-        screen=">min. N/µm",
-        report="minimum dynamic stiffness [N/µm]",
-        show=_show_four,
-    ),
-    Column(
-        lambda row: row["minimum_dynamic_stiffness_hz"],
-        screen=">at Hz",
-        report="at [Hz]",
-        show=_show_four,
-    ),
+    _of_port("minimum_dynamic_stiffness_hz", ">at Hz", "at [Hz]"),
     Column(
         lambda row: row["minimum_dynamic_stiffness_mode"], screen="near mode", report="near mode"
     ),

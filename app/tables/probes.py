@@ -3,14 +3,21 @@ and joints take while a machine moves.
 """
 
 import itertools
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
-from headstock.app.tables.table import Cell, Column, Listing, PlainTable, tabulate, tabulate_curves
+from headstock.app.tables.table import (
+    Cell,
+    Column,
+    Listing,
+    PlainTable,
+    bound_column,
+    tabulate,
+    tabulate_curves,
+)
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves, ResponseSummary
 from headstock.pipeline.answers.motion_forces import (
@@ -33,71 +40,46 @@ from headstock.pipeline.results.mode_files import file_stem
 from headstock.solvers.second_order import ComplexArray, name_channel
 from headstock.solvers.stresses import STRESS_NAMES
 
-
-def _open(error: float | None) -> float:
-    """An error that nobody knows as NaN, which is shown as such."""
-    return math.nan if error is None else error
+type ProbeRow = tuple[str, ProbeSummary]
+type ProbeColumns = tuple[Column[ProbeRow], Column[ProbeRow]]
 
 
-def _moved(axis: int) -> Column[tuple[str, ProbeSummary]]:
+def _moved(axis: int) -> ProbeColumns:
     d = DIRECTIONS[axis]
-    return Column(
+    return bound_column(
         lambda row: row[1]["displacement_um"][axis],
+        lambda row: row[1]["displacement_error_um"][axis],
         f"displacement {d} [um]",
         f">{d} µm",
         f"{d} [µm]",
-        error=lambda row: _open(row[1]["displacement_error_um"][axis]),
     )
 
 
-def _stressed(pair: str) -> Column[tuple[str, ProbeSummary]]:
-    return Column(
+def _stressed(pair: str) -> ProbeColumns:
+    return bound_column(
         lambda row: row[1]["stress_mpa"][pair],
+        lambda row: row[1]["stress_error_mpa"][pair],
         f"stress {pair} [MPa]",
         report=f"{pair} [MPa]",
-        error=lambda row: _open(row[1]["stress_error_mpa"][pair]),
     )
 
 
-def _moved_error(axis: int) -> Column[tuple[str, ProbeSummary]]:
-    return Column(
-        lambda row: row[1]["displacement_error_um"][axis], f"± displacement {DIRECTIONS[axis]} [um]"
-    )
-
-
-def _stress_error(pair: str) -> Column[tuple[str, ProbeSummary]]:
-    return Column(lambda row: row[1]["stress_error_mpa"][pair], f"± stress {pair} [MPa]")
-
-
-_NAMES: tuple[Column[tuple[str, ProbeSummary]], ...] = (
+_NAMES: tuple[Column[ProbeRow], ...] = (
     Column(lambda row: row[0], "probe", "probe", "Probe"),
     Column(lambda row: row[1]["component"], "component", "in", "Component"),
 )
-_MOVED = tuple(_moved(axis) for axis in range(3))
-_STRESSED = tuple(_stressed(pair) for pair in STRESS_NAMES)
-_MISES: Column[tuple[str, ProbeSummary]] = Column(
+_MOVED, _STRESSED = [_moved(axis) for axis in range(3)], [_stressed(pair) for pair in STRESS_NAMES]
+_MISES: ProbeColumns = bound_column(
     lambda row: row[1]["von_mises_mpa"],
+    lambda row: row[1]["von_mises_error_mpa"],
     "von Mises [MPa]",
     ">von Mises MPa",
     "von Mises [MPa]",
-    error=lambda row: _open(row[1]["von_mises_error_mpa"]),
 )
 # in the report two tables, so that six stresses with their errors fit
-PROBE_MOTION_COLUMNS = (*_NAMES, *_MOVED, _MISES)
-PROBE_STRESS_COLUMNS = (*_NAMES, *_STRESSED)
-PROBE_COLUMNS = (
-    *_NAMES,
-    *(bound for axis in range(3) for bound in (_MOVED[axis], _moved_error(axis))),
-    *(
-        bound
-        for column, pair in zip(_STRESSED, STRESS_NAMES, strict=True)
-        for bound in (column, _stress_error(pair))
-    ),
-    _MISES,
-    Column[tuple[str, ProbeSummary]](
-        lambda row: row[1]["von_mises_error_mpa"], "± von Mises [MPa]"
-    ),
-)
+PROBE_MOTION_COLUMNS = (*_NAMES, *(moved for moved, _ in _MOVED), _MISES[0])
+PROBE_STRESS_COLUMNS = (*_NAMES, *(stressed for stressed, _ in _STRESSED))
+PROBE_COLUMNS = (*_NAMES, *itertools.chain(*_MOVED, *_STRESSED, _MISES))
 
 
 @dataclass(frozen=True)
@@ -128,14 +110,13 @@ PROBE_PEAK_COLUMNS: tuple[Column[_ProbePeakRow], ...] = (
         ">von Mises at rest",
         "von Mises at rest",
     ),
-    Column(
+    *bound_column(
         lambda row: row.peak["peak_von_mises"],
+        lambda row: row.peak["peak_von_mises_error"],
         "largest von Mises",
         ">largest",
         "largest over a cycle",
-        error=lambda row: _open(row.peak["peak_von_mises_error"]),
     ),
-    Column(lambda row: row.peak["peak_von_mises_error"], "± largest von Mises"),
     Column(lambda row: row.peak["peak_hz"], "at [Hz]", ">at Hz", "at [Hz]"),
     Column(lambda row: row.peak["unit"], "unit", "unit", "Unit"),
 )
@@ -143,32 +124,30 @@ PROBE_PEAK_COLUMNS: tuple[Column[_ProbePeakRow], ...] = (
 
 type ProbeMotionRow = tuple[str, ProbeMotionSummary]
 
+
+def _at_ms(key: str, file: str, screen: str) -> Column[Any]:
+    return Column(lambda row: 1e3 * row[1][key], file, screen, "at [ms]")
+
+
 PROBE_MOTION_PEAKS: tuple[Column[ProbeMotionRow], ...] = (
     Column(lambda row: row[0], "probe", "probe", "Probe"),
     Column(lambda row: row[1]["component"], "component", "in", "Component"),
-    Column(
+    *bound_column(
         lambda row: row[1]["peak_von_mises_mpa"],
+        lambda row: row[1]["peak_von_mises_error_mpa"],
         "largest von Mises [MPa]",
         ">von Mises MPa",
         "von Mises [MPa]",
-        error=lambda row: _open(row[1]["peak_von_mises_error_mpa"]),
     ),
-    Column(lambda row: row[1]["peak_von_mises_error_mpa"], "± largest von Mises [MPa]"),
-    Column(lambda row: 1e3 * row[1]["peak_von_mises_s"], "von Mises at [ms]", ">at ms", "at [ms]"),
-    Column(
+    _at_ms("peak_von_mises_s", "von Mises at [ms]", ">at ms"),
+    *bound_column(
         lambda row: row[1]["peak_displacement_um"],
+        lambda row: row[1]["peak_displacement_error_um"],
         "largest displacement [um]",
         ">displacement µm",
         "Displacement [µm]",
-        error=lambda row: _open(row[1]["peak_displacement_error_um"]),
     ),
-    Column(lambda row: row[1]["peak_displacement_error_um"], "± largest displacement [um]"),
-    Column(
-        lambda row: 1e3 * row[1]["peak_displacement_s"],
-        "displacement at [ms]",
-        ">at ms ",
-        "at [ms]",
-    ),
+    _at_ms("peak_displacement_s", "displacement at [ms]", ">at ms "),
 )
 
 
@@ -236,29 +215,26 @@ type JointRow = tuple[str, JointForces]
 
 MOTOR_COLUMNS: tuple[Column[MotorRow], ...] = (
     Column(lambda row: row[0], "drive", "drive", "Drive"),
-    Column(
+    *bound_column(
         lambda row: row[1]["torque_nm"],
+        lambda row: row[1]["torque_off_nm"],
         "largest torque [N m]",
         ">torque N m",
         "Torque [N m]",
-        error=lambda row: row[1]["torque_off_nm"],
+        error_file="± torque [N m]",
+        open_errors=False,
     ),
-    Column(lambda row: row[1]["torque_off_nm"], "± torque [N m]"),
-    Column(lambda row: 1e3 * row[1]["torque_s"], "torque at [ms]", ">at ms", "at [ms]"),
-    Column(
+    _at_ms("torque_s", "torque at [ms]", ">at ms"),
+    *bound_column(
         lambda row: row[1]["position_error_um"],
+        lambda row: row[1]["position_error_off_um"],
         "largest position error [um]",
         ">position error µm",
         "Position error [µm]",
-        error=lambda row: row[1]["position_error_off_um"],
+        error_file="± position error [um]",
+        open_errors=False,
     ),
-    Column(lambda row: row[1]["position_error_off_um"], "± position error [um]"),
-    Column(
-        lambda row: 1e3 * row[1]["position_error_s"],
-        "position error at [ms]",
-        ">at ms ",
-        "at [ms]",
-    ),
+    _at_ms("position_error_s", "position error at [ms]", ">at ms "),
 )
 
 
@@ -281,30 +257,27 @@ def _find_error(row: JointRow, unit: str) -> float | None:
     return None if largest is None or not largest[1]["force"] else largest[1]["error"]
 
 
-# the largest force and the largest moment of each joint; files have all directions
+def _list_largest(unit: str, heading: str, at: str) -> tuple[Column[JointRow], ...]:
+    """Return the columns of the largest force, or moment, of a joint; files have all directions."""
+    screen, report = f">{unit}", f"[{unit}]"
+    return (
+        Column(lambda row: _read(row, unit, "direction"), "", heading, heading.capitalize()),
+        Column(
+            lambda row: _read(row, unit, "force"),
+            "",
+            screen,
+            report,
+            error=lambda row: _find_error(row, unit),
+        ),
+        Column(lambda row: _read(row, unit, "force_s"), "", at, "at [ms]"),
+    )
+
+
 JOINT_FORCE_COLUMNS: tuple[Column[JointRow], ...] = (
     Column(lambda row: row[0], "", "joint", "Joint"),
-    Column(lambda row: _read(row, "N", "direction"), "", "force in", "Force in"),
-    Column(
-        lambda row: _read(row, "N", "force"),
-        "",
-        ">N",
-        "[N]",
-        error=lambda row: _find_error(row, "N"),
-    ),
-    Column(lambda row: _read(row, "N", "force_s"), "", ">at ms", "at [ms]"),
-    Column(lambda row: _read(row, "N m", "direction"), "", "moment about", "Moment about"),
-    Column(
-        lambda row: _read(row, "N m", "force"),
-        "",
-        ">N m",
-        "[N m]",
-        error=lambda row: _find_error(row, "N m"),
-    ),
-    Column(lambda row: _read(row, "N m", "force_s"), "", ">at ms ", "at [ms]"),
+    *_list_largest("N", "force in", ">at ms"),
+    *_list_largest("N m", "moment about", ">at ms "),
 )
-
-
 FORCE_COLUMNS = {  # as templates call them
     "probe_peaks_over_time": PROBE_MOTION_PEAKS,
     "motors": MOTOR_COLUMNS,

@@ -51,6 +51,33 @@ class Column[Row]:
     error: Callable[[Row], float | None] | None = None
 
 
+def bound_column[Row](
+    value: Callable[[Row], Cell],
+    error: Callable[[Row], float | None],
+    file: str,
+    screen: str = "",
+    report: str = "",
+    *,
+    error_file: str = "",
+    open_errors: bool = True,
+) -> tuple[Column[Row], Column[Row]]:
+    """Return the column of a number with its ±, and the one of the ± that files have.
+
+    Args:
+        error_file: Heading of the ± in files; that of the number behind ± without it.
+        open_errors: A ± that nobody knows is shown as such.
+    """
+
+    def show_error(row: Row) -> float | None:
+        size = error(row)
+        return math.nan if size is None and open_errors else size
+
+    return (
+        Column(value, file, screen, report, error=show_error),
+        Column(error, error_file or f"± {file}"),
+    )
+
+
 def tabulate[Row](name: str, columns: Sequence[Column[Row]], rows: Iterable[Row]) -> PlainTable:
     """The columns of a table that files have.
 

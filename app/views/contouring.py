@@ -65,77 +65,54 @@ def _tell_wave(row: _FaceRow) -> str | None:
     return f"{wave['length_mm']:.3g} mm, {wave['amplitude_um']:.2g} µm"
 
 
-def _parameter(name: str, key: MilledKey) -> Column[_FaceRow]:
-    """Of the profile of a face, by its name in ISO 21920."""
-    return Column(
-        _of_milled(key),
-        f"{name} [um]",
-        screen=f">{name}",
-        report=f"{name} [µm]",
-        digits=3,
-        error=_profile_error(key),
+def _profile(
+    key: MilledKey, file: str, report: str, screen: str = "", digits: int = 3
+) -> Column[_FaceRow]:
+    """Return the column of a parameter of the profile of a face."""
+    return Column(_of_milled(key), file, screen, report, digits=digits, error=_profile_error(key))
+
+
+def _gap(
+    key: Literal["outward_um", "outward_peak_to_peak_um"],
+) -> tuple[Callable[[_FaceRow], float | None], Callable[[_FaceRow], float | None]]:
+    """Return what reads a number of the gap beside a face, and its ±."""
+    return (
+        lambda row: None if row.gap is None else row.gap[key],
+        lambda row: None if row.gap is None else row.gap["errors"][key],
     )
 
 
+(_mean_gap, _mean_gap_error), (_gap_span, _gap_span_error) = (
+    _gap("outward_um"),
+    _gap("outward_peak_to_peak_um"),
+)
 FACE_COLUMNS: tuple[Column[_FaceRow], ...] = (
     Column(lambda row: row.face, "face", screen=">face", report="Face"),
     Column(lambda row: row.at, "at", screen="<at", report="At"),
+    Column(_mean_gap, "mean gap outward [um]", ">gap", "Mean gap [µm]", error=_mean_gap_error),
     Column(
-        lambda row: None if row.gap is None else row.gap["outward_um"],
-        "mean gap outward [um]",
-        screen=">gap",
-        report="Mean gap [µm]",
-        error=lambda row: None if row.gap is None else row.gap["errors"]["outward_um"],
-    ),
-    Column(
-        lambda row: None if row.gap is None else row.gap["outward_peak_to_peak_um"],
+        _gap_span,
         "gap peak to peak [um]",
-        screen=">ripple",
-        report="peak to peak [µm]",
+        ">ripple",
+        "peak to peak [µm]",
         digits=3,
-        error=lambda row: None if row.gap is None else row.gap["errors"]["outward_peak_to_peak_um"],
+        error=_gap_span_error,
     ),
-    Column(
-        lambda row: None if row.gap is None else row.gap["errors"]["outward_um"],
-        "± mean gap [um]",
-    ),
-    Column(
-        lambda row: None if row.gap is None else row.gap["errors"]["outward_peak_to_peak_um"],
-        "± gap peak to peak [um]",
-    ),
+    Column(_mean_gap_error, "± mean gap [um]"),
+    Column(_gap_span_error, "± gap peak to peak [um]"),
     Column(_profile_error("location_error_um"), "± location error [um]"),
     Column(_profile_error("ra_um"), "± Ra [um]"),
     Column(_profile_error("rz_um"), "± Rz [um]"),
     Column(_profile_error("wt_um"), "± Wt [um]"),
-    Column(
-        _of_milled("location_error_um"),
-        "location error [um]",
-        screen=">location",
-        report="Location error [µm]",
-        error=_profile_error("location_error_um"),
+    _profile(
+        "location_error_um", "location error [um]", "Location error [µm]", ">location", digits=4
     ),
-    _parameter("Ra", "ra_um"),
-    _parameter("Rz", "rz_um"),
-    _parameter("Wt", "wt_um"),
-    Column(
-        _of_milled("pt_um"), "Pt [um]", report="Pt [µm]", digits=3, error=_profile_error("pt_um")
-    ),
-    Column(
-        _of_milled("mark_at_start_um"),
-        "mark at the start [um]",
-        screen=">at start",
-        report="Mark at start [µm]",
-        digits=3,
-        error=_profile_error("mark_at_start_um"),
-    ),
-    Column(
-        _of_milled("mark_at_end_um"),
-        "mark at the end [um]",
-        screen=">at end",
-        report="at end [µm]",
-        digits=3,
-        error=_profile_error("mark_at_end_um"),
-    ),
+    _profile("ra_um", "Ra [um]", "Ra [µm]", ">Ra"),  # by its name in ISO 21920
+    _profile("rz_um", "Rz [um]", "Rz [µm]", ">Rz"),
+    _profile("wt_um", "Wt [um]", "Wt [µm]", ">Wt"),
+    _profile("pt_um", "Pt [um]", "Pt [µm]"),
+    _profile("mark_at_start_um", "mark at the start [um]", "Mark at start [µm]", ">at start"),
+    _profile("mark_at_end_um", "mark at the end [um]", "at end [µm]", ">at end"),
     Column(_tell_wave, "strongest wave", report="Strongest wave"),
     Column(
         lambda row: None if row.stability is None else row.stability["limit_depth_mm"],

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from headstock.app.drawings.path import draw_path, draw_path_drives
 from headstock.app.tables.probes import (
@@ -85,37 +85,26 @@ def _known_error(
     return math.nan if error is None else error
 
 
+def _sized(name: str, report: str, screen: str = "") -> Column[_ZoneRow]:
+    return Column(
+        lambda row: row.size(name),
+        screen=screen,
+        report=report,
+        error=lambda row: row.error(name),
+    )
+
+
 ZONE_COLUMNS: tuple[Column[_ZoneRow], ...] = (
     Column(lambda row: row.run["name"], screen="feed", report="Feed"),
     Column(lambda row: " ".join(row.channel), screen="<at"),
     Column(lambda row: row.zone, screen="<zone", report="Zone"),
     Column(lambda row: row.run["acceleration"], report="Acceleration [m/s², rad/s²]", digits=3),
-    Column(
-        lambda row: row.size("peak"),
-        screen=">peak",
-        report="Peak",
-        error=lambda row: row.error("peak"),
-    ),
+    _sized("peak", "Peak", ">peak"),
     Column(lambda row: row.found["peak_s"], screen=">at s", report="at [s]"),
-    Column(
-        lambda row: row.size("span"),
-        screen=">span",
-        report="Peak to peak",
-        error=lambda row: row.error("span"),
-    ),
-    Column(
-        lambda row: row.size("quasi_static"),
-        screen=">static",
-        report="Quasi-static",
-        error=lambda row: row.error("quasi_static"),
-    ),
-    Column(
-        lambda row: row.size("dynamic"),
-        screen=">vibration",
-        report=PART_NAMES["dynamic"].capitalize(),
-        error=lambda row: row.error("dynamic"),
-    ),
-    Column(lambda row: row.size("rms"), report="rms", error=lambda row: row.error("rms")),
+    _sized("span", "Peak to peak", ">span"),
+    _sized("quasi_static", "Quasi-static", ">static"),
+    _sized("dynamic", PART_NAMES["dynamic"].capitalize(), ">vibration"),
+    _sized("rms", "rms"),
     Column(
         lambda row: row.found["settling_s"],
         screen=">settles",
@@ -135,10 +124,6 @@ class _CruiseRow(NamedTuple):
     found: CruiseSummary
     errors: ZoneSummary
 
-    def error(self, name: str, value: float) -> float | None:
-        """Return the error of one of its sizes."""
-        return _known_error(value, self.errors, name)
-
 
 def _list_cruises(path: PathSummary, output: int | None = None) -> list[_CruiseRow]:
     """Every feed and output of a path on which errors of guides act; of one output where its number
@@ -152,30 +137,24 @@ def _list_cruises(path: PathSummary, output: int | None = None) -> list[_CruiseR
     ]
 
 
+def _varied(
+    name: Literal["variation_um", "straightness_um", "amplitude_um"], report: str, screen: str
+) -> Column[_CruiseRow]:
+    return Column(
+        lambda row: row.found[name],
+        screen=screen,
+        report=report,
+        show=show_deviation,
+        error=lambda row: _known_error(row.found[name], row.errors, name),
+    )
+
+
 CRUISE_COLUMNS: tuple[Column[_CruiseRow], ...] = (
     Column(lambda row: row.run["name"], screen="feed", report="Feed"),
     Column(lambda row: " ".join(row.channel), screen="<at"),
-    Column(
-        lambda row: row.found["variation_um"],
-        screen=">variation",
-        report="Variation",
-        show=show_deviation,
-        error=lambda row: row.error("variation_um", row.found["variation_um"]),
-    ),
-    Column(
-        lambda row: row.found["straightness_um"],
-        screen=">straightness",
-        report="Straightness",
-        show=show_deviation,
-        error=lambda row: row.error("straightness_um", row.found["straightness_um"]),
-    ),
-    Column(
-        lambda row: row.found["amplitude_um"],
-        screen=">wave of",
-        report="Strongest wave",
-        show=show_deviation,
-        error=lambda row: row.error("amplitude_um", row.found["amplitude_um"]),
-    ),
+    _varied("variation_um", "Variation", ">variation"),
+    _varied("straightness_um", "Straightness", ">straightness"),
+    _varied("amplitude_um", "Strongest wave", ">wave of"),
     Column(lambda row: row.found["period_s"], screen=">period s", report="Period [s]", digits=3),
     Column(
         lambda row: row.found.get("period_mm", row.found.get("period_deg")),

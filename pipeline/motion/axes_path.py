@@ -4,35 +4,45 @@ for stability before any run in time.
 """
 
 import dataclasses
+import functools
 import math
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.geometry.machine.machine import travel_directions
-from headstock.pipeline.answers.motion_forces import PathForces, ProbeMotion
+from headstock.pipeline.answers.motion_forces import DriveHistory, PathForces, ProbeMotion
+from headstock.pipeline.answers.path import FollowedPoses
 from headstock.pipeline.motion.motion_forces import record_drives, watch_drives
 from headstock.pipeline.motion.path_model import (
-    SolvedMoves,
-    add_watched,
+    PathObservers,
+    PosedMoves,
+    SolvedMove,
+    SolveMove,
     axis_shares,
     choose_model,
     couple_at,
-    evaluate_poses,
     observe_path,
     path_loads,
     sample_path,
     travel_of_channel,
 )
 from headstock.pipeline.motion.probe_motions import probe_values
-from headstock.pipeline.stages.control import drive_along, drive_machine
+from headstock.pipeline.motion.trajectory import coupled_machine
+from headstock.pipeline.stages.control import DrivenMachine, drive_along, drive_machine
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
-from headstock.pipeline.stages.run_state import RunState
+from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.drives import housing_rows, scale_rows
-from headstock.reduction.coupling.error_travel import find_offset_motions
+from headstock.reduction.coupling.error_travel import (
+    ErrorTravel,
+    OffsetMotions,
+    find_offset_motions,
+)
 from headstock.reduction.coupling.path_loads import (
     PATH_INPUT,
     add_driven_path_input,
@@ -48,8 +58,8 @@ from headstock.reduction.motions.path_errors import (
     STEPS_PER_WAVE,
     PathErrors,
     add_error_inputs,
+    find_path_errors,
     pass_offsets,
-    respond_to_errors,
 )
 from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.control.drive_loops import ENCODER, close_loops
@@ -59,7 +69,6 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.state_space import Feedthrough
 from headstock.solvers.motion.closed_loop import (
     ControlledPath,
-    LoopTable,
     VaryingLoop,
     loop_channels,
     make_loop_table,
@@ -73,411 +82,524 @@ from headstock.solvers.motion.driven_motion import DrivenMotion
 from headstock.solvers.motion.exact import (
     Disturbance,
     PathModel,
+    StepTable,
     make_step_table,
+    solve_loads,
     solve_loop_loads,
     solve_path,
     solve_varying_path,
 )
 from headstock.solvers.motion.friction_loop import friction_channels
-from headstock.solvers.motion.plant import PosedModes
+from headstock.solvers.motion.plant import PosedModes, VaryingSystem
 from headstock.solvers.motion.sampling import sample_plant, sample_system
-from headstock.solvers.motion.set_points import SetPoint, cut_times, load_channels, sample_move
-from headstock.solvers.second_order import Channel
-from headstock.solvers.watched_outputs import Extreme
-
-
-def build_plant(state: RunState, request: PathRequest, position: float) -> PosedModes:
-    """The machine at a position of the path [m]: the damping the scene names, and the acceleration
-    along the path as an input.
-    """
-    parts, pose = state.parts, request.path.pose_at(position)
-    coupled = couple(parts.superelements, state.scene.machine, pose)
-    modes = solve_modal(coupled.system)
-    for message in warn_of_no_damping(state.scene, coupled.system):
-        state.warn(message)
-    damped = damp_system(state.scene, coupled.system, modes)
-    travels = travel_directions(state.scene.machine, request.path)
-    return stack_modes(add_path_input(damped, coupled, travels), modes, coupled)
-
-
-def move_freely(
-    state: RunState,
-    request: PathRequest,
-    middle: PosedModes,
-    model: PathModel,
-    disturbed: Sequence[PathDeviation | None],
-) -> SolvedMoves:
-    """Deviation of every move by its acceleration and the cut, with motors that follow their set
-    point.
-
-    Args:
-        disturbed: Every move as errors of guides disturb it; None for nothing.
-    """
-    machine = state.scene.machine
-    directions = travel_directions(machine, request.path)
-    loads = path_loads(machine, directions, request.cut)
-    model = dataclasses.replace(model, loads=loads)
-    posed = couple_at(state, request, 0.5 * request.path.length)
-    observers = observe_path(state, posed)
-    whole = dataclasses.replace(model, up_to_hz=None, watched=observers.watch)
-    system = observers.join(middle.system)
-    kept = tuple(
-        solve_path(system, whole, move, sample_path(request, move)) for move in request.moves
-    )
-    carried = np.concatenate(
-        [
-            np.zeros(0),
-            *(
-                travel_inertia(posed.coupled, machine.probes[name], directions[probe.component])
-                if probe.component in directions
-                else np.zeros(SEEN)
-                for name, probe in observers.probes.items()
-            ),
-        ]
-    )
-    forces = tuple(
-        PathForces(
-            record_drives((), each.times, none, none),
-            *observers.read(each, carried, sample_move(move, each.times).accelerations),
-        )
-        for move, each in zip(request.moves, map(add_watched, kept, disturbed), strict=True)
-        for none in (np.zeros((len(each.times), 0)),)
-    )
-    if not request.follows_pose:
-        return SolvedMoves(kept, kept, forces)
-    along = sample_system(
-        lambda position: build_plant(state, request, position), request.path.length, model
-    )
-    fine, _ = cut_times(sample_path(request, request.moves[0]), loads)
-    table = make_step_table(along, float(fine[1] - fine[0]))
-    found = tuple(
-        solve_varying_path(along, model, move, sample_path(request, move), table)
-        for move in request.moves
-    )
-    move = request.moves[-1]
-    short = solve_path(middle.system, model, move, sample_path(request, move))
-    return SolvedMoves(
-        found,
-        kept,
-        forces,
-        evaluate_poses(request, along, table, found=found, kept=kept, short=short, whole=kept[-1]),
-    )
-
+from headstock.solvers.motion.set_points import (
+    PathLoads,
+    SetPoint,
+    cut_times,
+    load_channels,
+    sample_move,
+)
+from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.watched_outputs import Extreme, Watch
 
 ENERGY_LIMIT = 1e-6
-# modes up to so many times the band looked at are states of the loop, the others act at once; fewer
+# modes up to so many times the band looked at are states of the loop, the others act directly; fewer
 # with friction, whose steps take all states together, or where they are interpolated along the path
 LINEAR_REACH, FRICTION_REACH, VARYING_REACH = 12.0, 3.0, 3.0
 
 
-def close_path(
-    state: RunState,
-    request: PathRequest,
-    posed: CoupledPose,
-    low_frequency_limit_hz: float,
-    *,
-    reach: float | None = None,
-) -> ControlledPath:
-    """The closed loop of a scene's drives in a pose of the path.
+SolveDeviation = Callable[[SetPoint], PathDeviation]
+# largest forces by joint and direction, and motions of probes
+Observed = tuple[dict[str, dict[str, Extreme]], dict[str, ProbeMotion]]
 
-    Args:
-        low_frequency_limit_hz: Below it poles are rigid-body motion [Hz].
-        reach: Modes up to so many times the band are states; None for the usual number.
 
-    Raises:
-        UnstableControlError: A pole grows.
+@dataclass(frozen=True, eq=False)
+class AxesPath(ABC):
+    """A machine whose linear axes go along a path: one solver of paths.
+
+    Attributes:
+        error_nodes: Poses between which what errors of guides do at rest is interpolated.
     """
-    driven = drive_machine(posed, state.warn)
-    require_stable(driven.system, driven.trains)
-    channels, observers = friction_channels(driven.trains), observe_path(state, driven.released)
-    reach = reach or (FRICTION_REACH if channels else LINEAR_REACH)
-    machine = state.scene.machine
-    directions = travel_directions(machine, request.path)
-    loads = path_loads(machine, directions, request.cut)
-    return ControlledPath(
-        loop=close_loops(
-            observers.join(driven.system),
-            driven.trains,
-            inputs=(*load_channels(loads), *channels),
-            outputs=(*request.outputs, *observers.outputs),
-            up_to_hz=reach * request.band_hz,
-        ),
-        outputs=request.outputs,
-        shares=axis_shares(request),
-        travel=np.array(
-            [
-                travel_of_channel(machine, directions, name=name, dof=dof)
-                for name, dof in request.outputs
-            ]
-        ),
-        low_frequency_limit_hz=low_frequency_limit_hz,
-        loads=loads,
-        watched=observers.watch.join(watch_drives(state.scene.drives.values())),
-    )
 
+    state: RunState
+    request: PathRequest
+    error_nodes: int
 
-def drive_path(
-    state: RunState, path: ControlledPath, move: SetPoint, samples: FloatArray
-) -> PathDeviation:
-    """Deviation over a move, with friction where the scene names it."""
-    if not friction_channels(path.loop.trains):
-        return solve_controlled_path(path, move, samples)
-    deviation, motion = solve_path_with_friction(path, move, samples)
-    _check_energy(state, motion, move)
-    return deviation
+    @functools.cached_property
+    def model(self) -> PathModel:
+        """What a deviation is computed of."""
+        return dataclasses.replace(choose_model(self.request), loads=self.loads)
 
+    @functools.cached_property
+    def middle(self) -> CoupledPose:
+        """The machine in the middle of the path."""
+        return couple_at(self.state, self.request, 0.5 * self.request.path.length)
 
-def _check_energy(state: RunState, motion: DrivenMotion, move: SetPoint) -> None:
-    """Warns where the energy balance of a move with friction misses too much."""
-    if motion.energy.error > ENERGY_LIMIT:
-        state.warn(
-            f"path analysis at {move.name}: the energy balance misses {motion.energy.error:.2g} of the work, more than"
-            f" {ENERGY_LIMIT:g}; give friction a larger smoothing"
+    @functools.cached_property
+    def plant(self) -> PosedModes:
+        """The machine with ideal motors there."""
+        return self.build_plant(0.5 * self.request.path.length)
+
+    def build_plant(self, position: float) -> PosedModes:
+        """Return the machine with ideal motors at a position of the path [m]: the damping the scene names, and
+        the acceleration along the path as an input.
+        """
+        scene, pose = self.state.scene, self.request.path.pose_at(position)
+        coupled = couple(self.state.parts.superelements, scene.machine, pose)
+        modes = solve_modal(coupled.system)
+        for message in warn_of_no_damping(scene, coupled.system):
+            self.state.warn(message)
+        damped = damp_system(scene, coupled.system, modes)
+        return stack_modes(add_path_input(damped, coupled, self.directions), modes, coupled)
+
+    @property
+    def _step(self) -> float:
+        """Of time between samples as the loads need them [s]."""
+        fine, _ = cut_times(sample_path(self.request, self.request.moves[0]), self.loads)
+        return float(fine[1] - fine[0])
+
+    @property
+    def frequencies_hz(self) -> FloatArray:
+        """Natural frequencies in the middle of the path [Hz]."""
+        return self.plant.modes.frequencies_hz
+
+    @property
+    def damped(self) -> bool:
+        """Whether anything damps the machine."""
+        return self.plant.system.damping is not None or self.plant.system.hysteretic is not None
+
+    @functools.cached_property
+    def directions(self) -> dict[str, FloatArray]:
+        """Of every component that travels, its velocity ``(3,)`` per speed along the path."""
+        return travel_directions(self.state.scene.machine, self.request.path)
+
+    @functools.cached_property
+    def loads(self) -> PathLoads | None:
+        """The cut; None without one."""
+        return path_loads(self.state.scene.machine, self.directions, self.request.cut)
+
+    @functools.cached_property
+    def errors(self) -> PathErrors | None:
+        """Errors of guides along the path; None where there are none."""
+        return find_path_errors(
+            self.state.parts.superelements,
+            self.state.scene.machine,
+            self.request.path,
+            self.request.outputs,
+            nodes=self.error_nodes,
         )
-    state.energy_errors[move.name] = motion.energy.error
 
+    @functools.cached_property
+    def rippling(self) -> list[Drive]:
+        """Drives with torque ripple."""
+        return [drive for drive in self.state.scene.drives.values() if drive.ripple]
 
-def close_along(
-    state: RunState, request: PathRequest, middle: CoupledPose, low_frequency_limit_hz: float
-) -> VaryingLoop:
-    """The closed loops of a scene's drives as the pose changes, judged in every pose in which the
-    machine is coupled.
+    @property
+    def disturbed(self) -> bool:
+        """Whether errors of guides or torque ripple are among what deviates."""
+        return self.errors is not None or bool(self.rippling)
 
-    Raises:
-        UnstableControlError: A pole grows in one of them.
-    """
-    machine = state.scene.machine
-    directions = travel_directions(machine, request.path)
-    trains = middle.release(state.scene.drives.values()).trains
-    travels = find_rigid_travels(middle.coupled, trains, directions, axis_shares(request))
-    loads = path_loads(machine, directions, request.cut)
-    channels = loop_channels(
-        trains,
-        path=PATH_INPUT,
-        loads=load_channels(loads),
-        outputs=request.outputs,
-        up_to_hz=VARYING_REACH * request.band_hz,
-    )
+    @functools.cached_property
+    def disturbances(self) -> dict[SetPoint, PathDeviation | None]:
+        """What errors of guides and torque ripple do on every move in the pose of the middle, from that at
+        its beginning.
+        """
+        return {
+            move: self._disturb(move) if self.disturbed else None for move in self.request.moves
+        }
 
-    def place(position: float) -> PosedModes:
-        driven = drive_along(couple_at(state, request, position), position, state.warn)
-        system = add_driven_path_input(
-            driven.system, driven.coupled, driven.trains, directions, travels
-        )
-        return stack_driven_modes(system, driven.modes, driven.coupled, driven.trains)
+    @property
+    @abstractmethod
+    def machine(self) -> PoseModel:
+        """The machine in the middle of the path, its motors locked or free."""
 
-    return VaryingLoop(
-        plant=sample_plant(place, request.path.length, channels),
-        path=PATH_INPUT,
-        outputs=request.outputs,
-        trains=trains,
-        travels=travels,
-        low_frequency_limit_hz=low_frequency_limit_hz,
-        loads=loads,
-        watched=watch_drives(state.scene.drives.values()).channels,
-    )
+    @property
+    @abstractmethod
+    def system(self) -> SecondOrderSystem:
+        """Its equations of motion, with damping."""
 
+    @functools.cached_property
+    def observers(self) -> PathObservers:
+        """Joints and probes there."""
+        return observe_path(self.state, self.machine)
 
-def move_along(
-    state: RunState, loop: VaryingLoop, move: SetPoint, samples: FloatArray, table: LoopTable
-) -> PathDeviation:
-    """Deviation over a move as the pose changes, with friction where the scene names it."""
-    if not friction_channels(loop.trains):
-        return solve_varying_control(loop, move, samples, table)
-    deviation, motion = solve_varying_friction(loop, move, samples, table)
-    _check_energy(state, motion, move)
-    return deviation
+    @abstractmethod
+    def _solve_frozen(self) -> SolveDeviation:
+        """What solves a move in the pose of the middle, without disturbances."""
 
+    @abstractmethod
+    def _solve_posed(self) -> tuple[SolveDeviation, VaryingSystem, StepTable]:
+        """What solves a move as the pose changes, without disturbances; the machine along the path, and the
+        steps in time.
+        """
 
-def disturb_loop(
-    state: RunState, request: PathRequest, errors: PathErrors | None, move: SetPoint
-) -> PathDeviation:
-    """Deviation by errors of guides and torque ripple over a move under control, in the pose of the
-    middle, from that at its beginning.
-    """
-    driven = drive_machine(couple_at(state, request, 0.5 * request.path.length), state.warn)
-    if friction_channels(driven.trains):
-        state.warn(
-            "path analysis: errors of guides and torque ripple move the machine as if there were no friction; what friction does is added"
-        )
-    observers, machine = observe_path(state, driven.released), state.scene.machine
-    system = observers.join(driven.system)
-    channels: tuple[Channel, ...] = ()
-    shortest = math.inf
-    passed: Feedthrough | None = None
-    if errors is not None:
-        shortest = errors.shortest
-        drives = tuple(state.scene.drives.values())
-        read = [drive for drive in drives if drive.control.encoder == SCALE]
-        motions = find_offset_motions(
-            driven.coupled,
-            errors.travel,
-            system,
-            unmoved=scale_rows(driven.coupled, machine, read),
-        )
-        turned = housing_rows(driven.coupled, machine, drives) @ motions.moved
-        spun = housing_loads(driven.trains, turned, len(system.mass))
-        motions = dataclasses.replace(motions, accelerations=motions.accelerations + spun)
-        system, channels = add_error_inputs(system, errors.travel, motions)
+    @abstractmethod
+    def _truncate(self, kept: PathDeviation) -> tuple[PathDeviation, PathDeviation]:
+        """The last move in the pose of the middle, without the modes that are left out along the path,
+        and with them.
+        """
+
+    @abstractmethod
+    def _disturb(self, move: SetPoint) -> PathDeviation:
+        """What errors of guides and torque ripple do on a move in the pose of the middle."""
+
+    def _find_offset_motions(self, travel: ErrorTravel, system: SecondOrderSystem) -> OffsetMotions:
+        """What unit offsets move of the machine."""
+        return find_offset_motions(self.middle.coupled, travel, system)
+
+    @functools.cached_property
+    def _erring(self) -> tuple[SecondOrderSystem, tuple[Channel, ...], Feedthrough | None]:
+        """The observed machine with errors of guides as inputs, these, and their direct feedthrough."""
+        observers, errors = self.observers, self.errors
+        system = observers.join(self.system)
+        if errors is None:
+            return system, (), None
+        motions = self._find_offset_motions(errors.travel, system)
         passed = pass_offsets(
-            driven.coupled,
+            coupled_machine(self.machine),
             errors.travel,
             motions,
-            request.outputs,
+            self.request.outputs,
             observers.joints,
             probe_values(observers.probes),
         )
-    rippling = [drive for drive in state.scene.drives.values() if drive.ripple]
-    channels = (*channels, *((drive.name, FORCE) for drive in rippling))
+        return *add_error_inputs(system, errors.travel, motions), passed
 
-    def loads(times: FloatArray) -> FloatArray:
-        positions = sample_move(move, times).positions
-        parts = [] if errors is None else [errors.amounts(move, times)]
-        return np.hstack([*parts, *(_path_ripple(drive, request, positions) for drive in rippling)])
+    def _load_by_errors(self, move: SetPoint) -> Disturbance:
+        """Errors of guides, then torque ripple, as loads during a move."""
+        errors, (_, channels, passed) = self.errors, self._erring
 
-    loop = close_loops(
-        system,
-        driven.trains,
-        inputs=channels,
-        outputs=(*request.outputs, *observers.outputs),
-        up_to_hz=LINEAR_REACH * request.band_hz,
-    )
-    step = min(shortest, _shortest_ripple(rippling, request)) / move.feed / STEPS_PER_WAVE
-    return solve_loop_loads(
-        loop.space,
-        request.outputs,
-        Disturbance(channels, loads, step, passed),
-        samples=sample_path(request, move),
-        watch=observers.watch.join(watch_drives(state.scene.drives.values())),
-    )
+        def loads(times: FloatArray) -> FloatArray:
+            positions = sample_move(move, times).positions
+            parts = [] if errors is None else [errors.amounts(move, times)]
+            return np.hstack([*parts, *(self._ripple(each, positions) for each in self.rippling)])
 
+        step = self._shortest_wave / move.feed / STEPS_PER_WAVE
+        ripple = ((drive.name, FORCE) for drive in self.rippling)
+        return Disturbance((*channels, *ripple), loads, step, passed)
 
-def disturb_freely(
-    state: RunState,
-    request: PathRequest,
-    errors: PathErrors,
-    move: SetPoint,
-    middle: PosedModes,
-) -> PathDeviation:
-    """The same with motors that follow their set point."""
-    posed = couple_at(state, request, 0.5 * request.path.length)
-    observers = observe_path(state, posed)
-    return respond_to_errors(
-        errors,
-        observers.join(middle.system),
-        move,
-        samples=sample_path(request, move),
-        low_frequency_limit_hz=choose_model(request).low_frequency_limit_hz,
-        joints=observers.joints,
-        probes=probe_values(observers.probes),
-        watch=observers.watch,
-    )
+    def _ripple(self, drive: Drive, positions: FloatArray) -> FloatArray:
+        """Force ``(n, 1)`` of a drive at ``(n,)`` positions along the path by the ripple of its torque, from
+        that at the beginning [N].
+        """
+        start = self.request.path.start.positions.get(drive.axis, 0.0)
+        share = axis_shares(self.request).get(drive.axis, 0.0)
+        force = ripple_force(drive, start + share * positions)
+        return (force - ripple_force(drive, np.array([start])))[:, None]
 
-
-def _path_ripple(drive: Drive, request: PathRequest, positions: FloatArray) -> FloatArray:
-    """Force ``(n, 1)`` of a drive along ``(n,)`` places of a path by the ripple of its torque, from
-    that at the beginning [N].
-    """
-    start = request.path.start.positions.get(drive.axis, 0.0)
-    share = axis_shares(request).get(drive.axis, 0.0)
-    found = ripple_force(drive, start + share * positions)
-    return (found - ripple_force(drive, np.array([start])))[:, None]
-
-
-def _shortest_ripple(drives: Sequence[Drive], request: PathRequest) -> float:
-    """Shortest wave of motor torques along the path [m]; infinite without any."""
-    shares = axis_shares(request)
-    return min(
-        (
+    @property
+    def _shortest_wave(self) -> float:
+        """Shortest wave of guides and motor torques along the path [m]; infinite without any."""
+        shares = axis_shares(self.request)
+        ripples = [
             drive.lead / wave.per_turn / abs(shares[drive.axis])
-            for drive in drives
+            for drive in self.rippling
             if shares.get(drive.axis)
             for wave in drive.ripple
-        ),
-        default=math.inf,
-    )
-
-
-def drive_moves(
-    state: RunState,
-    request: PathRequest,
-    model: PathModel,
-    disturbed: Sequence[PathDeviation | None],
-) -> SolvedMoves:
-    """Deviation of every move with the drives of the scene under control.
-
-    Args:
-        disturbed: Every move as errors of guides and torque ripple disturb it; None for nothing.
-    """
-    middle = couple_at(state, request, 0.5 * request.path.length)
-    loop = close_path(state, request, middle, model.low_frequency_limit_hz)
-    kept = tuple(
-        drive_path(state, loop, move, sample_path(request, move)) for move in request.moves
-    )
-    shares = [loop.shares.get(train.axis, 0.0) for train in loop.loop.trains]
-    observers = observe_path(state, middle.release(state.scene.drives.values()).model)
-    directions = travel_directions(state.scene.machine, request.path)
-    travel = np.concatenate(
-        [
-            np.zeros(0),
-            *(
-                np.pad(directions.get(probe.component, np.zeros(3)), (0, SEEN - 3))
-                for probe in observers.probes.values()
-            ),
         ]
-    )
-    taken = [
-        observers.read(each, travel, sample_move(move, each.times).positions)
-        for move, each in zip(request.moves, map(add_watched, kept, disturbed), strict=True)
-    ]
-    if not request.follows_pose:
-        whole = [*map(add_watched, kept, disturbed)]
-        return SolvedMoves(kept, kept, _read_forces(state, request, whole, shares, taken))
-    along = close_along(state, request, middle, model.low_frequency_limit_hz)
-    fine, _ = cut_times(sample_path(request, request.moves[0]), along.loads)
-    table = make_loop_table(along, float(fine[1] - fine[0]))
-    found = tuple(
-        move_along(state, along, move, sample_path(request, move), table) for move in request.moves
-    )
-    move = request.moves[-1]
-    samples = sample_path(request, move)
-    full, short = (
-        solve_controlled_path(
-            close_path(state, request, middle, model.low_frequency_limit_hz, reach=reach),
-            move,
-            samples,
+        return min([math.inf if self.errors is None else self.errors.shortest, *ripples])
+
+    @abstractmethod
+    def _observe(self, move: SetPoint, total: PathDeviation) -> Observed:
+        """What joints took at most on a move, and what probes observed."""
+
+    def _record_drives(
+        self, move: SetPoint, total: PathDeviation, *, along: bool = False
+    ) -> DriveHistory:
+        """What drives did on a move that watched them, as the pose changed along the path or did not."""
+        none = np.zeros((len(total.times), 0))
+        return record_drives((), total.times, none, none)
+
+    def freeze(self) -> SolveMove:
+        """Return what solves a move in the pose of the middle."""
+        disturbances, solve = self.disturbances, self._solve_frozen()
+
+        def solve_move(move: SetPoint) -> SolvedMove:
+            deviation = solve(move)
+            total = _add(deviation, disturbances[move])
+            forces = PathForces(self._record_drives(move, total), *self._observe(move, total))
+            return SolvedMove(deviation, total, forces)
+
+        return solve_move
+
+    def follow(self, kept: Sequence[SolvedMove]) -> PosedMoves:
+        """Return what solves moves as the pose changes."""
+        solve, system, table = self._solve_posed()
+
+        def solve_move(move: SetPoint) -> SolvedMove:
+            deviation, disturbance = solve(move), self.disturbances[move]
+            if disturbance is not None and self.errors is not None:
+                disturbance = self.errors.follow_pose(disturbance, move)
+            total = _add(deviation, disturbance)
+            return SolvedMove(
+                deviation, total, PathForces(self._record_drives(move, total, along=True), {})
+            )
+
+        poses = FollowedPoses(
+            sampled_poses=len(system.positions),
+            error=system.error,
+            rotation_error=system.rotation_error,
+            modes=len(system.scales),
+            next_hz=None if np.isinf(system.next_hz) else system.next_hz,
+            steps=len(table.spline.x),
+            truncation=0.0,
+            effect=(),
         )
-        for reach in (LINEAR_REACH, VARYING_REACH)
-    )
-    poses = evaluate_poses(
-        request, along.plant, table.steps, found=found, kept=kept, short=short, whole=full
-    )
-    # what a controller reads is there the deviation from the rigid machine
-    shares = [travel.axis - travel.encoder for travel in along.travels]
-    whole = [*map(add_watched, found, disturbed)]
-    return SolvedMoves(found, kept, _read_forces(state, request, whole, shares, taken), poses)
+        return PosedMoves(solve_move, poses, self._truncate(kept[-1].deviation))
 
 
-def _read_forces(
-    state: RunState,
-    request: PathRequest,
-    found: Sequence[PathDeviation],
-    shares: Sequence[float],
-    taken: Sequence[tuple[dict[str, dict[str, Extreme]], dict[str, ProbeMotion]]],
-) -> tuple[PathForces, ...]:
-    """What drives did on every move, with what joints took and probes saw.
+class IdealAxes(AxesPath):
+    """Axes whose motors follow their set points: what deviates is by the acceleration and the cut."""
 
-    Args:
-        found: The moves, which watched the drives.
-        shares: Of each drive, what it should read per travel along the path.
-        taken: By joints, and seen by probes, on every move.
-    """
-    drives, forces = tuple(state.scene.drives.values()), []
-    for move, each, own in zip(request.moves, found, taken, strict=True):
-        positions = sample_move(move, each.times).positions
-        pushed, read = (
-            each.watched.of((drive.name, what) for drive in drives) for what in (FORCE, ENCODER)
+    @property
+    def machine(self) -> PoseModel:
+        """The machine with its motors locked."""
+        return self.middle
+
+    @property
+    def system(self) -> SecondOrderSystem:
+        """With the acceleration along the path as an input."""
+        return self.plant.system
+
+    def _solve_frozen(self) -> SolveDeviation:
+        model = dataclasses.replace(self.model, up_to_hz=None, watched=self.observers.watch)
+        system = self.observers.join(self.system)
+        return lambda move: solve_path(system, model, move, sample_path(self.request, move))
+
+    def _solve_posed(self) -> tuple[SolveDeviation, VaryingSystem, StepTable]:
+        request, model = self.request, self.model
+        along = sample_system(self.build_plant, request.path.length, model)
+        table = make_step_table(along, self._step)
+        return (
+            lambda move: solve_varying_path(along, model, move, sample_path(request, move), table),
+            along,
+            table,
         )
-        history = record_drives(drives, each.times, pushed, np.outer(positions, shares) - read)
-        forces.append(PathForces(history, *own))
-    return tuple(forces)
+
+    def _truncate(self, kept: PathDeviation) -> tuple[PathDeviation, PathDeviation]:
+        move = self.request.moves[-1]
+        samples = sample_path(self.request, move)
+        return solve_path(self.system, self.model, move, samples), kept
+
+    def _disturb(self, move: SetPoint) -> PathDeviation:
+        return solve_loads(
+            self._erring[0],
+            self.request.outputs,
+            self._load_by_errors(move),
+            samples=sample_path(self.request, move),
+            low_frequency_limit_hz=self.model.low_frequency_limit_hz,
+            watch=self.observers.watch,
+        )
+
+    def _observe(self, move: SetPoint, total: PathDeviation) -> Observed:
+        probes, coupled = self.state.scene.machine.probes, self.middle.coupled
+        carried = [
+            travel_inertia(coupled, probes[name], self.directions[probe.component])
+            if probe.component in self.directions
+            else np.zeros(SEEN)
+            for name, probe in self.observers.probes.items()
+        ]
+        accelerations = sample_move(move, total.times).accelerations
+        return self.observers.read(total, np.concatenate([np.zeros(0), *carried]), accelerations)
+
+
+class DrivenAxes(AxesPath):
+    """Axes whose motors are under control."""
+
+    @functools.cached_property
+    def driven(self) -> DrivenMachine:
+        """The machine with its motors free in the middle of the path."""
+        return drive_machine(self.middle, self.state.warn)
+
+    @property
+    def machine(self) -> PoseModel:
+        """The machine with its motors free."""
+        return self.driven.released
+
+    @property
+    def system(self) -> SecondOrderSystem:
+        """With the forces of drives as inputs."""
+        return self.driven.system
+
+    @functools.cached_property
+    def drives(self) -> tuple[Drive, ...]:
+        """All of them."""
+        return tuple(self.state.scene.drives.values())
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether the guides have friction."""
+        return bool(friction_channels(self.driven.trains))
+
+    def _close_loops(self, reach: float) -> ControlledPath:
+        """The closed loops of the drives in the middle of the path.
+
+        Args:
+            reach: Modes up to so many times the band are states.
+
+        Raises:
+            UnstableControlError: A pole grows.
+        """
+        request, driven, observers = self.request, self.driven, self.observers
+        require_stable(driven.system, driven.trains)
+        machine, directions = self.state.scene.machine, self.directions
+        travel = [
+            travel_of_channel(machine, directions, name=name, dof=dof)
+            for name, dof in request.outputs
+        ]
+        return ControlledPath(
+            loop=close_loops(
+                observers.join(self.system),
+                driven.trains,
+                inputs=(*load_channels(self.loads), *friction_channels(driven.trains)),
+                outputs=(*request.outputs, *observers.outputs),
+                up_to_hz=reach * request.band_hz,
+            ),
+            outputs=request.outputs,
+            shares=axis_shares(request),
+            travel=np.array(travel),
+            low_frequency_limit_hz=self.model.low_frequency_limit_hz,
+            loads=self.loads,
+            watched=self._watch,
+        )
+
+    def _solve_frozen(self) -> SolveDeviation:
+        path = self._close_loops(FRICTION_REACH if self.has_friction else LINEAR_REACH)
+
+        def solve(move: SetPoint) -> PathDeviation:
+            samples = sample_path(self.request, move)
+            if not self.has_friction:
+                return solve_controlled_path(path, move, samples)
+            return self._balance(move, *solve_path_with_friction(path, move, samples))
+
+        return solve
+
+    def _balance(
+        self, move: SetPoint, deviation: PathDeviation, motion: DrivenMotion
+    ) -> PathDeviation:
+        """The deviation over a move with friction; warns where its energy balance misses too much."""
+        if motion.energy.error > ENERGY_LIMIT:
+            self.state.warn(
+                f"path analysis at {move.name}: the energy balance misses {motion.energy.error:.2g} of the work, more than"
+                f" {ENERGY_LIMIT:g}; give friction a larger smoothing"
+            )
+        self.state.energy_errors[move.name] = motion.energy.error
+        return deviation
+
+    @functools.cached_property
+    def _along(self) -> VaryingLoop:
+        """The closed loops as the pose changes, checked for stability in every pose in which the machine is
+        coupled.
+
+        Raises:
+            UnstableControlError: A pole grows in one of them.
+        """
+        state, request, directions = self.state, self.request, self.directions
+        trains = self.driven.trains
+        travels = find_rigid_travels(self.middle.coupled, trains, directions, axis_shares(request))
+        channels = loop_channels(
+            trains,
+            path=PATH_INPUT,
+            loads=load_channels(self.loads),
+            outputs=request.outputs,
+            up_to_hz=VARYING_REACH * request.band_hz,
+        )
+
+        def build(position: float) -> PosedModes:
+            driven = drive_along(couple_at(state, request, position), position, state.warn)
+            system = add_driven_path_input(
+                driven.system, driven.coupled, driven.trains, directions, travels
+            )
+            return stack_driven_modes(system, driven.modes, driven.coupled, driven.trains)
+
+        return VaryingLoop(
+            plant=sample_plant(build, request.path.length, channels),
+            path=PATH_INPUT,
+            outputs=request.outputs,
+            trains=trains,
+            travels=travels,
+            low_frequency_limit_hz=self.model.low_frequency_limit_hz,
+            loads=self.loads,
+            watched=watch_drives(self.drives).channels,
+        )
+
+    def _solve_posed(self) -> tuple[SolveDeviation, VaryingSystem, StepTable]:
+        loop = self._along
+        table = make_loop_table(loop, self._step)
+
+        def solve(move: SetPoint) -> PathDeviation:
+            samples = sample_path(self.request, move)
+            if not self.has_friction:
+                return solve_varying_control(loop, move, samples, table)
+            return self._balance(move, *solve_varying_friction(loop, move, samples, table))
+
+        return solve, loop.plant, table.steps
+
+    def _truncate(self, kept: PathDeviation) -> tuple[PathDeviation, PathDeviation]:
+        move = self.request.moves[-1]
+        samples = sample_path(self.request, move)
+        whole, short = (
+            solve_controlled_path(self._close_loops(reach), move, samples)
+            for reach in (LINEAR_REACH, VARYING_REACH)
+        )
+        return short, whole
+
+    @property
+    def _watch(self) -> Watch:
+        """Joints, probes and drives."""
+        return self.observers.watch.join(watch_drives(self.drives))
+
+    def _find_offset_motions(self, travel: ErrorTravel, system: SecondOrderSystem) -> OffsetMotions:
+        """The same with what linear scales read held, and motors turned by their housings."""
+        driven, machine = self.driven, self.state.scene.machine
+        read = [drive for drive in self.drives if drive.control.encoder == SCALE]
+        unmoved = scale_rows(driven.coupled, machine, read)
+        motions = find_offset_motions(driven.coupled, travel, system, unmoved=unmoved)
+        turned = housing_rows(driven.coupled, machine, self.drives) @ motions.moved
+        spun = housing_loads(driven.trains, turned, len(system.mass))
+        return dataclasses.replace(motions, accelerations=motions.accelerations + spun)
+
+    def _disturb(self, move: SetPoint) -> PathDeviation:
+        if self.has_friction:
+            self.state.warn(
+                "path analysis: errors of guides and torque ripple move the machine as if there were no friction; what friction does is added"
+            )
+        outputs, loads = self.request.outputs, self._load_by_errors(move)
+        loop = close_loops(
+            self._erring[0],
+            self.driven.trains,
+            inputs=loads.channels,
+            outputs=(*outputs, *self.observers.outputs),
+            up_to_hz=LINEAR_REACH * self.request.band_hz,
+        )
+        samples = sample_path(self.request, move)
+        return solve_loop_loads(loop.space, outputs, loads, samples=samples, watch=self._watch)
+
+    def _observe(self, move: SetPoint, total: PathDeviation) -> Observed:
+        travels = [
+            np.pad(self.directions.get(probe.component, np.zeros(3)), (0, SEEN - 3))
+            for probe in self.observers.probes.values()
+        ]
+        positions = sample_move(move, total.times).positions
+        return self.observers.read(total, np.concatenate([np.zeros(0), *travels]), positions)
+
+    def _record_drives(
+        self, move: SetPoint, total: PathDeviation, *, along: bool = False
+    ) -> DriveHistory:
+        forces, read = (
+            total.watched.of((drive.name, what) for drive in self.drives)
+            for what in (FORCE, ENCODER)
+        )
+        # what a controller reads as the pose changes is the deviation from the rigid machine
+        shares = (
+            [travel.axis - travel.encoder for travel in self._along.travels]
+            if along
+            else [axis_shares(self.request).get(train.axis, 0.0) for train in self.driven.trains]
+        )
+        positions = sample_move(move, total.times).positions
+        return record_drives(self.drives, total.times, forces, np.outer(positions, shares) - read)
+
+
+def _add(deviation: PathDeviation, disturbance: PathDeviation | None) -> PathDeviation:
+    """A deviation with what disturbs it; None for nothing."""
+    return deviation if disturbance is None else deviation + disturbance

@@ -1,5 +1,9 @@
-"""A contour that has been run, by any machine, and what is measured on it."""
+"""A contour laid out in time, along its path as planned or as measured positions of axes or legs lead the
+tool; and as it has been run, by any machine, with what is measured on it.
+"""
 
+import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -8,11 +12,96 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.motion_forces import ProbeMotion
-from headstock.solvers.milling.tool_path import ContourPlan, TraceFit
+from headstock.scene.analyses.contouring import ContouringRequest
+from headstock.scene.reading.csv_files import CsvError, read_history
+from headstock.solvers.milling.path_drives import smooth_samples
+from headstock.solvers.milling.tool_path import (
+    ContourPlan,
+    PathPoints,
+    ToolPath,
+    TracedPath,
+    TraceFit,
+    plan_contour,
+)
 from headstock.solvers.motion.alpha import CompliantHistory, LinearMotion
+from headstock.solvers.motion.set_points import PathMotion
 
 CORIOLIS = "coriolis"
 SETTLING = 0.3  # left out at both ends of each face [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Remembered[Given: FloatArray | PathMotion, Found]:
+    """A function of times or of a motion that computes nothing twice."""
+
+    find: Callable[[Given], Found]
+    _known: dict[bytes, Found] = field(default_factory=dict)
+
+    def __call__(self, given: Given) -> Found:
+        """Its value."""
+        arrays = dataclasses.astuple(given) if isinstance(given, PathMotion) else (given,)
+        key = b"".join(values.tobytes() for values in arrays)
+        if key not in self._known:
+            self._known[key] = self.find(given)
+        return self._known[key]
+
+
+class RememberedPath:
+    """A path of which nothing is computed twice: a contour is run again for its ±."""
+
+    def __init__(self, path: ToolPath) -> None:
+        """Of a path."""
+        self.span = path.span
+        self.at = Remembered(path.at)
+        self.velocity = Remembered(path.velocity)
+
+
+def plan_request(
+    request: ContouringRequest,
+    names: tuple[str, ...],
+    find_tool: Callable[[FloatArray, PathPoints], FloatArray],
+) -> tuple[ContourPlan, TraceFit | None]:
+    """The contour of a request, laid out in time; its path as measured where there are traces.
+
+    Args:
+        find_tool: Points ``(n, 3)`` of the tool at positions ``(n, k)`` of these, near those of the
+            planned path.
+
+    Raises:
+        CsvError: The traces cannot be read or do not cover the path.
+        ModelError: There are too few samples between knots.
+        PoseError: A mechanism cannot follow the path.
+    """
+    plan = plan_contour(request.contour)
+    if request.traces is None:
+        return plan, None
+    measured, positions = read_history(request.traces, names)
+    end = plan.path.span[1]
+    if measured[0] > 0.0 or measured[-1] < end:
+        raise CsvError(
+            f"{request.traces}: positions were measured from {measured[0]:g} to {measured[-1]:g} s, and 0 to {end:.6g} s are needed"
+        )
+    within = (measured >= 0.0) & (measured <= end)
+    # the samples next to both ends as well: the spline reaches over the path
+    within[:-1] |= within[1:]
+    within[1:] |= within[:-1]
+    times = measured[within]
+    planned = plan.path.at(times)
+    places = find_tool(positions[within], planned)
+    law = smooth_samples(times, places, request.traces_knots)
+    residual = np.linalg.norm(places - law(times), axis=1)
+    cutting = (times > plan.enters) & (times < plan.leaves)
+    off = np.linalg.norm(law(times[cutting]) - planned.position[cutting], axis=1)
+    return (
+        dataclasses.replace(plan, path=TracedPath(law, (0.0, end))),
+        TraceFit(float(np.sqrt((residual**2).mean())), float(off.max(initial=0.0))),
+    )
+
+
+def request_times(request: ContouringRequest, plan: ContourPlan, until: float) -> FloatArray:
+    """Steps ``(n,)`` of a contour up to a time: so many per revolution of the tool [s]."""
+    step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
+    return np.asarray(np.arange(0.0, min(plan.path.span[1], until), step), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,8 +26,8 @@ from headstock.pipeline.motion.contour_run import (
 )
 from headstock.pipeline.motion.coupled_contour import (
     STEPS_PER_PERIOD,
+    ContourCourse,
     CoupledRun,
-    SampledContour,
     coupled_face_dynamics,
     run_coupled_contour,
 )
@@ -146,23 +146,23 @@ class _Milled:
     Attributes:
         times: ``(n,)`` steps [s].
         reasons: Why numbers are missing.
-        trajectory: The machine along its trajectory; None of a lumped one.
+        course: That of a machine of components; None of a lumped one.
     """
 
     answer: ContourAnswer
     times: FloatArray
     reasons: tuple[str, ...]
-    trajectory: SampledContour | None
+    course: ContourCourse | None
 
 
 def _mill(
     state: RunState,
     request: ContouringRequest,
     record: ForceRecord | None,
-    beside: SampledContour | None = None,
+    like: ContourCourse | None = None,
 ) -> _Milled:
     """A contour of a machine, which may differ little from another one that was run."""
-    run, tips = _run_machine(state, request, record, beside)
+    run, tips = _run_machine(state, request, record, like)
     milled, reasons = mill_faces(request, run) if request.cutting else ((), ())
     stability = tuple(
         face_stability(tip, request, face, run.plan.cuts[face].at) for face, tip in enumerate(tips)
@@ -171,7 +171,7 @@ def _mill(
         evaluate_contour(request, run, stability=stability, milled=milled),
         run.times,
         (*explain_gaps(run), *reasons),
-        run.trajectory if isinstance(run, CoupledRun) else None,
+        run.course if isinstance(run, CoupledRun) else None,
     )
 
 
@@ -179,7 +179,7 @@ def _repeat_contour(
     state: RunState,
     request: ContouringRequest,
     record: ForceRecord | None,
-    trajectory: SampledContour | None,
+    course: ContourCourse | None,
 ) -> Repeated:
     """Return the numbers of the contour once more, on the machine with finer meshes and more modes, with
     the true curved faces, and with cutting coefficients at the ends of their ranges.
@@ -187,7 +187,7 @@ def _repeat_contour(
     found = repeat_with_refined(
         state,
         COMBINED_REFINEMENTS,
-        lambda machine: tuple(_mill(machine, request, record, trajectory).answer.list_numbers()),
+        lambda machine: tuple(_mill(machine, request, record, course).answer.list_numbers()),
         asked=request.estimate,
     )
     if request.cutting and record is None and request.estimate:
@@ -195,7 +195,7 @@ def _repeat_contour(
             request.cut.coefficients,
             lambda own: tuple(
                 _mill(
-                    silence(state), _with_coefficients(request, own), None, trajectory
+                    silence(state), _with_coefficients(request, own), None, course
                 ).answer.list_numbers()
             ),
             found,
@@ -273,7 +273,7 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
             )
     for reason in milled.reasons:
         state.warn(reason)
-    repeated = _repeat_contour(state, request, record, milled.trajectory)
+    repeated = _repeat_contour(state, request, record, milled.course)
     found = dataclasses.replace(
         found,
         force_loss=loss,
@@ -306,7 +306,7 @@ def _run_machine(
     state: RunState,
     request: ContouringRequest,
     record: ForceRecord | None,
-    beside: SampledContour | None,
+    like: ContourCourse | None,
 ) -> tuple[ContourRun, tuple[TipDynamics, ...]]:
     """The contour on the machine of a scene, and the machine at the tip of the tool on each face
     where chips make waves.
@@ -314,7 +314,7 @@ def _run_machine(
     faces = range(len(plan_contour(request.contour).cuts) if request.regeneration else 0)
     mechanism, placed = state.scene.mechanism, placed_mechanism(state)
     if placed is None:
-        coupled = run_coupled_contour(state, request, record, beside=beside)
+        coupled = run_coupled_contour(state, request, record, like=like)
         return coupled, tuple(coupled_face_dynamics(coupled, request, face) for face in faces)
     if mechanism is None:
         raise ValueError("a placed mechanism needs a mechanism in the scene")

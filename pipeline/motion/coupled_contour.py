@@ -6,9 +6,8 @@ travels as its set points say, and its inertia is a load. Motors follow their se
 """
 
 import dataclasses
-import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,17 +15,27 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.drives import Drive
-from headstock.geometry.machine.joints import Axis
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.machine.tool_travel import find_tool_travel
 from headstock.geometry.mechanisms.exechon import LENGTHS
+from headstock.pipeline.motion.body_trajectory import (
+    MechanismTrajectory,
+    has_coriolis,
+)
 from headstock.pipeline.motion.contour_cut import (
     CutMotion,
     cut_contour,
     travel_frames,
     turned_modes,
 )
-from headstock.pipeline.motion.contour_run import ContourDrives, ContourRun
+from headstock.pipeline.motion.contour_run import (
+    ContourDrives,
+    ContourRun,
+    Remembered,
+    RememberedPath,
+    plan_request,
+    request_times,
+)
 from headstock.pipeline.motion.guide_errors import STEPS_PER_WAVE, find_trajectory_errors
 from headstock.pipeline.motion.motors import (
     DrivenTrajectory,
@@ -37,25 +46,26 @@ from headstock.pipeline.motion.motors import (
     plan_motors,
 )
 from headstock.pipeline.motion.observers import (
-    drive_bodies,
     join_probes,
+    observe_probes,
     probe_channels,
     probe_kinds,
 )
-from headstock.pipeline.motion.probe_motions import place_probes, read_probes
-from headstock.pipeline.motion.traced_path import Remembered, RememberedPath, plan_request
-from headstock.pipeline.motion.trajectory import (
+from headstock.pipeline.motion.posed_machine import (
     FORCE,
-    RigidTrajectory,
-    axes_trajectory,
-    find_screws,
-    has_coriolis,
+    build_along,
     join_screws,
-    machine_along,
-    mechanism_trajectory,
     model_builder,
-    report_gyroscopic_forces,
+    report_gyroscopic_shift,
     shared_rows,
+)
+from headstock.pipeline.motion.probe_motions import place_probes, read_probes
+from headstock.pipeline.motion.trajectory import (
+    AxesTrajectory,
+    FollowedTrajectory,
+    Trajectory,
+    find_screws,
+    follow_time,
 )
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.analyses.contouring import ContouringRequest
@@ -80,7 +90,6 @@ from headstock.solvers.motion.plant_motion import (
     interpolate_smooth,
 )
 from headstock.solvers.motion.sampling import MOST_SAMPLES, sample_motion, vary_motion
-from headstock.solvers.motion.set_points import PathMotion
 from headstock.solvers.second_order import Channel
 
 POSES_PER_PIECE = 6  # of a trajectory, at the least, and as many again where they do not suffice
@@ -94,35 +103,37 @@ OF_SCREWS = "motor torques are the forces of the screws times lead over 2 pi"
 
 
 @dataclass(frozen=True, eq=False)
-class ContourTrajectory:
-    """What a machine of components is to do along a contour.
+class ContourCourse:
+    """What a machine of components is to do along a contour: all that a machine that differs little shares
+    with it.
 
     Attributes:
         plan: The contour, laid out in time.
         fit: How a spline went through measured positions; None for the computed path.
-        rigid: How the rigid machine follows the path.
+        followed: The trajectory of the rigid machine, without errors.
         motors: Drives under control; None without control.
+        sampled: The machine along it; None before it was sampled.
     """
 
     state: RunState
     plan: ContourPlan
     fit: TraceFit | None
-    rigid: RigidTrajectory
+    followed: FollowedTrajectory
     motors: TrajectoryMotors | None
-
-
-@dataclass(frozen=True, eq=False)
-class SampledContour(ContourTrajectory):
-    """A machine along its trajectory: all that a machine that differs little shares with it."""
-
-    sampled: SampledMotion
+    sampled: SampledMotion | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class CoupledRun(ContourRun):
-    """A contour that has been run on a machine of components."""
+    """A contour that has been run on a machine of components.
 
-    trajectory: SampledContour
+    Attributes:
+        course: That of the machine.
+        sampled: The machine along it.
+    """
+
+    course: ContourCourse
+    sampled: SampledMotion
 
 
 def _list_breaks(plan: ContourPlan, rounding: float, end: float) -> list[float]:
@@ -153,12 +164,17 @@ def _tool_channels(request: ContouringRequest) -> tuple[Channel, ...]:
     return tuple((request.point or "", direction) for direction in DIRECTIONS)
 
 
+def _push_channels(screws: Iterable[str]) -> tuple[Channel, ...]:
+    """Forces of the screws."""
+    return tuple((name, FORCE) for name in screws)
+
+
 def run_coupled_contour(
     state: RunState,
     request: ContouringRequest,
     record: ForceRecord | None = None,
     until: float = math.inf,
-    beside: SampledContour | None = None,
+    like: ContourCourse | None = None,
 ) -> CoupledRun:
     """Run a contour.
 
@@ -166,197 +182,147 @@ def run_coupled_contour(
         request: Path, tool and cut.
         record: Measured forces in place of computed ones; its time starts with the path.
         until: Stop at this time [s].
-        beside: A machine that differs little: what this one differs by is looked at in a few poses.
+        like: That of a machine that differs little: the differences are sampled in a few poses.
 
     Raises:
         PoseError: A mechanism cannot follow the path.
         CsvError: The record does not cover it.
         ModelError: The machine is free to move.
     """
-    course = beside or _lay_course(state, request)
-    end = min(course.plan.path.span[1], until)
-    step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
-    times: FloatArray = np.asarray(np.arange(0.0, end, step), dtype=float)
-    contour = _join_errors(state, request, course, end)
-    trajectory, loads = contour.driven.trajectory, contour.driven.trajectory.acting
-    sampled = contour.sample(end, beside)
+    course = like or _lay_course(state, request)
+    plan, motors, times = course.plan, course.motors, request_times(request, course.plan, until)
+    end, step = min(plan.path.span[1], until), float(times[1] - times[0])
+    trajectory, spacing = course.followed.trajectory, LOAD_SPACING
+    nodes = even_nodes(np.array([0.0, end]), NODE_SPACING)
+    errors = find_trajectory_errors(state, trajectory.pose, nodes)
+    if errors is not None:
+        spacing = min(spacing, errors.shortest / STEPS_PER_WAVE)
+    followed = dataclasses.replace(course.followed, errors=errors)
+    driven = DrivenTrajectory(followed, motors, _tool_channels(request))
+    sampled = _sample_contour(state, request, course, driven, end)
     _check_steps(state, request, sampled, step)
     friction: FrictionSpeeds = "true" if request.model == "nonlinear" else "set"
-    machine = contour.driven.move(
+    loads = followed.acting
+    machine = driven.move(
         sampled,
         times,
         loads,
         friction=friction,
         node_spacing=NODE_SPACING,
-        load_spacing=contour.spacing,
+        load_spacing=spacing,
     )
     motion = machine.motion
-    cut = cut_contour(request, motion, course.plan, rotation=np.eye(3), record=record)
+    cut = cut_contour(request, motion, plan, rotation=np.eye(3), record=record)
     gravity_deflection = motion.tool_motion(motion.deflect())
 
     def acting(part: slice) -> FloatArray:
-        given = interpolate_smooth(loads.deviating, times[part], contour.spacing)
+        given = interpolate_smooth(loads.deviating, times[part], spacing)
         return np.concatenate([cut.carried[part], given], axis=1)
 
-    if machine.servo is None or course.motors is None:
-        driven, assumed = contour.drive_screws(sampled, times, cut)
+    if machine.servo is None or motors is None:
+        drives, assumed = _drive_screws(state, driven, sampled, times, cut)
     else:
-        driven = controlled_drives(machine.servo, course.motors.drives, cut.history)
-        assumed = drive_assumptions(course.motors.drives, friction)
-    nodes: FloatArray = np.asarray(np.linspace(0.0, end, TURNING_NODES), dtype=float)
-    middle = model_builder(state)(trajectory.pose_at(course.plan.cuts[0].middle))
-    turning = report_gyroscopic_forces(
-        state, lambda: middle, nodes, course.plan.path.at(nodes), _tool_direction(state)
-    )
-    placed = place_probes(state.parts, middle.coupled, contour.probes)
-    seen = drive_bodies(machine, machine.record(cut.history, acting)).follow_probes(placed)
+        drives = controlled_drives(machine.servo, motors.drives, cut.history)
+        assumed = drive_assumptions(motors.drives, friction)
+    instants: FloatArray = np.asarray(np.linspace(0.0, end, TURNING_NODES), dtype=float)
+    middle = model_builder(state)(trajectory.pose(plan.cuts[0].middle))
+    turning = report_gyroscopic_shift(middle, trajectory.turn_rates(followed.law(instants)))
+    placed = place_probes(state.parts, middle.coupled, tuple(state.scene.machine.probes))
+    history = machine.record(cut.history, acting)
     return CoupledRun(
         times=times,
         gap=cut.tip + motion.tool_rest(cut.force) - gravity_deflection,
         gravity_deflection=gravity_deflection,
         force=cut.force,
-        plan=course.plan,
+        plan=plan,
         fit=course.fit,
         motion=motion,
         history=cut.history,
-        drives=driven,
+        drives=drives,
         highest_hz=sampled.highest_hz,
         coriolis=has_coriolis(state),
         assumed=(*assumed, *turning),
-        probes=read_probes(placed, times, seen),
-        trajectory=SampledContour(
-            state, course.plan, course.fit, course.rigid, course.motors, sampled=sampled
-        ),
+        probes=read_probes(placed, times, observe_probes(machine, history, placed)),
+        course=dataclasses.replace(course, state=state, sampled=sampled),
+        sampled=sampled,
     )
 
 
-def _lay_course(state: RunState, request: ContouringRequest) -> ContourTrajectory:
+def _lay_course(state: RunState, request: ContouringRequest) -> ContourCourse:
     """Lay a contour out in time, with what the rigid machine and its motors do."""
     plan, fit = plan_request(request, *_trace_tool(state, request))
     plan = dataclasses.replace(plan, path=RememberedPath(plan.path))
-    rigid = _plan_trajectory(state, request, plan.path)
-    motors = plan_motors(
-        state,
-        plan.path,
-        _tool_channels(request),
-        amounts=rigid.amounts,
-        direction=_tool_direction(state),
+    trajectory = _plan_trajectory(state, request, plan.path)
+    followed = FollowedTrajectory(trajectory, follow_time, Remembered(trajectory.accelerate))
+    motors = plan_motors(trajectory, _tool_channels(request), Remembered)
+    return ContourCourse(state, plan, fit, followed, motors)
+
+
+def _sample_contour(
+    state: RunState,
+    request: ContouringRequest,
+    course: ContourCourse,
+    driven: DrivenTrajectory,
+    end: float,
+) -> SampledMotion:
+    """The machine in poses up to a time [s]; what it differs by where the course was sampled already."""
+    names, screws = tuple(state.scene.machine.probes), find_screws(state.scene.machine)
+    trajectory, probes = driven.followed.trajectory, probe_channels(names)
+    channels = PlantChannels(
+        inputs=driven.inputs,
+        outputs=(*driven.tool, *_push_channels(screws), *driven.outputs, *probes),
+        up_to_hz=request.modes_to_hz,
+        kinds=probe_kinds(probes, names),
     )
-    if motors is not None:
-        motors = dataclasses.replace(motors, at=Remembered(motors.at))
-    return ContourTrajectory(state, plan, fit, rigid, motors)
+    joins = (join_screws(screws), join_probes(state.parts, trajectory), *driven.joins)
+    build = build_along(state, driven.followed, request.modes_to_hz, joins)
+    breaks = [0.0, end]
+    if request.follows_pose:
+        breaks = _list_breaks(course.plan, AVERAGES * request.contour.window, end)
+    else:
+        kept = build(course.plan.cuts[0].middle)
+        build = lambda time: kept  # noqa: E731
+    if course.sampled is None:
+        return sample_motion(build, breaks, channels)
+    shared = shared_rows(trajectory, course.state, state)
+    return vary_motion(course.sampled, build, channels, shared)
 
 
-@dataclass(frozen=True, eq=False)
-class _CoupledContour:
-    """A contour that a machine of components is to run.
+def _drive_screws(
+    state: RunState,
+    driven: DrivenTrajectory,
+    sampled: SampledMotion,
+    times: FloatArray,
+    cut: CutMotion,
+) -> tuple[ContourDrives, tuple[str, ...]]:
+    """What motors do that follow their set points, and what is assumed of them.
 
-    Attributes:
-        request: Path, tool and cut.
-        plan: The contour, laid out in time.
-        driven: The rigid machine with its errors, and its motors.
-        spacing: Time between which loads are linear [s].
+    Args:
+        times: ``(n,)`` steps [s].
     """
+    followed, names = driven.followed, tuple(find_screws(state.scene.machine))
+    loads, trajectory = followed.acting, followed.trajectory
 
-    state: RunState
-    request: ContouringRequest
-    plan: ContourPlan
-    driven: DrivenTrajectory
-    spacing: float
-
-    @functools.cached_property
-    def screws(self) -> dict[str, tuple[str, Axis | None]]:
-        """Ball screws that drive the machine."""
-        return find_screws(self.state.scene.machine)
-
-    @property
-    def pushes(self) -> tuple[Channel, ...]:
-        """Forces of the screws."""
-        return tuple((name, FORCE) for name in self.screws)
-
-    @property
-    def probes(self) -> tuple[str, ...]:
-        """Names of probes."""
-        return tuple(self.state.scene.machine.probes)
-
-    def sample(self, end: float, beside: SampledContour | None) -> SampledMotion:
-        """Return the machine in poses up to a time [s].
-
-        Args:
-            beside: A machine that differs little; None for none.
-        """
-        driven, request, seen = self.driven, self.request, probe_channels(self.probes)
-        channels = PlantChannels(
+    def forces(some: NDArray[np.intp]) -> FloatArray:
+        given = interpolate_smooth(loads.at, times[some])
+        pushed = follow_outputs(
+            sampled,
+            times[some],
+            outputs=_push_channels(names),
+            coordinates=cut.history.compliant[some],
+            acting=np.concatenate([cut.carried[some], given], axis=1),
             inputs=driven.inputs,
-            outputs=(*driven.tool, *self.pushes, *driven.outputs, *seen),
-            up_to_hz=request.modes_to_hz,
-            kinds=probe_kinds(seen, self.probes),
         )
-        joins = (
-            join_screws(self.screws),
-            join_probes(self.state.parts, driven.trajectory),
-            *driven.joins,
+        if not isinstance(trajectory, MechanismTrajectory):
+            return pushed
+        # a drive at the base of a leg also carries the leg, and pushes against what its tip feels
+        carried = interpolate_smooth(
+            lambda now: trajectory.leg_forces(followed.law(now)), times[some]
         )
-        place = machine_along(self.state, driven.trajectory, request.modes_to_hz, joins)
-        breaks = [0.0, end]
-        if request.follows_pose:
-            breaks = _list_breaks(self.plan, AVERAGES * request.contour.window, end)
-        else:
-            kept = place(self.plan.cuts[0].middle)
-            place = lambda time: kept  # noqa: E731
-        if beside is None:
-            return sample_motion(place, breaks, channels)
-        shared = shared_rows(driven.trajectory, beside.state, self.state)
-        return vary_motion(beside.sampled, place, channels, shared)
+        return carried - pushed
 
-    def drive_screws(
-        self, sampled: SampledMotion, times: FloatArray, cut: CutMotion
-    ) -> tuple[ContourDrives, tuple[str, ...]]:
-        """Return what motors do that follow their set points, and what is assumed of them.
-
-        Args:
-            times: ``(n,)`` steps [s].
-        """
-        trajectory, loads, names = (
-            self.driven.trajectory,
-            self.driven.trajectory.acting,
-            tuple(self.screws),
-        )
-
-        def forces(some: NDArray[np.intp]) -> FloatArray:
-            given = interpolate_smooth(loads.at, times[some])
-            pushed = follow_outputs(
-                sampled,
-                times[some],
-                outputs=self.pushes,
-                coordinates=cut.history.compliant[some],
-                acting=np.concatenate([cut.carried[some], given], axis=1),
-                inputs=self.driven.inputs,
-            )
-            if trajectory.leg_forces is None:
-                return pushed
-            # a drive at the base of a leg also carries the leg, and pushes against what its tip feels
-            return interpolate_smooth(trajectory.leg_forces, times[some]) - pushed
-
-        torques, assumed = _motor_torques(self.state, names, trajectory, times)
-        return ContourDrives(names, forces, torques), (IDEAL, *assumed)
-
-
-def _join_errors(
-    state: RunState, request: ContouringRequest, course: ContourTrajectory, end: float
-) -> _CoupledContour:
-    """Add the errors of a machine up to a time [s] to its contour."""
-    trajectory, spacing = course.rigid, LOAD_SPACING
-    errors = find_trajectory_errors(
-        state, trajectory.pose_at, even_nodes(np.array([0.0, end]), NODE_SPACING)
-    )
-    if errors is not None:
-        trajectory = errors.join(
-            trajectory, lambda now: PathMotion(now, np.ones(len(now)), np.zeros(len(now)))
-        )
-        spacing = min(spacing, errors.shortest / STEPS_PER_WAVE)
-    driven = DrivenTrajectory(trajectory, course.motors, _tool_channels(request))
-    return _CoupledContour(state, request, course.plan, driven, spacing)
+    torques, assumed = _motor_torques(state, names, trajectory, times)
+    return ContourDrives(names, forces, torques), (IDEAL, *assumed)
 
 
 def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int) -> TipDynamics:
@@ -371,7 +337,7 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
         face: Number of the straight cut, counted from zero.
     """
     cut = run.plan.cuts[face]
-    now, tool = run.trajectory.sampled.at(np.array([cut.middle])), _tool_channels(request)
+    now, tool = run.sampled.at(np.array([cut.middle])), _tool_channels(request)
     frame: FloatArray = travel_frames(cut.travel[None], cut.part)[0]
     tip = frame @ now.rows_of(tool)[0]
     rest = frame @ now.direct_of(tool, tool)[0] @ frame.T
@@ -409,35 +375,23 @@ def _trace_tool(
     return travel.axes, lambda positions, near: positions @ travel.directions.T
 
 
-def _tool_direction(state: RunState) -> FloatArray | None:
-    """Direction ``(3,)`` of a mechanism's tool; None of axes."""
-    return None if state.scene.mechanism is None else state.scene.mechanism.tool
-
-
-def _plan_trajectory(
-    state: RunState, request: ContouringRequest, path: ToolPath
-) -> RigidTrajectory:
+def _plan_trajectory(state: RunState, request: ContouringRequest, path: ToolPath) -> Trajectory:
     mechanism, machine = state.scene.mechanism, state.scene.machine
     if mechanism is None:
         travel = find_tool_travel(machine, machine.points[request.point or ""])
-        trajectory = axes_trajectory(machine, travel, path)
-        return dataclasses.replace(trajectory, amounts=Remembered(trajectory.amounts))
+        return AxesTrajectory(state.parts, travel, path)
 
     def pose_at(time: float) -> Pose:
         x, y, z = path.at(np.array([time])).position[0].tolist()
         return Pose(f"t = {time:.4g} s", {"X": x, "Y": y, "Z": z})
 
-    trajectory = mechanism_trajectory(
-        state, mechanism, path, pose_at=pose_at, direction=mechanism.tool
-    )
-    forces = None if trajectory.leg_forces is None else Remembered(trajectory.leg_forces)
-    return dataclasses.replace(
-        trajectory, amounts=Remembered(trajectory.amounts), leg_forces=forces
+    return MechanismTrajectory(
+        state.parts, mechanism, path, mechanism.tool, pose_at, has_coriolis(state)
     )
 
 
 def _motor_torques(
-    state: RunState, names: tuple[str, ...], trajectory: RigidTrajectory, times: FloatArray
+    state: RunState, names: tuple[str, ...], trajectory: Trajectory, times: FloatArray
 ) -> tuple[Callable[[NDArray[np.intp], FloatArray], FloatArray] | None, tuple[str, ...]]:
     """Torques of the motors: those of the screws, of the motors' inertia and of friction where the
     scene has drives; and what they leave out.
@@ -463,9 +417,9 @@ def _motor_torques(
         found = forces * (np.array([leads[name] for name in names]) / (2.0 * math.pi))
         for number, name in enumerate(names):
             drive = drives.get(name)
-            if drive is None or trajectory.axis_motion is None:
-                continue
-            found[:, number] += drive_torque(drive, *_axis_motion(trajectory, name, times[some]))
+            if drive is not None and isinstance(trajectory, AxesTrajectory):
+                motion = trajectory.axis_motion(name, follow_time(times[some]))
+                found[:, number] += drive_torque(drive, *motion)
         return found
 
     left_out = [
@@ -497,14 +451,6 @@ def drive_torque(drive: Drive, speed: FloatArray, acceleration: FloatArray) -> F
     if drive.friction is not None:
         torque = torque + friction_force(drive.friction, speed) / turn
     return np.asarray(torque)
-
-
-def _axis_motion(
-    trajectory: RigidTrajectory, name: str, times: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    if trajectory.axis_motion is None or (name, "acceleration") not in trajectory.bodies:
-        return np.zeros(len(times)), np.zeros(len(times))
-    return trajectory.axis_motion(name, times)
 
 
 def _check_steps(

@@ -2,9 +2,7 @@
 rigid guides hold: what a machine in a pose feels of a unit of each, and how large each is along the trajectory.
 """
 
-import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import scipy  # whose interpolation, a third of a second, is loaded where it is used
@@ -12,13 +10,9 @@ import scipy  # whose interpolation, a third of a second, is loaded where it is 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.exechon import LEGS, LENGTHS, solve_pose
+from headstock.pipeline.motion.posed_machine import model_builder
 from headstock.pipeline.motion.probe_motions import probe_values
-from headstock.pipeline.motion.trajectory import (
-    PosedErrors,
-    RigidTrajectory,
-    coupled_machine,
-    model_builder,
-)
+from headstock.pipeline.motion.trajectory import PosedErrors, TrajectoryErrors, coupled_machine
 from headstock.pipeline.stages.lumped_machine import sample_leg_errors
 from headstock.pipeline.stages.machine import DAMPING, damp_system
 from headstock.pipeline.stages.mechanism import LumpedPose
@@ -27,71 +21,15 @@ from headstock.reduction.coupling.error_travel import (
     ACCELERATION,
     check_offsets,
     find_offset_motions,
-    follow_offsets,
     plan_travel,
 )
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS, has_errors
 from headstock.reduction.coupling.joint_forces import SPRING
 from headstock.reduction.motions.path_errors import pass_offsets
 from headstock.scene.scene import SceneMechanism
-from headstock.solvers.motion.set_points import PathMotion
-from headstock.solvers.second_order import Channel
 
 STEPS_PER_WAVE = 48
 UNIT = 1e-6  # of offsets [m, rad]: loads of all channels are then of like size
-BESIDE = 1e-5  # of the trajectory between its ends, over which rates are differenced
-
-
-@dataclass(frozen=True, eq=False)
-class TrajectoryErrors:
-    """Errors along a trajectory.
-
-    Attributes:
-        channels: One per offset, then one per rate and one per acceleration that act.
-        place: What a unit of each does to a machine in a pose.
-        offsets: ``(n, k)`` at places ``(n,)`` of the trajectory, in units.
-        rated: ``(r,)`` offsets whose rates act, too.
-        pulled: ``(a,)`` offsets whose accelerations act, too.
-        shortest: Shortest part of the trajectory over which a wave repeats.
-    """
-
-    channels: tuple[Channel, ...]
-    place: Callable[[PoseModel], PosedErrors]
-    offsets: Callable[[FloatArray], FloatArray]
-    rated: tuple[int, ...]
-    pulled: tuple[int, ...]
-    ends: tuple[float, float]
-    shortest: float
-
-    def join(
-        self,
-        trajectory: RigidTrajectory,
-        motion: Callable[[FloatArray], PathMotion],
-    ) -> RigidTrajectory:
-        """A trajectory with these errors.
-
-        Args:
-            motion: Along the trajectory at times ``(n,)``.
-        """
-
-        def amounts(times: FloatArray) -> FloatArray:
-            now = motion(times)
-            step = BESIDE * (self.ends[1] - self.ends[0])
-            offsets, rates, growth = follow_offsets(self.offsets, now, self.ends, step)
-            own = [offsets, rates[:, list(self.rated)], growth[:, list(self.pulled)]]
-            return np.concatenate([trajectory.amounts(times), *own], axis=1)
-
-        pulling = self.channels[len(self.channels) - len(self.pulled) :]
-        return dataclasses.replace(
-            trajectory,
-            amounts=amounts,
-            errors=self.place,
-            error_channels=self.channels,
-            offsets=tuple(
-                (self.channels[number], channel)
-                for number, channel in zip(self.pulled, pulling, strict=True)
-            ),
-        )
 
 
 def find_trajectory_errors(
@@ -123,7 +61,7 @@ def find_trajectory_errors(
     if rigid:
         check_offsets(coupled_machine(model_builder(state)(poses[0])), travel)
     # motors under control feel the inertia of all that follows at once, springs that are stiff, too
-    pulled = list(numbers) if state.scene.drives else rigid
+    accelerated = list(numbers) if state.scene.drives else rigid
     damped = {name for name, joint in machine.joints.items() if np.any(joint.damping)}
     rated = [
         number
@@ -134,35 +72,35 @@ def find_trajectory_errors(
     channels = (
         *travel.channels,
         *(travel.rates[number] for number in rated),
-        *(travel.accelerations[number] for number in pulled),
+        *(travel.accelerations[number] for number in accelerated),
     )
 
-    def place(model: PoseModel) -> PosedErrors:
+    def act_on(model: PoseModel) -> PosedErrors:
         coupled, system = coupled_machine(model), model.system
         if rated:
             system = damp_system(state.scene, system, model.all_modes)
         found = find_offset_motions(coupled, travel, system)
-        columns = [found.loads, found.rates[:, rated], found.accelerations[:, pulled]]
+        columns = [found.loads, found.rates[:, rated], found.accelerations[:, accelerated]]
         outputs = [(name, dof) for name, dof in coupled.system.outputs if dof in DOF_NAMES]
         passed = pass_offsets(
             coupled, travel, found, outputs, model.joints, probe_values(machine.probes)
         )
         return PosedErrors(
             loads=dict(zip(channels, UNIT * np.hstack(columns).T, strict=True)),
-            relief={
+            feedthrough={
                 (passed.outputs[row], passed.inputs[column]): UNIT * float(share)
                 for (row, column), share in np.ndenumerate(passed.shares)
                 if share
             },
-            moved=UNIT * found.moved[:, pulled] if rigid else None,
+            moved=UNIT * found.moved[:, accelerated] if rigid else None,
         )
 
     return TrajectoryErrors(
         channels=channels,
-        place=place,
+        act_on=act_on,
         offsets=lambda places: np.asarray(travel.sample(places) / UNIT),
         rated=tuple(rated),
-        pulled=tuple(pulled),
+        accelerated=tuple(accelerated),
         ends=ends,
         shortest=travel.shortest,
     )
@@ -180,17 +118,17 @@ def _leg_errors(
     lengths = states[:, columns]
     law = scipy.interpolate.make_interp_spline(nodes, lengths, k=min(3, len(nodes) - 1))
     channels = tuple((GUIDE_ERRORS, LENGTHS[leg]) for leg in legs)
-    pulled = tuple(range(len(legs))) if driven else ()
-    pulling = tuple((ACCELERATION, LENGTHS[legs[number]]) for number in pulled)
+    accelerated = tuple(range(len(legs))) if driven else ()
+    pulling = tuple((ACCELERATION, LENGTHS[legs[number]]) for number in accelerated)
 
-    def place(model: PoseModel) -> PosedErrors:
+    def act_on(model: PoseModel) -> PosedErrors:
         if not isinstance(model, LumpedPose):
             raise ValueError("errors of legs are those of a lumped mechanism")
         pushed = UNIT * np.diag(model.placed.motions.stiffness)
         loads = {channel: pushed[2 * leg + 1] for channel, leg in zip(channels, legs, strict=True)}
         return PosedErrors(
             loads=loads | dict.fromkeys(pulling, np.zeros(len(pushed))),
-            relief={
+            feedthrough={
                 ((f"{LEGS[leg]} {SPRING}", "along"), channel): -float(loads[channel][2 * leg + 1])
                 for channel, leg in zip(channels, legs, strict=True)
             },
@@ -205,12 +143,12 @@ def _leg_errors(
     ]
     return TrajectoryErrors(
         channels=(*channels, *pulling),
-        place=place,
+        act_on=act_on,
         offsets=lambda places: np.asarray(
             sample_leg_errors(mechanism.leg_errors, law(places)) / UNIT
         ),
         rated=(),
-        pulled=pulled,
+        accelerated=accelerated,
         ends=(float(nodes[0]), float(nodes[-1])),
         shortest=float(min(periods, default=np.inf)),
     )

@@ -18,14 +18,18 @@ from headstock.pipeline.motion.contour_cut import (
     travel_frames,
     turned_modes,
 )
-from headstock.pipeline.motion.contour_run import ContourDrives, ContourRun
+from headstock.pipeline.motion.contour_run import (
+    ContourDrives,
+    ContourRun,
+    plan_request,
+    request_times,
+)
 from headstock.pipeline.motion.motors import (
     FrictionSpeeds,
     close_drives,
     controlled_drives,
     drive_assumptions,
 )
-from headstock.pipeline.motion.traced_path import plan_request
 from headstock.pipeline.stages.lumped_machine import sample_leg_errors
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.reading.csv_files import ForceRecord
@@ -82,9 +86,7 @@ def run_lumped_contour(
         lambda lengths, near: find_tool_positions(mechanism.mounted, lengths, near, mechanism.tool),
     )
     path = plan.path
-    end = min(path.span[1], until)
-    step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
-    times: FloatArray = np.asarray(np.arange(0.0, end, step), dtype=float)
+    times, end = request_times(request, plan, until), min(path.span[1], until)
     nodes: FloatArray = np.asarray(
         np.linspace(0.0, end, max(8, round(end / NODE_SPACING))), dtype=float
     )

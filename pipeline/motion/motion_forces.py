@@ -27,62 +27,59 @@ ROUNDOFF = 1e-10  # of the largest force, or the largest moment
 
 @dataclass(frozen=True, eq=False)
 class SteppedStates:
-    """A motion at the steps of its grid.
+    """A motion at the begin and at the end of each of its steps, between which it may jump: ``N = 2 (n - 1)``
+    instants, all begins first.
 
     Attributes:
-        times: ``(n,)`` [s].
-        states: ``(n - 1, s)`` at the begin of each step, and at its end.
-        acting: ``(n - 1, m)`` inputs likewise.
+        times: ``(n,)`` of its grid [s].
+        states: ``(N, s)``.
+        acting: ``(N, m)`` inputs.
     """
 
     times: FloatArray
-    states: tuple[FloatArray, FloatArray]
-    acting: tuple[FloatArray, FloatArray]
+    states: FloatArray
+    acting: FloatArray
 
-    def at_times(self, watched: WatchedOutputs) -> FloatArray:
-        """Values ``(n, k)`` at every time, just after what happens there."""
-        return np.concatenate(
-            [
-                watched.evaluate(self.states[0], self.acting[0]),
-                watched.evaluate(self.states[1][-1:], self.acting[1][-1:]),
-            ]
-        )
+    @property
+    def instants(self) -> FloatArray:
+        """``(N,)`` [s]."""
+        return np.concatenate([self.times[:-1], self.times[1:]])
 
-    def find_extremes(self, watched: WatchedOutputs) -> tuple[Extreme, ...]:
-        """The largest values."""
-        return watched.find_extremes(self.times, self.states, self.acting)
+    def observe(self, watched: WatchedOutputs) -> FloatArray:
+        """Return the values ``(N, k)`` of outputs."""
+        return watched.evaluate(self.states, self.acting)
+
+    def at_times(self, values: FloatArray) -> FloatArray:
+        """Return those of values ``(N, k)`` at every time ``(n, k)``, just after what happens there."""
+        return np.concatenate([values[: len(self.times) - 1], values[-1:]])
 
 
 def follow_drives(
     drives: Collection[Drive], space: StateSpace, motion: SteppedStates
 ) -> DriveHistory:
-    """Torques of motors, those that their own inertia takes among them, and position errors, with
+    """Return torques of motors, those that their own inertia takes among them, and position errors, with
     set points at rest.
 
     Args:
         drives: Whose loops are closed.
         space: With forces and encoders of the drives as outputs.
     """
-    pitches = [drive.lead / (2.0 * math.pi) for drive in drives]
-    torque, error = (
-        space.watch(Watch(tuple((drive.name, what) for drive in drives)))
+    forces, read = (
+        motion.observe(space.watch(Watch(tuple((drive.name, what) for drive in drives))))
         for what in (FORCE, ENCODER)
     )
-    torque = _scale(torque, pitches)
-    error = _scale(error, [-1.0] * len(drives))
-    extremes = {
-        drive.name: DriveExtremes(*found)
-        for drive, *found in zip(
-            drives, motion.find_extremes(torque), motion.find_extremes(error), strict=True
-        )
-    }
-    return DriveHistory(extremes, motion.at_times(torque), motion.at_times(error))
+    history = record_drives(drives, motion.instants, forces, -read)
+    return DriveHistory(
+        history.extremes,
+        motion.at_times(history.torques),
+        motion.at_times(history.position_errors),
+    )
 
 
 def record_drives(
     drives: Collection[Drive], times: FloatArray, forces: FloatArray, errors: FloatArray
 ) -> DriveHistory:
-    """The same of what is known at times.
+    """Return torques of motors and position errors that are known at times.
 
     Args:
         drives: ``d`` under control.
@@ -97,7 +94,7 @@ def record_drives(
 
 
 def watch_joints(joints: Iterable[JointForces]) -> Watch:
-    """Springs of joints, with their dampers."""
+    """Springs of joints, with their dampers, as outputs."""
     joints = tuple(joints)
     springs = [channel for joint in joints for channel in joint.channels(SPRING)]
     dampers = [channel for joint in joints for channel in joint.channels(DAMPER)]
@@ -127,21 +124,6 @@ def largest_joint_forces(
     return _leave_out_roundoff(found)
 
 
-def find_largest_forces(
-    joints: Iterable[JointForces], space: StateSpace, motion: SteppedStates
-) -> dict[str, dict[str, Extreme]]:
-    """Largest force on the first end of every joint, by direction.
-
-    Args:
-        joints: Whose springs and dampers are outputs of the space.
-    """
-    found = {}
-    for joint in joints:
-        extremes = motion.find_extremes(space.watch(watch_joints([joint])))
-        found[joint.name] = dict(zip(joint.directions, extremes, strict=True))
-    return _leave_out_roundoff(found)
-
-
 def _leave_out_roundoff(
     joints: dict[str, dict[str, Extreme]],
 ) -> dict[str, dict[str, Extreme]]:
@@ -162,8 +144,3 @@ def _leave_out_roundoff(
         }
         for joint, directions in joints.items()
     }
-
-
-def _scale(watched: WatchedOutputs, factors: list[float]) -> WatchedOutputs:
-    each = np.array(factors)[:, None]
-    return WatchedOutputs(each * watched.states, each * watched.inputs)

@@ -4,24 +4,18 @@ motors, forces on the tool and the accelerations of the rigid motion.
 
 import dataclasses
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.motion.motors import MovingMachine
+from headstock.pipeline.motion.posed_machine import Further, Join
 from headstock.pipeline.motion.probe_motions import (
     place_probes,
     probe_outputs,
     watch_probes,
 )
-from headstock.pipeline.motion.trajectory import (
-    Feedthrough,
-    Further,
-    Join,
-    PosedErrors,
-    RigidTrajectory,
-)
+from headstock.pipeline.motion.trajectory import Feedthrough, PosedErrors, Trajectory
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.probes import PlacedProbe, carry_probe, moved_inertia
 from headstock.reduction.estimates.static_errors import MOVED, SEEN
@@ -57,7 +51,7 @@ def probe_kinds(channels: Iterable[Channel], names: Collection[str]) -> dict[Cha
     return kinds
 
 
-def join_probes(parts: MachineParts, trajectory: RigidTrajectory) -> Join:
+def join_probes(parts: MachineParts, trajectory: Trajectory) -> Join:
     """Give a machine along a trajectory the outputs of its probes; none where it has none."""
 
     def join(where: float, model: PoseModel, errors: PosedErrors) -> Further:
@@ -86,55 +80,42 @@ def join_probes(parts: MachineParts, trajectory: RigidTrajectory) -> Join:
     return join
 
 
-@dataclass(frozen=True, eq=False)
-class DrivenBodies:
-    """The rigid machine as its motors deviate.
-
-    Attributes:
-        seen: What the machine did, what motors accelerate among what acted on it.
-        bodies: Channels of the rigid motion that motors move.
-        travels: ``(n, b)`` in these channels, beside those by the weight.
-    """
-
-    seen: SampledHistory
-    bodies: tuple[Channel, ...] = ()
-    travels: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
-
-    def follow_probes(self, placed: Mapping[str, PlacedProbe]) -> FloatArray:
-        """Return what ``p`` probes see ``(n, 9 p)`` beside what they see of the weight.
-
-        Args:
-            placed: Probes of the machine, anywhere along the trajectory.
-        """
-        found = self.seen.observe(watch_probes(placed))
-        if self.bodies and placed:
-            rides = self.seen.plant.direct_of(_ride_channels(placed), self.bodies)
-            ridden = self.seen.motion.apply(rides, self.travels)
-            moved = found.reshape(-1, len(placed), SEEN)[:, :, :MOVED]
-            moved += ridden.reshape(-1, len(placed), MOVED)
-        return found
-
-
-def drive_bodies(machine: MovingMachine, seen: SampledHistory) -> DrivenBodies:
-    """Add what motors move to what a machine did."""
+def drive_bodies(machine: MovingMachine, history: SampledHistory) -> SampledHistory:
+    """Add what motors accelerate to what acted on a machine."""
     motors, servo = machine.driven.motors, machine.servo
     if motors is None or servo is None:
-        return DrivenBodies(seen)
-    places = servo.motors
-    motion, history = seen.motion, seen.history
-    travels = motors.at(motion.nodes).bodies
-    columns = Index(seen.inputs).of(motors.bodies)
+        return history
+    motion, columns = history.motion, Index(history.inputs).of(motors.bodies)
+    travels = motors.at(machine.driven.followed.law(motion.nodes)).bodies
 
     def acting(part: slice) -> FloatArray:
-        values = np.array(seen.acting(part))
+        values = np.array(history.acting(part))
         values[:, columns] += apply_matrices(
-            motion.between(travels, part), history.acceleration[part, places]
+            motion.between(travels, part), history.history.acceleration[part, servo.motors]
         )
         return values
 
-    deviating = history.compliant[:, places] - motion.deflect()[:, places]
-    return DrivenBodies(
-        dataclasses.replace(seen, acting=acting),
-        motors.bodies,
-        motion.apply(travels, deviating),
-    )
+    return dataclasses.replace(history, acting=acting)
+
+
+def observe_probes(
+    machine: MovingMachine, history: SampledHistory, placed: Mapping[str, PlacedProbe]
+) -> FloatArray:
+    """Return the outputs of ``p`` probes ``(n, 9 p)``, less what the weight does: as modes move, and as
+    motors move the rigid machine.
+
+    Args:
+        history: What the machine did, without what motors accelerate.
+        placed: Probes of the machine, anywhere along the trajectory.
+    """
+    values = drive_bodies(machine, history).observe(watch_probes(placed))
+    motors, servo, motion = machine.driven.motors, machine.servo, history.motion
+    if motors is None or servo is None or not placed:
+        return values
+    travels = motors.at(machine.driven.followed.law(motion.nodes)).bodies
+    deviating = (history.history.compliant - motion.deflect())[:, servo.motors]
+    rides = history.plant.direct_of(_ride_channels(placed), motors.bodies)
+    ridden = motion.apply(rides, motion.apply(travels, deviating))
+    moved = values.reshape(-1, len(placed), SEEN)[:, :, :MOVED]
+    moved += ridden.reshape(-1, len(placed), MOVED)
+    return values

@@ -6,27 +6,22 @@ before any run in time. Only rank 0 has anything to do.
 """
 
 import dataclasses
-import operator
-from collections.abc import Callable
+
+import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.motion_forces import PathForces
 from headstock.pipeline.answers.path import PathCurves, PathResult, PathRun, list_run_numbers
-from headstock.pipeline.motion.axes_path import (
-    build_plant,
-    disturb_freely,
-    disturb_loop,
-    drive_moves,
-    move_freely,
-)
+from headstock.pipeline.motion.axes_path import AxesPath, DrivenAxes, IdealAxes
 from headstock.pipeline.motion.path_model import SolvedMoves, choose_model
+from headstock.pipeline.motion.stepped_path import SteppedPath, lay_rotary_path, lay_tool_line
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Key, Number
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.refined_models import repeat_at_ends, repeat_with_refined, silence
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.estimates.corrected_elements import SEPARATE_REFINEMENTS
-from headstock.reduction.motions.path_errors import NODES, find_path_errors
+from headstock.reduction.motions.path_errors import NODES
 from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.errors import ModelError, UnstableControlError
 from headstock.solvers.milling.coefficients import CuttingCoefficients
@@ -37,108 +32,32 @@ from headstock.solvers.motion.deviation import (
     measure_zones,
 )
 from headstock.solvers.motion.exact import slow_modes
-from headstock.solvers.motion.plant import PosedModes
 from headstock.solvers.motion.set_points import SetPoint, sample_move
 from headstock.solvers.watched_outputs import WatchedValues
 
 
 def run_path_stage(state: RunState, stage: Stage) -> Outcome:
-    """Deviation at every output along the path of axes, once per feed: as the pose changes, and as if
-    it stayed that of the middle.
+    """Deviation at every output along the path, once per feed: as the pose changes, and as if it stayed that
+    of the middle.
     """
     request = state.scene.analyses.get(PathRequest)
     if not state.is_root:
         return Outcome()
     if request is None:
         raise ValueError("a path stage needs a path analysis in the scene")
-    middle = build_plant(state, request, 0.5 * request.path.length)
-    return answer_path(
-        state,
-        request,
-        frequencies_hz=middle.modes.frequencies_hz,
-        damped=middle.system.damping is not None or middle.system.hysteretic is not None,
-        solve=lambda own, asked: _solve_moves(
-            own,
-            asked,
-            middle if own is state else build_plant(own, asked, 0.5 * asked.path.length),
-            nodes=NODES if request.follows_pose else 1,
-        ),
-    )
-
-
-def _solve_moves(
-    state: RunState, request: PathRequest, middle: PosedModes, *, nodes: int
-) -> SolvedMoves:
-    """Deviation of every move: with the drives of the scene under control, or with motors that
-    follow their set point.
-
-    Args:
-        nodes: Poses between which what errors of guides do at rest is interpolated.
-
-    Raises:
-        UnstableControlError: A control loop is.
-    """
-    model = choose_model(request)
-    errors = find_path_errors(
-        state.parts.superelements,
-        state.scene.machine,
-        request.path,
-        request.outputs,
-        nodes=nodes,
-    )
-    drives = state.scene.drives
-    nothing = [None] * len(request.moves)
-    if errors is None and not any(drive.ripple for drive in drives.values()):
-        if drives:
-            return drive_moves(state, request, model, nothing)
-        return move_freely(state, request, middle, model, nothing)
-    disturbed = [
-        disturb_loop(state, request, errors, move)
-        if drives or errors is None
-        else disturb_freely(state, request, errors, move, middle)
-        for move in request.moves
-    ]
-    solved = (
-        drive_moves(state, request, model, disturbed)
-        if drives
-        else move_freely(state, request, middle, model, disturbed)
-    )
-    posed = [
-        own if errors is None else errors.follow_pose(own, move)
-        for own, move in zip(disturbed, request.moves, strict=True)
-    ]
-    return dataclasses.replace(
-        solved,
-        found=tuple(map(operator.add, solved.found, posed)),
-        kept=tuple(map(operator.add, solved.kept, disturbed)),
-        disturbed=True,
-    )
-
-
-def answer_path(
-    state: RunState,
-    request: PathRequest,
-    *,
-    frequencies_hz: FloatArray,
-    damped: bool,
-    solve: Callable[[RunState, PathRequest], SolvedMoves],
-) -> Outcome:
-    """What is said of a path.
-
-    Args:
-        frequencies_hz: Of the machine in its middle [Hz].
-        solve: Its moves, of a run and of what is asked.
-    """
-    if not damped:
+    path = lay_path(state, request)
+    if isinstance(path, SteppedPath):
+        path.warn_of_speeds()
+    if not path.damped:
         state.warn(
             'path analysis: nothing is damped, so residual vibration does not decay; write [effects] damping = { modal = "2 %" }'
         )
     try:
-        solved = solve(state, request)
+        solved = solve_moves(path)
     except (UnstableControlError, ModelError) as error:
         return Outcome(detail="refused: see below", failures=(f"path analysis: {error}",))
     model, ramp = choose_model(request), request.moves[0].ramp
-    errors, left_out = _estimate_errors(state, request, solved, solve)
+    errors, left_out = _estimate_errors(state, request, solved)
     answer = PathResult(
         start=dict(request.path.start.positions),
         end=dict(request.path.end.positions),
@@ -149,9 +68,9 @@ def answer_path(
         sampling_hz=request.sampling_hz,
         lowpass_hz=None if request.low_pass is None else request.low_pass.frequency_hz,
         filter="none" if request.low_pass is None else request.low_pass.kind,
-        damped=damped,
+        damped=path.damped,
         low_frequency_limit_hz=model.low_frequency_limit_hz,
-        low_frequency_modes=slow_modes(frequencies_hz, model.low_frequency_limit_hz),
+        low_frequency_modes=slow_modes(path.frequencies_hz, model.low_frequency_limit_hz),
         poses=solved.poses,
         runs=_run_moves(request, solved),
         errors=errors,
@@ -159,11 +78,69 @@ def answer_path(
         drives=tuple(state.scene.drives),
         energy_error=dict(state.energy_errors),
     )
-    samples = sum(len(found.times) for found in solved.found)
+    samples = sum(len(move.times) for move in solved.moves)
     poses = "" if solved.poses is None else f", {solved.poses.sampled_poses} poses"
     return Outcome(
-        detail=f"{len(solved.found)} feed{'s' if len(solved.found) > 1 else ''}, {samples} samples{poses}",
+        detail=f"{len(solved.moves)} feed{'s' if len(solved.moves) > 1 else ''}, {samples} samples{poses}",
         answers=(answer,),
+    )
+
+
+def lay_path(
+    state: RunState, request: PathRequest, *, pose_errors: bool | None = None
+) -> AxesPath | SteppedPath:
+    """Return what solves a path: of linear axes, of axes that turn, or of the tool of a mechanism.
+
+    Args:
+        pose_errors: Errors of guides at rest are those of the pose at hand; None where the pose changes.
+    """
+    mechanism = state.scene.mechanism
+    if mechanism is not None:
+        return lay_tool_line(state, request, mechanism)
+    if request.path.turning:
+        return lay_rotary_path(state, request)
+    solver = DrivenAxes if state.scene.drives else IdealAxes
+    if pose_errors is None:
+        pose_errors = request.follows_pose
+    return solver(state, request, error_nodes=NODES if pose_errors else 1)
+
+
+def solve_moves(path: AxesPath | SteppedPath) -> SolvedMoves:
+    """Solve every move of a path: in the pose of the middle, and as the pose changes where that is asked
+    for.
+    """
+    request, frozen = path.request, path.freeze()
+    kept = [frozen(move) for move in request.moves]
+    still = tuple(move.total for move in kept)
+    if not request.follows_pose:
+        return SolvedMoves(
+            still, still, tuple(move.forces for move in kept), disturbed=path.disturbed
+        )
+    posed = path.follow(kept)
+    moves = [posed.solve(move) for move in request.moves]
+
+    def show(deviation: PathDeviation) -> FloatArray:
+        return filter_deviation(deviation, request.low_pass).total
+
+    def compare(first: PathDeviation, second: PathDeviation) -> float:
+        return float(np.abs(show(first) - show(second)).max())
+
+    short, whole = posed.truncation
+    most = max(float(np.abs(show(whole)).max()), float(np.finfo(float).tiny))
+    pairs = list(zip(moves, kept, strict=True))
+    return SolvedMoves(
+        tuple(move.total for move in moves),
+        still,
+        tuple(
+            PathForces(move.forces.drives, middle.forces.joints, middle.forces.probes)
+            for move, middle in pairs
+        ),
+        dataclasses.replace(
+            posed.poses,
+            truncation=compare(short, whole) / most,
+            effect=tuple(compare(move.deviation, middle.deviation) for move, middle in pairs),
+        ),
+        disturbed=path.disturbed,
     )
 
 
@@ -171,13 +148,15 @@ def _estimate_errors(
     state: RunState,
     request: PathRequest,
     solved: SolvedMoves,
-    solve: Callable[[RunState, PathRequest], SolvedMoves],
 ) -> tuple[dict[Key, Estimate], tuple[str, ...]]:
     """Return the ± of every number, and what is not in them: the moves once more, in the pose of the
     middle, of the machine without each source of error, and with cutting coefficients at the ends of
     their ranges.
     """
     frozen = dataclasses.replace(request, follows_pose=False)
+
+    def solve(machine: RunState, asked: PathRequest) -> SolvedMoves:
+        return solve_moves(lay_path(machine, asked, pose_errors=request.follows_pose))
 
     def list_numbers(moves: SolvedMoves) -> tuple[Number, ...]:
         return tuple(list_run_numbers(_run_moves(frozen, moves)))
@@ -210,7 +189,7 @@ def _run_moves(request: PathRequest, solved: SolvedMoves) -> tuple[PathRun, ...]
     return tuple(
         _run_move(request, move, raw, kept, forces, disturbed=solved.disturbed)
         for move, raw, kept, forces in zip(
-            request.moves, solved.found, solved.kept, solved.forces, strict=True
+            request.moves, solved.moves, solved.kept, solved.forces, strict=True
         )
     )
 

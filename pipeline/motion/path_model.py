@@ -4,7 +4,7 @@ loads; and its moves as solved, before any filter.
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,9 +33,8 @@ from headstock.reduction.coupling.probes import PlacedProbe
 from headstock.scene.analyses.path import PathCut, PathRequest
 from headstock.solvers.errors import ModelError
 from headstock.solvers.milling.forces import cutting_forces, part_sign
-from headstock.solvers.motion.deviation import PathDeviation, filter_deviation
-from headstock.solvers.motion.exact import PathModel, StepTable
-from headstock.solvers.motion.plant import VaryingSystem
+from headstock.solvers.motion.deviation import PathDeviation
+from headstock.solvers.motion.exact import PathModel
 from headstock.solvers.motion.set_points import PathLoads, SetPoint, sample_times
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.watched_outputs import Extreme, Watch
@@ -142,6 +141,39 @@ def _tool_travel(machine: Machine, directions: Mapping[str, FloatArray], point: 
 
 
 @dataclass(frozen=True, eq=False)
+class SolvedMove:
+    """A move as solved.
+
+    Attributes:
+        deviation: By its acceleration and the cut, and all else that no disturbance is added for.
+        total: With what errors of guides and torque ripple add.
+    """
+
+    deviation: PathDeviation
+    total: PathDeviation
+    forces: PathForces
+
+
+SolveMove = Callable[[SetPoint], SolvedMove]
+
+
+@dataclass(frozen=True, eq=False)
+class PosedMoves:
+    """A path along which the pose changes.
+
+    Attributes:
+        solve: One of its moves.
+        poses: How poses are followed.
+        truncation: The last move in the pose of the middle: without the modes that are left out along
+            the path, and with them.
+    """
+
+    solve: SolveMove
+    poses: FollowedPoses
+    truncation: tuple[PathDeviation, PathDeviation]
+
+
+@dataclass(frozen=True, eq=False)
 class SolvedMoves:
     """Deviations before any filter, one per feed.
 
@@ -151,18 +183,11 @@ class SolvedMoves:
         disturbed: Errors of guides or torque ripple are among what deviates.
     """
 
-    found: tuple[PathDeviation, ...]
+    moves: tuple[PathDeviation, ...]
     kept: tuple[PathDeviation, ...]
     forces: tuple[PathForces, ...]
     poses: FollowedPoses | None = None
     disturbed: bool = False
-
-
-def add_watched(found: PathDeviation, disturbed: PathDeviation | None) -> PathDeviation:
-    """Return a move with what disturbances add to what it watches; None for no disturbances."""
-    if disturbed is None:
-        return found
-    return dataclasses.replace(found, watched=found.watched + disturbed.watched)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,22 +214,22 @@ class PathObservers:
         return dataclasses.replace(system, outputs=system.outputs | self.outputs)
 
     def read(
-        self, found: PathDeviation, travel: FloatArray, amounts: FloatArray
+        self, deviation: PathDeviation, travel: FloatArray, amounts: FloatArray
     ) -> tuple[dict[str, dict[str, Extreme]], dict[str, ProbeMotion]]:
-        """Return what joints took at most on a move, and what probes saw.
+        """Return what joints took at most on a move, and what probes observed.
 
         Args:
-            found: The move, which watched them.
-            travel: ``(9 p,)`` what probes see of a unit of the travel that is none of the deviation.
+            deviation: The move, which watched them.
+            travel: ``(9 p,)`` outputs of probes per unit of the travel that is none of the deviation.
             amounts: ``(n,)`` of that.
         """
-        watched = found.watched
+        watched = deviation.watched
         forces = largest_joint_forces(
-            self.joints, found.times, lambda joint: watched.of(joint.channels(SPRING))
+            self.joints, deviation.times, lambda joint: watched.of(joint.channels(SPRING))
         )
-        seen = watched.of(watch_probes(self.probes).channels) - np.outer(amounts, travel)
+        observed = watched.of(watch_probes(self.probes).channels) - np.outer(amounts, travel)
         smoothed = watched.of(smoothing_channels(self.probes))
-        return forces, read_probes(self.probes, found.times, seen, smoothed)
+        return forces, read_probes(self.probes, deviation.times, observed, smoothed)
 
 
 def observe_path(state: RunState, model: PoseModel) -> PathObservers:
@@ -212,58 +237,3 @@ def observe_path(state: RunState, model: PoseModel) -> PathObservers:
     probes = place_probes(state.parts, model.coupled, tuple(state.scene.machine.probes))
     outputs = joint_outputs(model.joints) | probe_outputs(state.parts, probes)
     return PathObservers(model.joints, probes, outputs)
-
-
-def evaluate_poses(
-    request: PathRequest,
-    system: VaryingSystem,
-    table: StepTable,
-    *,
-    found: tuple[PathDeviation, ...],
-    kept: tuple[PathDeviation, ...],
-    short: PathDeviation,
-    whole: PathDeviation,
-) -> FollowedPoses:
-    """Return what following the poses took, and what it changes.
-
-    Args:
-        found: Moves as the pose changes.
-        short: The last of these with the modes that are kept along the path.
-    """
-    truncation, effect = compare_moves(request, found, kept, short=short, whole=whole)
-    return FollowedPoses(
-        sampled_poses=len(system.positions),
-        error=system.error,
-        rotation_error=system.rotation_error,
-        modes=len(system.scales),
-        next_hz=None if np.isinf(system.next_hz) else system.next_hz,
-        steps=len(table.spline.x),
-        truncation=truncation,
-        effect=effect,
-    )
-
-
-def compare_moves(
-    request: PathRequest,
-    found: Sequence[PathDeviation],
-    kept: Sequence[PathDeviation],
-    *,
-    short: PathDeviation,
-    whole: PathDeviation,
-) -> tuple[float, tuple[float, ...]]:
-    """Return what modes beyond a frequency change of a move, as a share of it, and what the change of
-    pose does in every move.
-
-    Args:
-        found: Moves as the pose changes.
-        short: A move without these modes.
-    """
-
-    def show(deviation: PathDeviation) -> FloatArray:
-        return filter_deviation(deviation, request.low_pass).total
-
-    full = show(whole)
-    most = max(float(np.abs(full).max()), float(np.finfo(float).tiny))
-    pairs = zip(found, kept, strict=True)
-    effect = tuple(float(np.abs(show(ours) - show(theirs)).max()) for ours, theirs in pairs)
-    return float(np.abs(show(short) - full).max()) / most, effect

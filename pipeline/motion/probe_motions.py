@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.motion_forces import ProbeMotion, ProbeTrace
@@ -29,7 +30,7 @@ from headstock.solvers.linear.load_history import IndexArray
 from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.second_order import Channel
 from headstock.solvers.stresses import largest_von_mises, von_mises_change
-from headstock.solvers.watched_outputs import CHUNK, Extreme, Watch, WatchedOutputs, find_largest
+from headstock.solvers.watched_outputs import Extreme, Watch, WatchedOutputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,32 +43,6 @@ class MovingModel:
 
     space: StateSpace
     motion: SteppedStates
-
-
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """What a probe sees of a model.
-
-    Attributes:
-        whole: ``(9,)`` outputs of displacement and stress.
-        late: ``(9,)`` the share in them of modes left out, which follow accelerations.
-    """
-
-    whole: WatchedOutputs
-    late: WatchedOutputs
-
-
-@dataclass(frozen=True, eq=False)
-class _Peak:
-    """The largest of values over a motion.
-
-    Attributes:
-        end: It is at the end of a step, not at the begin.
-    """
-
-    extreme: Extreme
-    end: int
-    step: int
 
 
 def place_probes(
@@ -87,9 +62,23 @@ def place_probes(
     }
 
 
+@dataclass(frozen=True, eq=False)
+class _Observed:
+    """What a probe observes of a model.
+
+    Attributes:
+        late: ``(9,)`` outputs of the share of modes left out, which follow accelerations.
+        values: ``(N, 9)`` displacement and stress.
+    """
+
+    model: MovingModel
+    late: WatchedOutputs
+    values: FloatArray
+
+
 def trace_motion(
     probes: Mapping[str, PlacedProbe],
-    own: MovingModel,
+    model: MovingModel,
     others: Mapping[str, MovingModel],
     *,
     doubtful: Mapping[str, MovingModel],
@@ -98,10 +87,10 @@ def trace_motion(
     up_to_hz: float,
     left_out: tuple[str, ...],
 ) -> dict[str, ProbeMotion]:
-    """Displacement and stress at probes over time, with their errors.
+    """Return displacement and stress at probes over time, with their errors.
 
     The modes that a component leaves out follow the accelerations of its boundary as at rest, and
-    loads inside it act at once. Viscous damping of the material adds to stresses.
+    loads inside it act directly. Viscous damping of the material adds to stresses.
 
     Args:
         others: Source of error to a model without it; empty where none was sought.
@@ -111,52 +100,66 @@ def trace_motion(
         up_to_hz: Modes up to here vibrate.
         left_out: What is not looked at.
     """
-    found = {}
+    motions = {}
     for name, probe in probes.items():
-        seen = _see(name, probe, own.space, loads)
-        values = own.motion.at_times(seen.whole)[sampled]
-        trace = ProbeTrace(name, values[:, :MOVED], values[:, MOVED:])
-        mises, moved = _find_peaks(own.motion, seen.whole)
-        motion = ProbeMotion(
-            component=probe.component,
-            trace=trace,
-            von_mises=mises.extreme,
-            stress=_at_peak(own.motion, seen.whole, mises)[MOVED:],
-            displacement=moved.extreme,
-            von_mises_error=Estimate(),
-            displacement_error=Estimate(),
-            singular=probe.singular,
-        )
+        own = _observe(name, probe, model, loads)
+        samples = model.motion.at_times(own.values)[sampled]
+        motion, rows = _describe(name, probe, model.motion.instants, own.values, samples)
         if others:
-            changed = {
-                source: _compare(
-                    (own.motion, seen.whole),
-                    (other.motion, _see(name, probe, other.space, loads).whole),
-                    always=source == TRUNCATION,
+            sizes = _size(own.values)
+            changed = {}
+            for source, other in others.items():
+                there = _size(_observe(name, probe, other, loads).values)
+                # fast modes move peaks by less than they move
+                changed[source] = (
+                    np.abs(sizes - there).max(axis=1)
+                    if source == TRUNCATION
+                    else np.abs(sizes.max(axis=1) - there.max(axis=1))
                 )
-                for source, other in others.items()
-            }
-            sizes = np.array([mises.extreme.value, moved.extreme.value])
             for source, other in doubtful.items():
-                seen_there = _see(name, probe, other.space, loads).whole
-                change = _compare(
-                    (own.motion, seen.whole), (other.motion, seen_there), always=False
-                )
-                changed[source] = np.where(change <= SILENT_SHARE * sizes, change, np.nan)
-            motion = _judge(
-                motion,
-                probe,
-                name,
-                own,
-                seen,
-                peaks=(mises, moved),
-                changed=changed,
-                loads=loads,
-                up_to_hz=up_to_hz,
-                left_out=left_out,
+                there = _size(_observe(name, probe, other, loads).values)
+                change = np.abs(sizes.max(axis=1) - there.max(axis=1))
+                silent = change <= SILENT_SHARE * sizes.max(axis=1)
+                changed[source] = np.where(silent, change, np.nan)
+            motion = _estimate_errors(
+                motion, probe, own, rows, changed, loads, up_to_hz=up_to_hz, left_out=left_out
             )
-        found[name] = motion
-    return found
+        motions[name] = motion
+    return motions
+
+
+def _describe(
+    name: str,
+    probe: PlacedProbe,
+    instants: FloatArray,
+    values: FloatArray,
+    samples: FloatArray,
+) -> tuple[ProbeMotion, NDArray[np.intp]]:
+    """The motion at a probe without errors, and the two instants of its largest equivalent stress and its
+    largest displacement.
+
+    Args:
+        instants: ``(N,)`` [s].
+        values: ``(N, 9)`` displacement and stress then.
+        samples: ``(m, 9)`` what is tabled of them.
+    """
+    sizes = _size(values)
+    rows = sizes.argmax(axis=1)
+    mises, moved = (
+        Extreme(float(size[row]), float(instants[row]))
+        for size, row in zip(sizes, rows, strict=True)
+    )
+    motion = ProbeMotion(
+        component=probe.component,
+        trace=ProbeTrace(name, samples[:, :MOVED], samples[:, MOVED:]),
+        von_mises=mises,
+        stress=values[rows[0], MOVED:],
+        displacement=moved,
+        von_mises_error=Estimate(),
+        displacement_error=Estimate(),
+        singular=probe.singular,
+    )
+    return motion, rows
 
 
 def probe_outputs(
@@ -209,47 +212,32 @@ def smoothing_channels(probes: Mapping[str, PlacedProbe]) -> tuple[Channel, ...]
 def read_probes(
     probes: Mapping[str, PlacedProbe],
     times: FloatArray,
-    seen: FloatArray,
+    observed: FloatArray,
     smoothed: FloatArray | None = None,
 ) -> dict[str, ProbeMotion]:
-    """What probes saw at times; of their errors what recovery changes when they saw most, where that is
-    given.
+    """Return what probes observed at times; of their errors what recovery changes at their peaks, where
+    that is given.
 
     Args:
         probes: ``p`` of them.
         times: ``(n,)`` [s].
-        seen: ``(n, 9 p)`` displacement and stress of each.
+        observed: ``(n, 9 p)`` displacement and stress of each.
         smoothed: ``(n, s)`` values of ``smoothing_channels``; None for nothing.
     """
-    found, first = {}, 0
-    for (name, probe), own in zip(
-        probes.items(), np.split(seen, max(len(probes), 1), axis=1), strict=False
-    ):
-        mises, moved = find_largest(times, _size(own).T)
-        stress, errors = own[int(np.searchsorted(times, mises.time)), MOVED:], [Estimate()] * 2
+    motions, first = {}, 0
+    parts = np.split(observed, max(len(probes), 1), axis=1)
+    for (name, probe), values in zip(probes.items(), parts, strict=False):
+        motion, rows = _describe(name, probe, times, values, values)
         if smoothed is not None:
-            last = first + STRESSED * (0 if probe.smoothing is None else len(probe.smoothing))
-            changes = [
-                smoothed[int(np.searchsorted(times, peak.time)), first:last].reshape(-1, STRESSED)
-                for peak in (mises, moved)
-            ]
-            sizes = (
-                (None, None)
-                if probe.smoothing is None
-                else _change_locally(probe, stress, *changes)
-            )
-            errors, first = [Estimate({DISCRETISATION: size}) for size in sizes], last
-        found[name] = ProbeMotion(
-            component=probe.component,
-            trace=ProbeTrace(name, own[:, :MOVED], own[:, MOVED:]),
-            von_mises=mises,
-            stress=stress,
-            displacement=moved,
-            von_mises_error=errors[0],
-            displacement_error=errors[1],
-            singular=probe.singular,
-        )
-    return found
+            sizes: tuple[float | None, float | None] = (None, None)
+            if probe.smoothing is not None:
+                last = first + STRESSED * len(probe.smoothing)
+                changes = (smoothed[row, first:last].reshape(-1, STRESSED) for row in rows)
+                sizes, first = _change_locally(probe, motion.stress, *changes), last
+            mises, moved = (Estimate({DISCRETISATION: size}) for size in sizes)
+            motion = dataclasses.replace(motion, von_mises_error=mises, displacement_error=moved)
+        motions[name] = motion
+    return motions
 
 
 def _change_locally(
@@ -267,15 +255,15 @@ def _change_locally(
     return None if probe.singular else changed, float(moved_locally(probe.strain_reach, moved))
 
 
-def _see(name: str, probe: PlacedProbe, space: StateSpace, loads: Sequence[str]) -> _Seen:
+def _observe(name: str, probe: PlacedProbe, model: MovingModel, loads: Sequence[str]) -> _Observed:
     own = watch_probes([name])
-    whole, early = space.watch(own), space.watch(Watch(own.channels, own.rates))
+    whole, early = model.space.watch(own), model.space.watch(Watch(own.channels, own.rates))
     late = WatchedOutputs(whole.states - early.states, whole.inputs - early.inputs)
     inputs = whole.inputs.copy()
     for column, load in enumerate(loads):
         if load in probe.loads:
             inputs[:, column] += probe.loads[load].values
-    return _Seen(WatchedOutputs(whole.states, inputs), late)
+    return _Observed(model, late, model.motion.observe(WatchedOutputs(whole.states, inputs)))
 
 
 def _rayleigh(parts: MachineParts, component: str) -> tuple[float, float]:
@@ -287,125 +275,70 @@ def _rayleigh(parts: MachineParts, component: str) -> tuple[float, float]:
     return every.alpha + own.alpha, every.beta + own.beta
 
 
-def _find_peaks(motion: SteppedStates, seen: WatchedOutputs) -> tuple[_Peak, _Peak]:
-    """The largest equivalent stress, and the largest size of the displacement."""
-    peaks = [_Peak(Extreme(-1.0, 0.0), 0, 0)] * 2
-    for end in (0, 1):
-        for start in range(0, len(motion.times) - 1, CHUNK):
-            part = slice(start, start + CHUNK)
-            values = seen.evaluate(motion.states[end][part], motion.acting[end][part])
-            for kind, size in enumerate(_size(values)):
-                row = int(np.argmax(size))
-                if size[row] > peaks[kind].extreme.value:
-                    extreme = Extreme(float(size[row]), float(motion.times[start + row + end]))
-                    peaks[kind] = _Peak(extreme, end, start + row)
-    return peaks[0], peaks[1]
-
-
 def _size(values: FloatArray) -> FloatArray:
     """Equivalent stress, and size of the displacement ``(2, n)``, of what is seen ``(n, 9)``."""
     moved = np.linalg.norm(values[:, :MOVED], axis=1)
     return np.stack([largest_von_mises(values[:, MOVED:]), moved])
 
 
-def _compare(
-    first: tuple[SteppedStates, WatchedOutputs],
-    second: tuple[SteppedStates, WatchedOutputs],
-    *,
-    always: bool,
-) -> FloatArray:
-    """How far two models of a probe are apart ``(2,)``: their peaks, or at any time.
-
-    Args:
-        first: A motion and what a probe sees of it.
-        second: The same of another model, on the same steps.
-        always: At any time: fast modes move peaks by less than they move.
-    """
-    if not always:
-        peaks = zip(_find_peaks(*first), _find_peaks(*second), strict=True)
-        return np.array([abs(ours.extreme.value - own.extreme.value) for ours, own in peaks])
-    found = np.zeros(2)
-    for end in (0, 1):
-        for start in range(0, len(first[0].times) - 1, CHUNK):
-            part = slice(start, start + CHUNK)
-            ours, theirs = (
-                _size(seen.evaluate(motion.states[end][part], motion.acting[end][part]))
-                for motion, seen in (first, second)
-            )
-            found = np.maximum(found, np.abs(ours - theirs).max(axis=1))
-    return np.asarray(found)
-
-
-def _at_peak(motion: SteppedStates, seen: WatchedOutputs, peak: _Peak) -> FloatArray:
-    """Values ``(k,)`` of outputs when a peak occurs."""
-    return seen.evaluate(motion.states[peak.end][peak.step], motion.acting[peak.end][peak.step])
-
-
-def _judge(
+def _estimate_errors(
     motion: ProbeMotion,
     probe: PlacedProbe,
-    name: str,
-    own: MovingModel,
-    seen: _Seen,
-    *,
-    peaks: tuple[_Peak, _Peak],
+    own: _Observed,
+    rows: NDArray[np.intp],
     changed: Mapping[str, FloatArray],
     loads: Sequence[str],
+    *,
     up_to_hz: float,
     left_out: tuple[str, ...],
 ) -> ProbeMotion:
     """The errors of both peaks: what they change by in other models, what recovery changes in the
     stress, and what the modes that the component leaves out do beyond their static share at the
     highest frequency that vibrates.
+
+    Args:
+        rows: Instants of the largest equivalent stress and of the largest displacement.
+        changed: Source of error to the change ``(2,)`` of both peaks; NaN where it is unknown.
     """
-    shares: list[dict[str, float | None]] = [
-        {
-            source: None if np.isnan(change[kind]) else float(change[kind])
-            for source, change in changed.items()
-        }
-        for kind in (0, 1)
-    ]
     reach = (2.0 * np.pi * up_to_hz) ** 2 / probe.limit
     beyond = reach / (1.0 - reach) if reach < 1.0 else None
     # what these modes hold is largest elsewhere than the peak, where accelerations are
-    late = [peak.extreme.value for peak in _find_peaks(own.motion, seen.late)]
+    late = _size(own.model.motion.observe(own.late)).max(axis=1)
     local: list[float | None] = [None, None]
     if probe.missing is not None and probe.smoothing is not None:
         stressed, moved = (
-            _read_rows(own, name, "smoothing", probe, peak, loads).reshape(-1, STRESSED)
-            for peak in peaks
+            _read_rows(own, motion.trace.name, "smoothing", probe, row, loads).reshape(-1, STRESSED)
+            for row in rows
         )
-        missing = _read_rows(own, name, "missing", probe, peaks[1], loads)[:MOVED]
+        missing = _read_rows(own, motion.trace.name, "missing", probe, rows[1], loads)[:MOVED]
         local[0], within = _change_locally(probe, motion.stress, stressed, moved)
         local[1] = probe.mesh_safety * float(np.linalg.norm(missing)) + within
+    estimates = []
     for kind in (0, 1):
+        shares: dict[str, float | None] = {
+            source: None if np.isnan(change[kind]) else float(change[kind])
+            for source, change in changed.items()
+        }
         for source, size in (
             (DISCRETISATION, local[kind]),
-            (REDUCTION, None if beyond is None else beyond * late[kind]),
+            (REDUCTION, None if beyond is None else beyond * float(late[kind])),
         ):
-            known = shares[kind].get(source, 0.0)
-            shares[kind][source] = None if size is None or known is None else known + size
+            known = shares.get(source, 0.0)
+            shares[source] = None if size is None or known is None else known + size
+        estimates.append(Estimate(shares, left_out))
     return dataclasses.replace(
-        motion,
-        von_mises_error=Estimate(shares[0], left_out),
-        displacement_error=Estimate(shares[1], left_out),
+        motion, von_mises_error=estimates[0], displacement_error=estimates[1]
     )
 
 
 def _read_rows(
-    own: MovingModel,
-    name: str,
-    kind: str,
-    probe: PlacedProbe,
-    peak: _Peak,
-    loads: Sequence[str],
+    own: _Observed, name: str, kind: str, probe: PlacedProbe, row: np.intp, loads: Sequence[str]
 ) -> FloatArray:
-    """Rows of a kind when a peak occurs, with loads inside the component."""
-    channels = [
-        one for one in own.space.outputs if one[0] == name and one[1].startswith(f"{kind} ")
-    ]
-    values = _at_peak(own.motion, own.space.watch(Watch(tuple(channels))), peak)
-    acting = own.motion.acting[peak.end][peak.step]
+    """Rows of a kind at an instant, with loads inside the component."""
+    space, motion = own.model.space, own.model.motion
+    channels = [one for one in space.outputs if one[0] == name and one[1].startswith(f"{kind} ")]
+    acting = motion.acting[row]
+    values = space.watch(Watch(tuple(channels))).evaluate(motion.states[row], acting)
     for column, load in enumerate(loads):
         inside = None if load not in probe.loads else getattr(probe.loads[load], kind)
         if inside is not None:

@@ -1,55 +1,282 @@
-"""A machine along its trajectory: how the rigid machine follows a path, and the compliant one in any of its
-poses with what acts on it there. Contours and straight moves of a tool follow the same trajectories.
+"""Trajectories of a machine and laws along them: where its rigid bodies are, how they are accelerated, and
+what its motors move of them.
+
+A trajectory ``x(s)`` is where, over a parameter ``s``: the time of a contour, the position along a line.
+A law ``s(t)`` is when: at a speed ``v`` and an acceleration ``a`` of ``s`` the rigid machine is
+accelerated by ``x'' v^2 + x' a``. Contours and straight moves of a tool follow the same trajectories.
 """
 
 import dataclasses
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy  # whose interpolation, a third of a second, is loaded where it is used
 
-from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.joints import Axis
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.machine.tool_travel import ToolTravel
-from headstock.geometry.mechanisms.exechon import ToolMechanism
-from headstock.pipeline.motion.contour_run import CORIOLIS
-from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
-from headstock.pipeline.stages.mechanism import LumpedPose, build_lumped_model, place_pose
-from headstock.pipeline.stages.run_state import MachineParts, PoseModel, RunState
-from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.coupling.elimination import CouplingMemo
-from headstock.reduction.coupling.error_travel import RATE
-from headstock.reduction.coupling.joint_forces import SPRING, joint_outputs
-from headstock.reduction.coupling.joint_springs import PlacedJoint
-from headstock.reduction.coupling.path_loads import (
-    POINT_ROWS,
-    TurningBody,
-    body_loads,
-    body_travel,
-    bound_gyroscopic_shift,
-    inertia_load,
-    rigid_travel,
-    stack_modes,
-    turn_with_bodies,
-)
-from headstock.scene.scene import SceneMechanism
-from headstock.solvers.linear.modal_analysis import ModalResult, solve_lowest_modes
-from headstock.solvers.milling.path_drives import move_markers
-from headstock.solvers.milling.tool_path import PathPoints, ToolPath
-from headstock.solvers.motion.plant import PosedModes
+from headstock.pipeline.stages.run_state import MachineParts, PoseModel
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.coupling.error_travel import follow_offsets
+from headstock.reduction.coupling.path_loads import inertia_load, rigid_travel
+from headstock.solvers.milling.tool_path import PathPoints
 from headstock.solvers.motion.plant_motion import TrajectoryLoads
-from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.motion.set_points import PathMotion
+from headstock.solvers.second_order import Channel
 
 GRAVITY_LOAD: Channel = ("gravity", "load")
-FORCE = "force"
-STACKED = 2.0  # times the highest frequency kept, up to which modes may be compared between poses
-LEAST_SHIFT = 1e-9  # of a natural frequency: roundoff, as of bodies that are rigid
-Amounts = Callable[[FloatArray], FloatArray]
+RATE_SHARE = 1e-5  # of a trajectory between its ends, over which rates of offsets are differenced
+Law = Callable[[FloatArray], PathMotion]
 Feedthrough = dict[tuple[Channel, Channel], float]
-# further outputs of a machine at a place: rows, and what they have of inputs at once
-Further = tuple[Mapping[Channel, FloatArray], Feedthrough]
+
+
+@dataclass(frozen=True, eq=False)
+class MovedMachine:
+    """What ``d`` motors move of the rigid machine at ``n`` instants.
+
+    Attributes:
+        positions: ``(n, d)`` set positions [m].
+        speeds: ``(n, d)`` set speeds [m/s].
+        accelerations: ``(n, d)`` set accelerations [m/s^2].
+        bodies: ``(n, b, d)`` acceleration in each channel of the rigid motion per that of each
+            motor.
+        mass: ``(n, d, d)`` [kg].
+        outputs: ``(n, p, d)`` motion at outputs per travel of each motor.
+        weight: ``(n, d)`` generalised weight [N].
+        inertia: ``(n, d)`` generalised inertial force of the rigid motion [N].
+    """
+
+    positions: FloatArray
+    speeds: FloatArray
+    accelerations: FloatArray
+    bodies: FloatArray
+    mass: FloatArray
+    outputs: FloatArray
+    weight: FloatArray
+    inertia: FloatArray
+
+
+MotorTravel = Callable[[PathMotion], MovedMachine]
+
+
+class Trajectory(ABC):
+    """Where the rigid machine is over a parameter, and how it moves there."""
+
+    @property
+    @abstractmethod
+    def bodies(self) -> tuple[Channel, ...]:
+        """Channels of the rigid motion: accelerations."""
+
+    @property
+    def turning(self) -> tuple[str, ...]:
+        """Bodies that turn along it, whose speeds act."""
+        return ()
+
+    @property
+    @abstractmethod
+    def drives(self) -> tuple[Drive, ...]:
+        """Drives of the scene that move the machine along it."""
+
+    @abstractmethod
+    def pose(self, where: float) -> Pose:
+        """Return the pose at a value of the parameter."""
+
+    @abstractmethod
+    def accelerate(self, motion: PathMotion) -> FloatArray:
+        """Return the accelerations ``(n, b)`` in all channels during a motion along it."""
+
+    @abstractmethod
+    def loads(self, model: PoseModel) -> dict[Channel, FloatArray]:
+        """Return the inertial load ``(n,)`` per acceleration in each channel, of a machine in a pose."""
+
+    @abstractmethod
+    def travels(self, coupled: CoupledMachine) -> FloatArray:
+        """Return the motion ``(n_all, b)`` of the stacked dofs per travel in each channel."""
+
+    @abstractmethod
+    def move_motors(self, drives: Sequence[Drive], outputs: Sequence[Channel]) -> MotorTravel:
+        """Return what motors move of the rigid machine during a motion along it.
+
+        Args:
+            outputs: Where motion is wanted: points or interfaces.
+        """
+
+    def turn_rates(self, motion: PathMotion) -> dict[str, float]:
+        """Return how fast each of the bodies that turn does so at most [rad/s]."""
+        return {}
+
+
+class Curve(Protocol):
+    """A path of a tool over a parameter."""
+
+    def at(self, where: FloatArray, /) -> PathPoints:
+        """Points at ``(n,)`` values of the parameter, and their first and second derivatives."""
+
+
+def follow_curve(path: Curve, motion: PathMotion) -> PathPoints:
+    """Return positions, velocities and accelerations of a motion along a path over its parameter."""
+    points = path.at(motion.positions)
+    speeds, pulls = motion.speeds[:, None], motion.accelerations[:, None]
+    return PathPoints(
+        points.position,
+        points.velocity * speeds,
+        points.acceleration * speeds**2 + points.velocity * pulls,
+    )
+
+
+def follow_time(times: FloatArray) -> PathMotion:
+    """Return the law ``s = t``, of trajectories over time."""
+    return PathMotion(times, np.ones(len(times)), np.zeros(len(times)))
+
+
+@dataclass(frozen=True, eq=False)
+class AxesTrajectory(Trajectory):
+    """Linear axes that follow a path over time."""
+
+    parts: MachineParts
+    travel: ToolTravel
+    path: Curve
+
+    @property
+    def bodies(self) -> tuple[Channel, ...]:
+        """Accelerations of axes."""
+        return tuple((name, "acceleration") for name in self.travel.axes)
+
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        """Drives of its axes."""
+        drives = self.parts.scene.drives.values()
+        return tuple(drive for drive in drives if drive.axis in self.travel.axes)
+
+    def pose(self, where: float) -> Pose:
+        """Return the pose at a time [s]."""
+        point = self.path.at(np.array([where])).position
+        positions = self.travel.axis_positions(point)[0].tolist()
+        return Pose(f"t = {where:.4g} s", dict(zip(self.travel.axes, positions, strict=True)))
+
+    def accelerate(self, motion: PathMotion) -> FloatArray:
+        """Return the accelerations of axes."""
+        return self.travel.axis_positions(follow_curve(self.path, motion).acceleration)
+
+    def axis_motion(self, name: str, motion: PathMotion) -> tuple[FloatArray, FloatArray]:
+        """Return speed and acceleration ``(n,)`` of an axis, which may be none of the trajectory."""
+        if name not in self.travel.axes:
+            return np.zeros(len(motion.positions)), np.zeros(len(motion.positions))
+        number, points = self.travel.axes.index(name), follow_curve(self.path, motion)
+        return (
+            self.travel.axis_positions(points.velocity)[:, number],
+            self.travel.axis_positions(points.acceleration)[:, number],
+        )
+
+    def _directions(self, name: str) -> dict[str, FloatArray]:
+        axis = self.parts.scene.machine.axes[name]
+        return dict.fromkeys(axis.moves, axis.direction)
+
+    def loads(self, model: PoseModel) -> dict[Channel, FloatArray]:
+        """Return the inertial loads of axes."""
+        coupled = coupled_machine(model)
+        return {
+            channel: inertia_load(coupled, self._directions(channel[0])) for channel in self.bodies
+        }
+
+    def travels(self, coupled: CoupledMachine) -> FloatArray:
+        """Return the motion per travel of axes."""
+        columns = [rigid_travel(coupled, self._directions(name)) for name in self.travel.axes]
+        return np.column_stack(columns)
+
+    def move_motors(self, drives: Sequence[Drive], outputs: Sequence[Channel]) -> MotorTravel:
+        """Return what motors move; the outputs are the directions of the tool."""
+        travel, machine = self.travel, self.parts.scene.machine
+        columns = [travel.axes.index(drive.axis) for drive in drives]
+        axes = [machine.axes[drive.axis] for drive in drives]
+        masses = {name: part.mass_kg for name, part in self.parts.superelements.items()}
+        gravity = gravity_vector(self.parts)
+
+        def weigh(names: Iterable[str]) -> float:
+            return sum(masses[name] for name in names)
+
+        mass = np.array(
+            [
+                [
+                    float(one.direction @ other.direction)
+                    * weigh(set(one.moves) & set(other.moves))
+                    for other in axes
+                ]
+                for one in axes
+            ]
+        )
+        weight = np.array([float(axis.direction @ gravity) * weigh(axis.moves) for axis in axes])
+        bodies, tool = np.eye(len(travel.axes))[:, columns], travel.directions[:, columns]
+
+        def at(motion: PathMotion) -> MovedMachine:
+            points, count = follow_curve(self.path, motion), len(motion.positions)
+            positions, speeds, accelerations = (
+                travel.axis_positions(values)[:, columns]
+                for values in (points.position, points.velocity, points.acceleration)
+            )
+            return MovedMachine(
+                positions,
+                speeds,
+                accelerations,
+                bodies=np.broadcast_to(bodies, (count, *bodies.shape)),
+                mass=np.broadcast_to(mass, (count, *mass.shape)),
+                outputs=np.broadcast_to(tool, (count, *tool.shape)),
+                weight=np.broadcast_to(weight, (count, len(weight))),
+                inertia=accelerations @ mass,
+            )
+
+        return at
+
+
+def interpolate_trajectory(
+    trajectory: Trajectory, nodes: FloatArray
+) -> Callable[[PathMotion], FloatArray]:
+    """Return the accelerations along a trajectory, interpolated between nodes ``(k,)``: those at unit
+    speed, which count with the square of the speed, and those at unit acceleration.
+    """
+    fast, pulled = _interpolate(nodes, [trajectory.accelerate(now) for now in _unit_laws(nodes)])
+
+    def accelerate(motion: PathMotion) -> FloatArray:
+        squares = fast(motion.positions) * motion.speeds[:, None] ** 2
+        return np.asarray(squares + pulled(motion.positions) * motion.accelerations[:, None])
+
+    return accelerate
+
+
+def interpolate_motors(moved: MotorTravel, nodes: FloatArray) -> MotorTravel:
+    """Return what motors move along a trajectory, interpolated likewise."""
+    fast, pulled = (moved(now) for now in _unit_laws(nodes))
+    laws = _interpolate(nodes, [*dataclasses.astuple(fast), pulled.accelerations, pulled.inertia])
+
+    def at(motion: PathMotion) -> MovedMachine:
+        v, a = motion.speeds[:, None], motion.accelerations[:, None]
+        *fields, by_pull, inertia = (np.asarray(law(motion.positions)) for law in laws)
+        unit = MovedMachine(*fields)
+        return dataclasses.replace(
+            unit,
+            speeds=unit.speeds * v,
+            accelerations=unit.accelerations * v**2 + by_pull * a,
+            inertia=unit.inertia * v**2 + inertia * a,
+        )
+
+    return at
+
+
+def _unit_laws(nodes: FloatArray) -> tuple[PathMotion, PathMotion]:
+    """Unit speed, and unit acceleration, everywhere."""
+    one, none = np.ones(len(nodes)), np.zeros(len(nodes))
+    return PathMotion(nodes, one, none), PathMotion(nodes, none, one)
+
+
+def _interpolate(
+    nodes: FloatArray, fields: Sequence[FloatArray]
+) -> "list[scipy.interpolate.BSpline]":
+    return [scipy.interpolate.make_interp_spline(nodes, values, k=3) for values in fields]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,331 +285,83 @@ class PosedErrors:
 
     Attributes:
         loads: Channel to its load ``(n,)``.
-        relief: Outputs and channels to what a unit of the channel adds to the output at once: less
-            force of joints whose springs do not push, and motion that fixed directions make.
+        feedthrough: Outputs and channels to what a unit of the channel adds to the output directly:
+            less force of joints whose springs do not push, and motion that fixed directions make.
         moved: ``(n_all, k)`` that motion of the stacked dofs, of a unit of each offset; None where
             only springs push.
     """
 
     loads: Mapping[Channel, FloatArray] = field(default_factory=dict)
-    relief: Feedthrough = field(default_factory=dict)
+    feedthrough: Feedthrough = field(default_factory=dict)
     moved: FloatArray | None = None
 
 
-Join = Callable[[float, PoseModel, PosedErrors], Further]
+@dataclass(frozen=True, eq=False)
+class TrajectoryErrors:
+    """Errors of guides, screws and legs along a trajectory.
+
+    Attributes:
+        channels: One per offset, then one per rate and one per acceleration that act.
+        act_on: What a unit of each does to a machine in a pose.
+        offsets: ``(n, k)`` at values ``(n,)`` of the parameter, in units.
+        rated: ``(r,)`` offsets whose rates act, too.
+        accelerated: ``(a,)`` offsets whose accelerations act, too.
+        ends: Of the trajectory.
+        shortest: Shortest part of the trajectory over which a wave repeats.
+    """
+
+    channels: tuple[Channel, ...]
+    act_on: Callable[[PoseModel], PosedErrors]
+    offsets: Callable[[FloatArray], FloatArray]
+    rated: tuple[int, ...]
+    accelerated: tuple[int, ...]
+    ends: tuple[float, float]
+    shortest: float
+
+    @property
+    def inertial(self) -> tuple[tuple[Channel, Channel], ...]:
+        """Channels of the offsets whose accelerations act, and of these."""
+        last = self.channels[len(self.channels) - len(self.accelerated) :]
+        return tuple(zip((self.channels[number] for number in self.accelerated), last, strict=True))
+
+    def follow(self, motion: PathMotion) -> FloatArray:
+        """Return the values ``(n, k)`` of all channels during a motion along the trajectory."""
+        step = RATE_SHARE * (self.ends[1] - self.ends[0])
+        offsets, rates, growth = follow_offsets(self.offsets, motion, self.ends, step)
+        return np.concatenate(
+            [offsets, rates[:, list(self.rated)], growth[:, list(self.accelerated)]], axis=1
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class RigidTrajectory:
-    """How the rigid machine follows a path.
+class FollowedTrajectory:
+    """A trajectory that a machine follows by a law, with the errors along it.
 
     Attributes:
-        pose_at: The pose at a place of the trajectory: a time of a contour, a position of a straight move.
-        loads: Load ``(n,)`` by its inertia in each of its channels, of a machine in a pose.
-        amounts: Values ``(n, r)`` of all channels at times ``(n,)``.
-        bodies: Channels of the rigid motion: accelerations.
-        axis_motion: Speed and acceleration ``(n,)`` of an axis at times; None of a mechanism.
-        leg_forces: Forces ``(n, d)`` that hold up and accelerate the legs of a mechanism themselves,
-            between their drives and their screws, at times; None of axes.
-        turning: Bodies that turn along the trajectory, whose speeds act.
-        travels: Motion ``(n_all, b)`` of the stacked dofs per travel in each of the ``b`` channels of
-            the rigid motion, of a machine of components in a pose.
-        errors: What errors do, of a machine in a pose.
-        offsets: Of the errors that motors under control feel at once, channels of the offset and of
-            its acceleration.
+        accelerate: Accelerations ``(n, b)`` of the rigid machine during a motion along it.
     """
 
-    pose_at: Callable[[float], Pose]
-    loads: Callable[[PoseModel], dict[Channel, FloatArray]]
-    amounts: Amounts
-    bodies: tuple[Channel, ...]
-    axis_motion: Callable[[str, FloatArray], tuple[FloatArray, FloatArray]] | None = None
-    leg_forces: Amounts | None = None
-    turning: tuple[str, ...] = ()
-    travels: Callable[[CoupledMachine], FloatArray] = lambda coupled: np.zeros((0, 0))
-    errors: Callable[[PoseModel], PosedErrors] = lambda model: PosedErrors()
-    error_channels: tuple[Channel, ...] = ()
-    offsets: tuple[tuple[Channel, Channel], ...] = ()
-
-    @property
-    def channels(self) -> tuple[Channel, ...]:
-        """All channels."""
-        return (*self.bodies, *self.error_channels)
+    trajectory: Trajectory
+    law: Law
+    accelerate: Callable[[PathMotion], FloatArray]
+    errors: TrajectoryErrors | None = None
 
     @property
     def acting(self) -> TrajectoryLoads:
-        """What acts along the trajectory: weight, and the amounts of all channels."""
-        return TrajectoryLoads((GRAVITY_LOAD, *self.channels), self._given, GRAVITY_LOAD)
+        """What acts along the trajectory: weight, then accelerations and errors."""
+        errors = () if self.errors is None else self.errors.channels
+        channels = (GRAVITY_LOAD, *self.trajectory.bodies, *errors)
+        return TrajectoryLoads(channels, self._act, GRAVITY_LOAD)
 
-    def _given(self, times: FloatArray) -> FloatArray:
-        return np.concatenate([np.ones((len(times), 1)), self.amounts(times)], axis=1)
+    def _act(self, times: FloatArray) -> FloatArray:
+        motion = self.law(times)
+        errors = [] if self.errors is None else [self.errors.follow(motion)]
+        weight = np.ones((len(times), 1))
+        return np.concatenate([weight, self.accelerate(motion), *errors], axis=1)
 
-
-def has_coriolis(state: RunState) -> bool:
-    """Whether the speeds of a mechanism accelerate it: its bodies turn, those of linear axes do not."""
-    return CORIOLIS in state.scene.effects and state.scene.mechanism is not None
-
-
-def find_screws(machine: Machine) -> dict[str, tuple[str, Axis | None]]:
-    """Ball screws that drive a machine: name of the drive to its joint and axis; those of a
-    mechanism have the name of their joint.
-    """
-    found: dict[str, tuple[str, Axis | None]] = {}
-    for axis in machine.axes.values():
-        for name in axis.joints:
-            if machine.joints[name].kind == "ball_screw" and axis.kind == "linear":
-                found.setdefault(axis.name, (name, axis))
-    if machine.mechanism is not None:
-        taken = {joint for joint, _ in found.values()}
-        found |= {
-            name: (name, None)
-            for name, joint in machine.joints.items()
-            if joint.kind == "ball_screw" and name not in taken
-        }
-    return found
-
-
-def axes_trajectory(machine: Machine, travel: ToolTravel, path: ToolPath) -> RigidTrajectory:
-    """Linear axes that follow a path."""
-    channels = axis_channels(travel.axes)
-    directions = {
-        name: dict.fromkeys(machine.axes[name].moves, machine.axes[name].direction)
-        for name in travel.axes
-    }
-
-    def pose_at(time: float) -> Pose:
-        places = travel.axis_positions(path.at(np.array([time])).position)[0]
-        return Pose(f"t = {time:.4g} s", dict(zip(travel.axes, places.tolist(), strict=True)))
-
-    def amounts(times: FloatArray) -> FloatArray:
-        return travel.axis_positions(path.at(times).acceleration)
-
-    def axis_motion(name: str, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        number, points = travel.axes.index(name), path.at(times)
-        return (
-            travel.axis_positions(points.velocity)[:, number],
-            travel.axis_positions(points.acceleration)[:, number],
-        )
-
-    return RigidTrajectory(
-        pose_at,
-        lambda model: {
-            channel: inertia_load(coupled_machine(model), directions[channel[0]])
-            for channel in channels
-        },
-        amounts,
-        channels,
-        axis_motion,
-        travels=lambda coupled: np.column_stack(
-            [rigid_travel(coupled, directions[name]) for name, _ in channels]
-        ),
-    )
-
-
-def mechanism_trajectory(
-    state: RunState,
-    mechanism: SceneMechanism,
-    path: ToolPath,
-    *,
-    pose_at: Callable[[float], Pose],
-    direction: FloatArray,
-) -> RigidTrajectory:
-    """A mechanism that leads its tool along a path without turning it.
-
-    Args:
-        mechanism: Of the scene, lumped or of components.
-        direction: ``(3,)`` of the tool, machine frame.
-    """
-    parts, mounted = state.parts, mechanism.mounted
-    carried = {name: marker for name, marker in mechanism.carries.items() if name in parts.reduced}
-    channels = body_channels(carried)
-    screws = find_screws(state.scene.machine)
-
-    def amounts(times: FloatArray) -> FloatArray:
-        moved = move_bodies(
-            mechanism,
-            parts,
-            times,
-            path.at(times),
-            direction,
-            velocity_terms=has_coriolis(state),
-        )
-        return np.concatenate(list(moved.values()), axis=1)
-
-    def leg_forces(times: FloatArray) -> FloatArray:
-        moved, pulled = move_markers(mounted, times, path.at(times), direction), amounts(times)
-        gravity = np.zeros(3) if parts.plan.gravity is None else np.asarray(parts.plan.gravity)
-        found, names = np.zeros((len(times), len(screws))), list(carried)
-        for number, (joint, _) in enumerate(screws.values()):
-            leg = state.scene.machine.joints[joint].ends[0].component
-            if leg not in carried:
-                continue
-            rotation = moved.rotations[:, mounted.mechanism.markers.index(carried[leg])]
-            axis = state.scene.machine.joints[joint].rotation[:, 0]
-            along = rotation @ axis @ mounted.mounting.rotation.T
-            center = pulled[:, 6 * names.index(leg) : 6 * names.index(leg) + 3]
-            weight = parts.superelements[leg].mass_kg
-            found[:, number] = weight * ((center - gravity) * along).sum(axis=1)
-        return found
-
-    return RigidTrajectory(
-        pose_at,
-        lambda model: load_bodies(model, tuple(carried)),
-        amounts,
-        channels,
-        leg_forces=leg_forces,
-        turning=tuple(carried) if has_coriolis(state) else (),
-        travels=lambda coupled: travel_bodies(coupled, tuple(carried)),
-    )
-
-
-def axis_channels(axes: Iterable[str]) -> tuple[Channel, ...]:
-    """Accelerations of axes."""
-    return tuple((name, "acceleration") for name in axes)
-
-
-def body_channels(names: Iterable[str]) -> tuple[Channel, ...]:
-    """Accelerations of bodies along and about the machine's axes."""
-    return tuple((name, f"acceleration {dof}") for name in names for dof in DOF_NAMES)
-
-
-def load_bodies(model: PoseModel, names: Iterable[str]) -> dict[Channel, FloatArray]:
-    """Loads ``(n,)`` per unit acceleration in each of these channels, of a machine in a pose."""
-    found: dict[Channel, FloatArray] = {}
-    for name in names:
-        own = (
-            model.body_loads(name)
-            if isinstance(model, LumpedPose)
-            else body_loads(coupled_machine(model), name)
-        )
-        found |= dict(zip(body_channels([name]), own.T, strict=True))
-    return found
-
-
-def travel_bodies(coupled: CoupledMachine, names: Iterable[str]) -> FloatArray:
-    """Motion ``(n_all, r)`` of the stacked dofs per travel in each of these channels."""
-    columns = []
-    for name in names:
-        moved = np.zeros((coupled.layout.size, len(DOF_NAMES)))
-        moved[coupled.offsets[name]] = body_travel(coupled, name)
-        columns.append(moved)
-    return np.hstack(columns)
-
-
-def machine_along(
-    state: RunState, trajectory: RigidTrajectory, up_to_hz: float, joins: Sequence[Join] = ()
-) -> Callable[[float], PosedModes]:
-    """The machine at a place of the trajectory: damped as the scene says, with every channel.
-
-    Args:
-        joins: What gives the machine at a place further outputs.
-    """
-    model_at, undamped = model_builder(state), False
-
-    def place(where: float) -> PosedModes:
-        nonlocal undamped
-        model = model_at(trajectory.pose_at(where))
-        for message in warn_of_no_damping(state.scene, model.system):
-            state.warn(message)
-        modes = _find_modes(model, STACKED * up_to_hz)
-        system = damp_system(state.scene, model.system, modes)
-        if system.damping is None and system.hysteretic is None and not undamped:
-            undamped = True
-            state.warn(
-                'nothing damps motion along the path: write [effects] damping = { modal = "2 %" }'
-            )
-        weight = model.loads.get("gravity", np.zeros(len(system.mass)))
-        errors, loads = trajectory.errors(model), trajectory.loads(model)
-        system = dataclasses.replace(
-            system,
-            inputs={**system.inputs, GRAVITY_LOAD: weight, **loads, **errors.loads},
-            outputs={**system.outputs, **joint_outputs(model.joints)},
-        )
-        posed = dataclasses.replace(_stack(model, system, modes), feedthrough=errors.relief)
-        for join in joins:
-            posed = posed.join(*join(where, model, errors))
-        if not trajectory.turning:
-            return posed
-        return turn_with_bodies(posed, _turning_bodies(model, trajectory.turning))
-
-    return place
-
-
-def model_builder(state: RunState) -> Callable[[Pose], PoseModel]:
-    """What puts the machine of a scene, lumped or of components, into a pose."""
-    parts, memo = state.parts, CouplingMemo()
-    if state.scene.is_lumped:
-        lumped = build_lumped_model(parts, parts.superelements)
-        return lambda pose: place_pose(parts, pose, lumped, parts.superelements)
-
-    def build(pose: Pose) -> CoupledPose:
-        coupled = couple(
-            parts.superelements,
-            state.scene.machine,
-            pose,
-            gravity=parts.plan.gravity,
-            memo=memo,
-        )
-        for message in coupled.warnings:
-            state.warn(message)
-        return CoupledPose(parts, pose, coupled)
-
-    return build
-
-
-def report_gyroscopic_forces(
-    state: RunState,
-    place: Callable[[], PoseModel],
-    times: FloatArray,
-    points: PathPoints,
-    direction: FloatArray | None,
-    *,
-    least: float = LEAST_SHIFT,
-) -> tuple[str, ...]:
-    """What is said of gyroscopic forces on the deformation of bodies that a mechanism turns, which
-    are not all there; nothing where bodies do not deform or speeds do not act.
-
-    Args:
-        place: Makes the machine in a pose along the trajectory.
-        times: ``(n,)`` [s].
-        points: The path of the tool then.
-        direction: ``(3,)`` of the tool, machine frame; None of axes.
-        least: Share of a natural frequency below which nothing is said.
-    """
-    mechanism = state.scene.mechanism
-    if mechanism is None or direction is None or not has_coriolis(state):
-        return ()
-    model = place()
-    if model.coupled is None:
-        return ()
-    mounted = mechanism.mounted
-    moved = move_markers(mounted, times, points, direction)
-    turned = {
-        name: float(np.linalg.norm(moved.omega[:, place], axis=1).max())
-        for name, marker in mechanism.carries.items()
-        if name in state.parts.reduced
-        for place in [mounted.mechanism.markers.index(marker)]
-    }
-    return report_gyroscopic_shift(model, turned, least=least)
-
-
-def report_gyroscopic_shift(
-    model: PoseModel, turned: Mapping[str, float], *, least: float
-) -> tuple[str, ...]:
-    """What is said of gyroscopic forces on the deformation of bodies that turn at some speeds
-    [rad/s]; nothing where they move natural frequencies by less than a share.
-    """
-    share = bound_gyroscopic_shift(
-        _stack(model, model.system, model.all_modes),
-        _turning_bodies(model, tuple(turned)),
-        tuple(turned.values()),
-    )
-    if share < least:
-        return ()
-    return (
-        f"gyroscopic forces on what deforms within bodies that turn (at {max(turned.values()):.2g} rad/s and less) count in part only; all of"
-        f" them would move natural frequencies by {100.0 * share:.1g} % at most",
-    )
+    def act_on(self, model: PoseModel) -> PosedErrors:
+        """Return what unit errors do to a machine in a pose."""
+        return PosedErrors() if self.errors is None else self.errors.act_on(model)
 
 
 def coupled_machine(model: PoseModel) -> CoupledMachine:
@@ -396,128 +375,25 @@ def coupled_machine(model: PoseModel) -> CoupledMachine:
     return model.coupled
 
 
-def _find_modes(model: PoseModel, up_to_hz: float) -> ModalResult:
-    """The modes of a machine up to a frequency; all where there are none, or few as of a lumped one."""
-    if isinstance(model, LumpedPose):
-        return model.all_modes
-    found = solve_lowest_modes(model.system, up_to_hz=up_to_hz)
-    return found if len(found.frequencies_hz) else model.all_modes
+def gravity_vector(parts: MachineParts) -> FloatArray:
+    """Gravity ``(3,)`` [m/s^2], machine frame; zero without it."""
+    return np.zeros(3) if parts.plan.gravity is None else np.asarray(parts.plan.gravity)
 
 
-def _stack(model: PoseModel, system: SecondOrderSystem, modes: ModalResult) -> PosedModes:
-    if isinstance(model, LumpedPose):
-        return model.stack_modes(system)
-    return stack_modes(system, modes, coupled_machine(model))
-
-
-def shared_rows(trajectory: RigidTrajectory, state: RunState, better: RunState) -> NDArray[np.intp]:
-    """Rows among the motions of a machine whose components have further modal dofs that are those
-    of the machine without these.
+def find_screws(machine: Machine) -> dict[str, tuple[str, Axis | None]]:
+    """Ball screws that drive a machine: name of the drive to its joint and axis; those of a
+    mechanism have the name of their joint.
     """
-    own, other = (
-        {name: len(part.labels) for name, part in each.parts.superelements.items()}
-        for each in (state, better)
-    )
-    # each body that turns has its dofs once more, and those of its points
-    blocks = [(own[name], other[name]) for name in own]
-    for name in trajectory.turning:
-        blocks += [(own[name], other[name]), (POINT_ROWS, POINT_ROWS)]
-    starts = np.cumsum([0, *(size for _, size in blocks)])
-    return np.concatenate(
-        [start + np.arange(size) for start, (size, _) in zip(starts, blocks, strict=False)]
-    )
-
-
-def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]:
-    """Bodies that a mechanism turns as it carries them."""
-    found = []
-    for name in names:
-        body = model.parts.superelements[name]
-        if isinstance(model, LumpedPose):
-            travel, mass = np.eye(6), model.body_masses[name]
-        else:
-            coupled = coupled_machine(model)
-            travel, mass = body_travel(coupled, name), coupled.matrices.masses[name]
-        found.append(
-            TurningBody(
-                rows=model.offsets[name],
-                travel=travel,
-                mass=mass,
-                rotation=model.placements[name].rotation,
-                kilograms=body.mass_kg,
-                inertia=body.inertia,
-            )
-        )
-    return found
-
-
-def join_screws(screws: Mapping[str, tuple[str, Axis | None]]) -> Join:
-    """Give a machine the forces with which screws push their nuts, along the axis [N]."""
-
-    def join(where: float, model: PoseModel, errors: PosedErrors) -> Further:
-        joints = {joint.name: joint for joint in coupled_machine(model).joint_springs}
-        rows, taken = dict[Channel, FloatArray](), Feedthrough()
-        for name, (joint, axis) in screws.items():
-            spring = joints[joint]
-            sign = _screw_sign(spring, axis)
-            rows[name, FORCE] = sign * (spring.stiffness @ spring.rows)[0]
-            taken |= {
-                ((name, FORCE), given): sign * size
-                for (output, given), size in errors.relief.items()
-                # the rates act through dampers, which are no part of it
-                if output == (f"{joint} {SPRING}", DOF_NAMES[0]) and given[0] != RATE
-            }
-        return rows, taken
-
-    return join
-
-
-def _screw_sign(screw: PlacedJoint, axis: Axis | None) -> float:
-    """Whether a screw pushes along its axis or against it."""
-    return 1.0 if axis is None else float(np.sign(screw.frame.rotation[:, 0] @ axis.direction))
-
-
-def move_bodies(
-    mechanism: ToolMechanism,
-    parts: MachineParts,
-    times: FloatArray,
-    path: PathPoints,
-    direction: FloatArray,
-    *,
-    velocity_terms: bool,
-) -> dict[str, FloatArray]:
-    """Acceleration of each body that is carried ``(n, 6)``, machine axes: of its centre of mass, and
-    about it as fast as Euler's moment of its turning asks for.
-
-    Args:
-        times: ``(n,)`` [s].
-        path: Of the tool point then.
-        direction: ``(3,)`` of the tool, machine frame.
-        velocity_terms: Whether bodies are accelerated by speeds, too.
-
-    Raises:
-        PoseError: The path cannot be followed.
-    """
-    mounted, found = mechanism.mounted, {}
-    moved = move_markers(mounted, times, path, direction, velocity_terms=velocity_terms)
-    turn = mounted.mounting.rotation
-    for name, marker in mechanism.carries.items():
-        if name not in parts.reduced:
-            continue
-        place = mounted.mechanism.markers.index(marker)
-        body, own = parts.superelements[name], parts.plan.components[name].placement
-        rotation = moved.rotations[:, place]
-        arm = rotation @ (own.origin + own.rotation @ body.center_of_mass)
-        omega, alpha = moved.omega[:, place], moved.alpha[:, place]
-        # Euler's moment of a body that turns: as if it were accelerated faster
-        axes = rotation @ own.rotation
-        inertia = axes @ body.inertia @ np.swapaxes(axes, -1, -2)
-        moment = np.cross(omega, (inertia @ omega[..., None])[..., 0])
-        spin = alpha + np.linalg.solve(inertia, moment[..., None])[..., 0]
-        center = (
-            moved.acceleration[:, place]
-            + np.cross(alpha, arm)
-            + np.cross(omega, np.cross(omega, arm))
-        )
-        found[name] = np.concatenate([center @ turn.T, spin @ turn.T], axis=1)
-    return found
+    screws: dict[str, tuple[str, Axis | None]] = {}
+    for axis in machine.axes.values():
+        for name in axis.joints:
+            if machine.joints[name].kind == "ball_screw" and axis.kind == "linear":
+                screws.setdefault(axis.name, (name, axis))
+    if machine.mechanism is not None:
+        taken = {joint for joint, _ in screws.values()}
+        screws |= {
+            name: (name, None)
+            for name, joint in machine.joints.items()
+            if joint.kind == "ball_screw" and name not in taken
+        }
+    return screws

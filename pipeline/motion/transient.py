@@ -18,8 +18,9 @@ from headstock.pipeline.answers.transient import (
 )
 from headstock.pipeline.motion.motion_forces import (
     SteppedStates,
-    find_largest_forces,
     follow_drives,
+    largest_joint_forces,
+    watch_joints,
 )
 from headstock.pipeline.motion.probe_motions import (
     MovingModel,
@@ -46,16 +47,14 @@ from headstock.solvers.errors import ConvergenceError, ModelError, UnstableContr
 from headstock.solvers.linear.load_history import LoadHistory, SteppedLoads, no_load, step_loads
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import has_symmetric_terms
-from headstock.solvers.linear.state_space import StateSpace
+from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.linear.transient import (
     EnergyBalance,
     Motion,
     StiffnessLoss,
     TransientFigures,
-    TransientModel,
     find_energy,
     find_figures,
-    prepare_transient,
     read_response,
     rest_positions,
     soften_system,
@@ -95,7 +94,7 @@ class _Ready:
         friction_loop: Closed loops with friction in their guides; None without friction.
     """
 
-    linear: TransientModel
+    linear: StateSpace
     watched: StateSpace
     friction_loop: ClosedLoop | None = None
 
@@ -145,12 +144,12 @@ class _Solution:
         """The model with its states and what acts on them: loads, then friction against the motion."""
         loads, motion = self.motion.loads, self.motion
         values, _ = loads.evaluate()
-        begins, ends = values[:, 0], values[:, 1]
+        acting = np.concatenate([values[:, 0], values[:, 1]])
         if self.with_friction is not None:
-            motion, (first, last) = self.with_friction.motion, self.with_friction.friction
-            begins, ends = np.hstack([begins, -first]), np.hstack([ends, -last])
-        states = (motion.right[:-1], motion.left[1:])
-        return MovingModel(self.model.watched, SteppedStates(loads.times, states, (begins, ends)))
+            motion = self.with_friction.motion
+            acting = np.hstack([acting, -np.concatenate(self.with_friction.friction)])
+        states = np.concatenate([motion.right[:-1], motion.left[1:]])
+        return MovingModel(self.model.watched, SteppedStates(loads.times, states, acting))
 
     @functools.cached_property
     def energy(self) -> EnergyBalance | None:
@@ -182,7 +181,7 @@ class _LoadCase:
 
     def solve(self, model: _Ready) -> _Solution:
         """Solve for the motion of a model."""
-        space, request = model.linear.space, self.request
+        space, request = model.linear, self.request
         start, final, state = rest_positions(space, self.histories, request.duration)
         moving = np.zeros(len(self.histories))
         moving[-1] = 1.0
@@ -260,15 +259,21 @@ class _LoadedMachine:
         outputs = (*self.request.outputs, *watched)
         if self.trains is None:
             modes = self.modes if softer is None else None
-            model = prepare_transient(system, inputs, outputs, up_to_hz=up_to_hz, modes=modes)
-            wanted = model.space.select(inputs, self.request.outputs)
-            return _Ready(dataclasses.replace(model, space=wanted), model.space)
+            space = to_state_space(
+                system,
+                inputs=inputs,
+                outputs=outputs,
+                up_to_hz=up_to_hz,
+                modes=modes,
+                little_mass=True,
+            )
+            return _Ready(space.select(inputs, self.request.outputs), space)
         channels = friction_channels(self.trains)
         loop = close_loops(
             system, self.trains, inputs=(*inputs, *channels), outputs=outputs, up_to_hz=up_to_hz
         )
         return _Ready(
-            TransientModel(loop.space.select(inputs, self.request.outputs)),
+            loop.space.select(inputs, self.request.outputs),
             loop.space.select((*inputs, *channels), loop.space.outputs),
             loop if channels else None,
         )
@@ -278,7 +283,7 @@ class _LoadedMachine:
         and there is no friction.
         """
         few = len(self.modes.frequencies_hz) <= MOST_COUPLED_MODES and model.friction_loop is None
-        every = few or model.linear.space.pairs is not None
+        every = few or model.linear.pairs is not None
         return self.prepare(None if every else BEYOND * self.request.up_to_hz)
 
     def _find_loss(self) -> StiffnessLoss | None:
@@ -408,9 +413,7 @@ def _make_answer(
         duration=request.duration,
         sampling_hz=request.sampling_hz,
         up_to_hz=request.up_to_hz,
-        modes=len(loaded.near.frequencies_hz)
-        if controlled
-        else len(solution.model.linear.space.a) // 2,
+        modes=len(loaded.near.frequencies_hz) if controlled else len(solution.model.linear.a) // 2,
         settled=request.settled,
         damped=controlled
         or loaded.system.damping is not None
@@ -418,7 +421,11 @@ def _make_answer(
         energy=solution.energy,
         motors=request.motors,
         drives=drives.extremes,
-        joints=find_largest_forces(machine.joints, moved.space, moved.motion),
+        joints=largest_joint_forces(
+            machine.joints,
+            moved.motion.instants,
+            lambda joint: moved.motion.observe(moved.space.watch(watch_joints([joint]))),
+        ),
         probes=probes,
     )
 

@@ -407,7 +407,7 @@ RECORDS: tuple[AnalysisRecord, ...] = (
     AnalysisRecord(
         "path",
         PathRequest,
-        "headstock.pipeline.motion.tool_moves:run_any_path_stage",
+        "headstock.pipeline.motion.path:run_path_stage",
         f"{ANSWERS}.path:PathResult",
         reason=_describe_acting,
         stage=_plan_path,

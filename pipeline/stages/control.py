@@ -34,7 +34,7 @@ MARGIN_REACH = 4.0  # margins are looked for up to so many times the highest req
 
 
 @dataclass(frozen=True, eq=False)
-class _DrivenMachine:
+class DrivenMachine:
     """A machine in a pose with its motors let go.
 
     Attributes:
@@ -59,7 +59,7 @@ class _DrivenMachine:
         return self.released.coupled
 
 
-def drive_machine(model: PoseModel, warn: Callable[[str], None]) -> _DrivenMachine:
+def drive_machine(model: PoseModel, warn: Callable[[str], None]) -> DrivenMachine:
     """Place the drives of a scene in the pose of a machine and let their motors go.
 
     Args:
@@ -73,7 +73,7 @@ def drive_machine(model: PoseModel, warn: Callable[[str], None]) -> _DrivenMachi
         warn(message)
     if released.weight is None:
         damped = damp_system(scene, bare, modes)
-        return _DrivenMachine(released.model, modes, damped, released.trains)
+        return DrivenMachine(released.model, modes, damped, released.trains)
     # modal damping is that of the modes without weight, and none of the motors' travels, which are
     # the lowest modes
     left = bare.stiffness - released.weight
@@ -81,10 +81,10 @@ def drive_machine(model: PoseModel, warn: Callable[[str], None]) -> _DrivenMachi
     plain = dataclasses.replace(bare, stiffness=left)
     damped = dataclasses.replace(damp_system(scene, plain), stiffness=bare.stiffness)
     modes = dataclasses.replace(modes, rigid_count=len(released.trains))
-    return _DrivenMachine(released.model, modes, damped, released.trains)
+    return DrivenMachine(released.model, modes, damped, released.trains)
 
 
-def drive_along(model: PoseModel, position: float, warn: Callable[[str], None]) -> _DrivenMachine:
+def drive_along(model: PoseModel, position: float, warn: Callable[[str], None]) -> DrivenMachine:
     """The machine at a place of a path, with its motors free and its loops stable.
 
     Args:
@@ -153,7 +153,7 @@ def _round_lag(train: DriveTrain, lag: float) -> float:
 
 
 def list_poles(
-    driven: _DrivenMachine, poles: LoopPoles, up_to_hz: float
+    driven: DrivenMachine, poles: LoopPoles, up_to_hz: float
 ) -> tuple[ClosedLoopPole, ...]:
     """Poles up to a frequency, oscillating or not, and all that grow, with what moves in them."""
     shown = [int(i) for i in np.flatnonzero(np.abs(poles.poles) <= 2.0 * math.pi * up_to_hz)]

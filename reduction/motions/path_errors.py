@@ -32,10 +32,8 @@ from headstock.reduction.motions.tool_deviation import channel_rows
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.state_space import Feedthrough
 from headstock.solvers.motion.deviation import PathDeviation
-from headstock.solvers.motion.exact import Disturbance, solve_loads
 from headstock.solvers.motion.set_points import PathMotion, SetPoint, sample_move
 from headstock.solvers.second_order import Channel, SecondOrderSystem
-from headstock.solvers.watched_outputs import Watch
 
 STEPS_PER_WAVE = 48
 PLACES_PER_WAVE = 100  # for derivatives
@@ -57,7 +55,6 @@ class PathErrors:
     path: MachinePath
     outputs: tuple[Channel, ...]
     travel: ErrorTravel
-    middle: CoupledMachine
     places: FloatArray
     gains: FloatArray
 
@@ -124,7 +121,6 @@ def find_path_errors(
         path=path,
         outputs=tuple(outputs),
         travel=travel,
-        middle=posed[nodes // 2],
         places=np.asarray(places),
         gains=np.array([_static_gain(coupled, travel, outputs) for coupled in posed]),
     )
@@ -202,42 +198,3 @@ def add_error_inputs(
     columns = np.hstack([motions.loads, motions.rates, motions.accelerations])
     columns_of = dict(zip(channels, columns.T, strict=True))
     return dataclasses.replace(system, inputs={**system.inputs, **columns_of}), channels
-
-
-def respond_to_errors(
-    errors: PathErrors,
-    system: SecondOrderSystem,
-    move: SetPoint,
-    *,
-    samples: FloatArray,
-    low_frequency_limit_hz: float,
-    joints: Sequence[JointForces],
-    probes: Mapping[str, Sequence[Channel]],
-    watch: Watch,
-) -> PathDeviation:
-    """Return the deviation by errors of guides over a move with ideal motors, from that at its
-    beginning, in the pose of the middle.
-
-    Args:
-        system: The machine in the middle of it, with its damping.
-        samples: ``(n,)`` evenly spaced, from zero [s].
-        low_frequency_limit_hz: Modes below count as low-frequency response [Hz].
-        joints: Whose forces are watched.
-        probes: Names of those watched to what they see.
-    """
-    travel, middle = errors.travel, errors.middle
-    motions = find_offset_motions(middle, travel, system)
-    disturbed, channels = add_error_inputs(system, travel, motions)
-    return solve_loads(
-        disturbed,
-        errors.outputs,
-        Disturbance(
-            channels,
-            lambda times: errors.amounts(move, times),
-            errors.shortest / move.feed / STEPS_PER_WAVE,
-            pass_offsets(middle, travel, motions, errors.outputs, joints, probes),
-        ),
-        samples=samples,
-        low_frequency_limit_hz=low_frequency_limit_hz,
-        watch=watch,
-    )

@@ -16,7 +16,7 @@ import scipy.linalg
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import FORCE, MOTOR, DriveTrain, measured_channel
-from headstock.solvers.control.margins import control_paths, take_off_anchors
+from headstock.solvers.control.margins import answer_motions, take_off_anchors
 from headstock.solvers.control.stability import (
     LoopPoles,
     find_loop_poles,
@@ -61,7 +61,7 @@ class ControlForces:
         motors = self.pushed.T
         anchors = np.array([train.anchor for train in self.trains])[:, None] * motors
         return np.asarray(
-            self.pushed @ (_answer_motions(self.trains, omega, self.seen, motors) - anchors)
+            self.pushed @ (answer_motions(self.trains, omega, self.seen, motors) - anchors)
         )
 
 
@@ -91,31 +91,13 @@ class ClosedResponse:
         count = len(self.trains)
         open_response = take_off_anchors(self.free.form.evaluate(omega), self.trains)
         seen, motors, moved = np.split(open_response, [count, 2 * count], axis=1)
-        answers = _answer_motions(self.trains, omega, seen, motors)
+        answers = answer_motions(self.trains, omega, seen, motors)
         forces = np.linalg.solve(np.eye(count) + answers[..., :count], answers[..., count:])
         return np.asarray(moved[..., count:] - moved[..., :count] @ forces)
 
     def poles(self) -> ComplexArray:
         """Poles of the closed loops [rad/s]."""
         return self.found.poles
-
-
-def _answer_motions(
-    trains: Sequence[DriveTrain],
-    omega: FloatArray,
-    seen: FloatArray | ComplexArray,
-    motors: FloatArray | ComplexArray,
-) -> ComplexArray:
-    """Minus the forces ``(n_freq, n_drives, k)`` with which controllers answer motions.
-
-    Args:
-        omega: ``(n_freq,)`` angular frequencies.
-        seen: ``(n_drives, k)`` what controllers see, or ``(n_freq, n_drives, k)``.
-    """
-    paths = [control_paths(train.control, omega) for train in trains]
-    feedback = np.stack([path.feedback for path in paths], axis=1)[..., None]
-    gains = np.array([path.kv for path in paths])[:, None]
-    return np.asarray(feedback * (gains * seen + 1j * omega[:, None, None] * motors))
 
 
 def prepare_closed_frf(

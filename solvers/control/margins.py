@@ -71,17 +71,10 @@ def find_margins(
     anchored = evaluate_frf(prepare_frf(system, inputs=forces, outputs=seen), frequencies)
     found = take_off_anchors(anchored.receptance, trains)
     omega, count = 2.0 * np.pi * frequencies, len(trains)
-    paths = [control_paths(train.control, omega) for train in trains]
-    # force each controller answers a unit drive force with, sign turned: L(i, j)
-    fed = np.stack(
-        [
-            path.kv * found[:, i] + 1j * omega[:, None] * found[:, count + i]
-            for i, path in enumerate(paths)
-        ],
-        axis=1,
-    )
-    loops = np.stack([paths[i].feedback[:, None] * fed[:, i] for i in range(count)], axis=1)
-    follow = _follow(loops, found[:, :count], np.stack([path.ahead for path in paths], axis=1))
+    # L(i, j): per unit drive force
+    loops = answer_motions(trains, omega, found[:, :count], found[:, count:])
+    ahead = [_control_paths(train.control, omega).ahead for train in trains]
+    follow = _follow(loops, found[:, :count], np.stack(ahead, axis=1))
     return tuple(
         _judge(train.name, frequencies, _open_loop(loops, number), np.abs(follow[:, number]))
         for number, train in enumerate(trains)
@@ -118,7 +111,7 @@ class _ControlPaths(NamedTuple):
     kv: float
 
 
-def control_paths(control: AxisControl, omega: FloatArray) -> _ControlPaths:
+def _control_paths(control: AxisControl, omega: FloatArray) -> _ControlPaths:
     """Ways through a controller at angular frequencies ``(n_freq,)`` [rad/s]; the dead time is
     exact.
     """
@@ -130,6 +123,24 @@ def control_paths(control: AxisControl, omega: FloatArray) -> _ControlPaths:
         control.position_gain + s * control.velocity_feed_forward
     ) * inner + s**2 * control.acceleration_feed_forward
     return _ControlPaths(late * inner, late * ahead, control.position_gain)
+
+
+def answer_motions(
+    trains: Sequence[DriveTrain],
+    omega: FloatArray,
+    seen: FloatArray | ComplexArray,
+    motors: FloatArray | ComplexArray,
+) -> ComplexArray:
+    """Return minus the forces ``(n_freq, n_drives, k)`` with which controllers answer motions.
+
+    Args:
+        omega: ``(n_freq,)`` angular frequencies.
+        seen: ``(n_drives, k)`` what controllers see, or ``(n_freq, n_drives, k)``.
+    """
+    paths = [_control_paths(train.control, omega) for train in trains]
+    feedback = np.stack([path.feedback for path in paths], axis=1)[..., None]
+    gains = np.array([path.kv for path in paths])[:, None]
+    return np.asarray(feedback * (gains * seen + 1j * omega[:, None, None] * motors))
 
 
 def _follow(loops: ComplexArray, motion: ComplexArray, ahead: ComplexArray) -> ComplexArray:

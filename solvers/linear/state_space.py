@@ -13,7 +13,8 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.loading import load_library
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.damping import equivalent_viscous
+from headstock.solvers.linear.damping import add_little_mass, equivalent_viscous
+from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.linear.modal_coordinates import (
     ModalCoordinates,
     count_modes,
@@ -79,6 +80,7 @@ class StateSpace:
         outputs: Names of the motions.
         states: A name for each state.
         pairs: The modes behind the states, where no damping couples them.
+        modal: States ``2k, 2k + 1`` are ``(s p, p')`` of mode k, s its angular frequency.
     """
 
     a: FloatArray
@@ -89,6 +91,7 @@ class StateSpace:
     outputs: tuple[Channel, ...]
     states: tuple[str, ...]
     pairs: ModalPairs | None = None
+    modal: bool = False
 
     @functools.cached_property
     def columns(self) -> Index:
@@ -168,6 +171,8 @@ def to_state_space(
     inputs: Sequence[Channel],
     outputs: Sequence[Channel],
     up_to_hz: float | None = None,
+    modes: ModalResult | None = None,
+    little_mass: bool = False,
 ) -> StateSpace:
     """Return the state space of a system; outputs are displacements.
 
@@ -181,16 +186,24 @@ def to_state_space(
         outputs: Names of the output channels.
         up_to_hz: Keep modes up to here only; the static compliance of the others goes to D. None
             keeps all.
+        modes: All undamped modes, where they are already known.
+        little_mass: Give a little to dofs without mass that dampers act on.
 
     Raises:
         ModelError: A channel is unknown, or a dof without mass stands in the way.
     """
     if not has_symmetric_terms(system):
         return _unsymmetric(system, tuple(inputs), tuple(outputs))
-    coordinates = to_modal_coordinates(equivalent_viscous(system), inputs, outputs)
+    damped = equivalent_viscous(system, modes)
+    coordinates = to_modal_coordinates(damped, inputs, outputs, modes)
+    if coordinates is None and little_mass:
+        lighter = add_little_mass(damped, modes or solve_modal(system))
+        coordinates = to_modal_coordinates(lighter, inputs, outputs)
     if coordinates is None:
         raise ModelError(
-            "a damper acts on a dof without mass, which has no place in a state space; give every body a mass"
+            "a damper acts on dofs that have neither mass nor stiffness"
+            if little_mass
+            else "a damper acts on a dof without mass, which has no place in a state space; give every body a mass"
         )
     if up_to_hz is not None:
         coordinates = keep_modes(coordinates, count_modes(coordinates, up_to_hz))
@@ -235,7 +248,7 @@ def modal_state_space(
         if is_diagonal(coordinates.viscous)
         else None
     )
-    return StateSpace(a, b, c, d, inputs, outputs, names, pairs)
+    return StateSpace(a, b, c, d, inputs, outputs, names, pairs, modal=True)
 
 
 def _unsymmetric(

@@ -10,35 +10,14 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.damping import add_little_mass, equivalent_viscous
 from headstock.solvers.linear.load_history import IndexArray, LoadHistory, SteppedLoads
-from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
-from headstock.solvers.linear.modal_coordinates import (
-    ModalCoordinates,
-    count_modes,
-    has_symmetric_terms,
-    keep_modes,
-    to_modal_coordinates,
-)
-from headstock.solvers.linear.state_space import StateSpace, modal_state_space, to_state_space
+from headstock.solvers.linear.modal_analysis import ModalResult
+from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.linear.time_response import group_steps, make_propagator, sine_gains
-from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.second_order import SecondOrderSystem
 
 UNBALANCED = 1e-8  # of a load, what is left of it where it moves the system as a whole
 CHANGE = 1e-6  # of the largest value: a smaller change of the rest position is none
-
-
-@dataclass(frozen=True, eq=False)
-class TransientModel:
-    """A system ready for loads over time.
-
-    Attributes:
-        space: Loads in, displacements out; the static compliance of modes left out is in ``d``.
-        coordinates: The modes behind it; None of a system with unsymmetric terms.
-    """
-
-    space: StateSpace
-    coordinates: ModalCoordinates | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,42 +112,6 @@ class EnergyBalance:
         return abs(rest) / most if most else 0.0
 
 
-def prepare_transient(
-    system: SecondOrderSystem,
-    inputs: Sequence[Channel],
-    outputs: Sequence[Channel],
-    *,
-    up_to_hz: float | None,
-    modes: ModalResult | None = None,
-) -> TransientModel:
-    """Return a system in the coordinates of its lowest modes; the others follow loads statically.
-
-    Structural damping is replaced by the viscous one of equal loss in each mode. Dofs without mass
-    that dampers act on get a little. A system with unsymmetric terms keeps its own dofs.
-
-    Args:
-        system: Any; unsymmetric ones need mass on every dof.
-        inputs: Names of the loads.
-        outputs: Names of the displacements.
-        up_to_hz: Keep modes up to here; None keeps all.
-        modes: All undamped modes, where they are already known.
-
-    Raises:
-        ModelError: A channel is unknown.
-    """
-    if not has_symmetric_terms(system):
-        return TransientModel(to_state_space(system, inputs=inputs, outputs=outputs))
-    modes = modes or solve_modal(system)
-    damped = equivalent_viscous(system, modes)
-    every = to_modal_coordinates(damped, inputs, outputs, modes)
-    if every is None:
-        every = to_modal_coordinates(add_little_mass(damped, modes), inputs, outputs)
-    if every is None:
-        raise ModelError("a damper acts on dofs that have neither mass nor stiffness")
-    kept = every if up_to_hz is None else keep_modes(every, count_modes(every, up_to_hz))
-    return TransientModel(modal_state_space(kept, tuple(inputs), tuple(outputs)), kept)
-
-
 @dataclass(frozen=True, eq=False)
 class StiffnessLoss:
     """Damping of elastic modes ``(m,)`` that goes with their stiffness.
@@ -228,7 +171,6 @@ def solve_transient(space: StateSpace, loads: SteppedLoads, initial_state: Float
     """Return the motion under loads, exact at every time of the grid whatever its steps.
 
     Args:
-        space: Of ``prepare_transient``.
         loads: On their grid.
         initial_state: ``(s,)`` before the time zero.
     """
@@ -286,23 +228,17 @@ def find_figures(
     return tuple(_figures_of(response, column, start, final, near) for column in range(len(start)))
 
 
-def find_energy(model: TransientModel, motion: Motion) -> EnergyBalance | None:
+def find_energy(space: StateSpace, motion: Motion) -> EnergyBalance | None:
     """Balance of energy, its integrals by the trapezoidal rule with end corrections (error of fourth
     order): what does not add up says how coarse the samples are for the modes that move.
 
     None of a system without modes.
     """
-    coordinates, space = model.coordinates, model.space
-    if coordinates is None:
+    if not space.modal:
         return None
     values, rates = motion.loads.evaluate()
     steps = motion.loads.steps[:, None]
-    viscous = (
-        np.zeros((len(coordinates.eigenvalues),) * 2)
-        if coordinates.viscous is None
-        else coordinates.viscous
-    )
-    gains = space.b[1::2]
+    gains, viscous = space.b[1::2], -space.a[1::2, 1::2]
     powers, changes = [], []
     for end, states in enumerate((motion.right[:-1], motion.left[1:])):
         speeds = states[:, 1::2]
@@ -324,8 +260,8 @@ def find_energy(model: TransientModel, motion: Motion) -> EnergyBalance | None:
     ).sum(axis=0)
     struck = motion.loads.impulses @ gains.T
     work += float((struck * 0.5 * (motion.left + motion.right)[:, 1::2]).sum())
-    stored = _stored_energy(coordinates, motion.right)
-    initial = float(_stored_energy(coordinates, motion.left[:1])[0])
+    stored = _stored_energy(space, motion.right)
+    initial = float(_stored_energy(space, motion.left[:1])[0])
     return EnergyBalance(
         initial, float(work), float(dissipated), float(stored[-1]), float(stored.max())
     )
@@ -360,9 +296,9 @@ def _value_at(load: LoadHistory, time: float) -> float:
     return float(load.values[piece]) if piece >= 0 and time < load.ends[piece] else 0.0
 
 
-def _stored_energy(coordinates: ModalCoordinates, states: FloatArray) -> FloatArray:
+def _stored_energy(space: StateSpace, states: FloatArray) -> FloatArray:
     """Return the kinetic and strain energy ``(n,)`` of states ``(n, 2 m)``."""
-    elastic = states[:, 0::2] * (coordinates.eigenvalues > 0.0)
+    elastic = states[:, 0::2] * (space.a[1::2, 0::2].diagonal() < 0.0)
     return np.asarray(0.5 * ((elastic**2).sum(axis=1) + (states[:, 1::2] ** 2).sum(axis=1)))
 
 

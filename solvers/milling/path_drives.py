@@ -64,7 +64,7 @@ class PathDrive:
 
 
 @dataclass(frozen=True, eq=False)
-class _MarkerMotion:
+class MarkerMotion:
     """Markers of a mechanism on its way, in the ground frame of its chains.
 
     Attributes:
@@ -93,7 +93,7 @@ def move_markers(
     direction: FloatArray,
     *,
     velocity_terms: bool = True,
-) -> _MarkerMotion:
+) -> MarkerMotion:
     """The rigid mechanism as its tool goes along a path without turning.
 
     Args:
@@ -135,7 +135,7 @@ def move_markers(
         own = (velocity_maps(mechanism, kinematics.closure_jacobian)[0] @ drives)[:, None]
         none = np.zeros_like(bias.omega)
         bias = Bias(omega=none, velocity=bias.velocity, alpha=none, acceleration=none)
-    return _MarkerMotion(
+    return MarkerMotion(
         states=survey.states,
         rates=rates,
         growth=growth,

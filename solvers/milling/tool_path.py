@@ -153,6 +153,24 @@ class ToolPath(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class StraightLine:
+    """A line over the position along it.
+
+    Attributes:
+        start: ``(3,)`` where it begins [m].
+        along: ``(3,)`` motion of the tool per travel along it.
+    """
+
+    start: FloatArray
+    along: FloatArray
+
+    def at(self, positions: FloatArray) -> PathPoints:
+        """Points at positions ``(n,)``, and their first and second derivatives."""
+        still = np.zeros((len(positions), 3))
+        return PathPoints(self.start + positions[:, None] * self.along, still + self.along, still)
+
+
+@dataclass(frozen=True, eq=False)
 class TracedPath:
     """A path that was measured.
 

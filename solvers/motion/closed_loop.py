@@ -516,7 +516,7 @@ def _plant_at(sample: SampledPlant, scales: FloatArray) -> StateSpace:
     first, second = np.arange(0, len(space.a), 2), np.arange(1, len(space.a), 2)
     a = space.a.copy()
     a[np.ix_(second, first)] = -sample.stiffness / scales
-    return dataclasses.replace(space, a=a, pairs=None)
+    return dataclasses.replace(space, a=a, pairs=None, modal=False)
 
 
 def _drive_inputs(loop: VaryingLoop, position: float) -> tuple[StateSpace, FloatArray, FloatArray]:

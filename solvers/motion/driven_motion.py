@@ -186,9 +186,10 @@ def integrate_track(
     state = outset.state
     for start in range(0, len(steps), CHUNK):
         part = slice(start, min(start + CHUNK, len(steps)))
+        after = slice(start + 1, part.stop + 1)
         inside = grid[part, None] + steps[part, None] * GIVEN
         forced = given(inside.ravel()).reshape(len(inside), -1)
-        middles = track.positions(0.5 * (grid[part] + grid[part.start + 1 : part.stop + 1]))
+        middles = track.positions(0.5 * (grid[part] + grid[after]))
         firsts, shares = track.near(middles)
         begun, ended = (np.empty((len(inside), typical.size)) for _ in range(2))
         for number in range(len(inside)):
@@ -205,11 +206,10 @@ def integrate_track(
                 near=(int(firsts[number]), shares[number]),
                 alone=float(middles[number]) if few[part.start + number] else None,
             )
-        works[part.start + 1 : part.stop + 1] = integrator.collect_works(len(inside))
+        works[after] = integrator.collect_works(len(inside))
         if not track.still:
-            posed[part.start + 1 : part.stop + 1] = _posed_work(
-                track, grid[part.start : part.stop + 1], middles, begun, ended
-            )
+            ends = grid[start : part.stop + 1]
+            posed[after] = _posed_work(track, ends, middles, begun, ended)
     left[-1] = state
     right[-1] = state + outset.jumps[-1]
     positions = track.positions(times)

@@ -253,6 +253,11 @@ class _TransportedPose:
     plant: SampledPlant
     shares: FloatArray
 
+    @property
+    def momenta(self) -> FloatArray:
+        """Momenta ``(n_all, m)`` of the transported modes."""
+        return np.asarray(self.pose.momenta[:, : len(self.turn)] @ self.turn)
+
 
 def sample_motion(
     place: Callable[[float], PosedModes], breaks: Sequence[float], channels: PlantChannels
@@ -304,11 +309,7 @@ def sample_motion(
         rotation_error=sum(rotations),
         highest_hz=highest_hz,
         complete=all(pose.coordinates.complete for pose in poses.values()),
-        anchors={
-            time: transported[time].pose.momenta[:, :kept] @ transported[time].turn
-            for grid in finer
-            for time in grid[:: max(1, (len(grid) - 1) // ANCHORED)]
-        },
+        anchors={time: transported[time].momenta for grid in finer for time in _pick(grid)},
     )
 
 
@@ -426,6 +427,11 @@ def _count_fading_modes(poses: Collection[PoseModes], up_to_hz: float) -> tuple[
     kept = min(max(1, *(np.count_nonzero(share) for _, share in shares)), known)
     highest = max(float(omega[share >= 0.5].max(initial=0.0)) for omega, share in shares)
     return int(kept), highest / (2.0 * np.pi)
+
+
+def _pick(grid: Sequence[float]) -> Sequence[float]:
+    """Return the times at which a machine that differs little is looked at."""
+    return grid[:: max(1, (len(grid) - 1) // ANCHORED)]
 
 
 def _cut_evenly(low: float, high: float, count: int) -> list[float]:

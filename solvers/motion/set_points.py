@@ -140,6 +140,16 @@ def sample_move(move: SetPoint, times: FloatArray) -> PathMotion:
     )
 
 
+def average_accelerations(move: SetPoint, times: FloatArray, step: float) -> PathMotion:
+    """Position, speed and mean acceleration over a step ``step`` about instants, at rest before and
+    after: where accelerations jump, as on linear ramps, steps in time then keep the impulse, and their
+    error stays of second order.
+    """
+    now = sample_move(move, times)
+    before, after = (sample_move(move, times + side * step).speeds for side in (-0.5, 0.5))
+    return PathMotion(now.positions, now.speeds, np.asarray((after - before) / step))
+
+
 def step_accelerations(move: SetPoint, times: FloatArray) -> FloatArray:
     """Acceleration at the beginning and at the end of each step ``(n - 1, 2)``, as seen from inside
     it.

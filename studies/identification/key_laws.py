@@ -2,6 +2,7 @@
 them from its own ``[parameters]``.
 """
 
+import itertools
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -66,8 +67,7 @@ class KeyLaw:
     def depends_on(self, parameter: str) -> bool:
         """Tell whether the number depends on a parameter."""
         return any(other.name == parameter for other, _ in self.rules) or (
-            self.calculated is not None
-            and self.key in self.calculated.followers.get(parameter, frozenset())
+            self.calculated is not None and self.key in self.calculated.followers.get(parameter, ())
         )
 
     def value(self, values: Mapping[str, float]) -> float:
@@ -127,13 +127,13 @@ class _CalculatedNumbers:
     Attributes:
         written: What describes the machine in the scene, as it is written.
         laws: Of the fitted numbers among its parameters.
-        followers: Keys of the scene in full that depend on each parameter of the fit.
+        followers: Keys of the scene in full that depend on each parameter of the fit, in its order.
         somewhere: What they hold with every parameter between its bounds.
     """
 
     written: TomlTable
     laws: tuple[KeyLaw, ...]
-    followers: dict[str, frozenset[KeyPath]] = field(default_factory=dict)
+    followers: dict[str, tuple[KeyPath, ...]] = field(default_factory=dict)
     somewhere: dict[KeyPath, float] = field(default_factory=dict)
     _known: OrderedDict[tuple[float, ...], dict[KeyPath, float]] = field(
         default_factory=OrderedDict
@@ -147,7 +147,7 @@ class _CalculatedNumbers:
         """
         given = tuple(law.value(values) for law in self.laws)
         if given not in self._known:
-            keys = frozenset[KeyPath]().union(*self.followers.values())
+            keys = dict.fromkeys(itertools.chain.from_iterable(self.followers.values()))
             raw = self._expand(given)
             self._known[given] = {key: read_number(raw, key).value for key in keys}
             if len(self._known) > REMEMBERED:
@@ -211,7 +211,7 @@ def _find_followers(
             after = calculated.leaves({**references, name: value})
             if changed := sorted(map(show_key, before.keys() ^ after.keys())):
                 raise ParameterValueError(f"{changed[0]} is there with some values of {name} only")
-            calculated.followers[name] = frozenset(
+            calculated.followers[name] = tuple(
                 key for key in before if before[key] != after[key] and _is_seen(key, scene)
             )
     calculated.somewhere.update(calculated.numbers(between))

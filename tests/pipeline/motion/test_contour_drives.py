@@ -189,7 +189,7 @@ def close_axes(folder: Path, drive: str, until: float, *settings: str) -> Closed
     plan = plan_contour(request.contour)
     trajectory = coupled_contour._plan_trajectory(state, request, plan.path)
     driven = drive_machine(
-        couple_pose(state.parts, trajectory.pose_at(plan.cuts[0].middle)), lambda message: None
+        couple_pose(state.parts, trajectory.pose(plan.cuts[0].middle)), lambda message: None
     )
     tool = [(request.point or "", dof) for dof in "xyz"]
     loop = close_loops(

@@ -100,7 +100,7 @@ def test_a_machine_that_differs_little_deviates_beside_another_as_alone(
     )
     other = build_state(tmp_path, MILL, settings=(*settings, *softer))
     base, alone = run(state, 0.6), run(other, 0.6)
-    beside = run_coupled_contour(other, request_of(other), until=0.6, beside=base.trajectory)
+    beside = run_coupled_contour(other, request_of(other), until=0.6, like=base.course)
     change = alone.gap - base.gap
     assert np.abs(change).max() > 0.01 * np.abs(base.gap).max()
     assert np.abs(beside.gap - alone.gap).max() < 0.01 * np.abs(change).max()
@@ -184,7 +184,7 @@ def test_channels_may_stand_in_any_order(
 
     monkeypatch.setattr(coupled_contour, "PlantChannels", shuffle)
     found.append(run(state, 0.2))
-    first = found[0].trajectory.sampled.channels
+    first = found[0].sampled.channels
     assert asked[0].inputs != first.inputs and asked[0].outputs != first.outputs
     some = np.arange(0, len(found[0].times), 20)
     for ours, theirs in (
@@ -202,7 +202,7 @@ def test_a_slow_cut_bends_the_machine_as_its_compliance_says(tmp_path: Path) -> 
     found = run(state, 0.8)
     on = (found.times > 0.45) & (found.times < 0.7)
     middle = found.plan.cuts[0].middle
-    now = found.trajectory.sampled.at(np.array([middle]))
+    now = found.sampled.at(np.array([middle]))
     compliance = now.rows[0, :3] @ np.linalg.solve(now.stiffness[0], now.rows[0, :3].T)
     compliance = compliance + now.direct[0, :3, :3]
     expected = compliance @ found.force[on].mean(axis=0)
@@ -248,7 +248,7 @@ def test_a_slow_cut_bends_the_machine_as_its_compliance_says(tmp_path: Path) -> 
 def test_modes_left_out_follow_at_once(tmp_path: Path) -> None:
     state = build_state(tmp_path, MILL)
     whole, part = (run(state, 0.5, modes_to_hz=hz) for hz in (5000.0, 400.0))
-    assert part.trajectory.sampled.modes < whole.trajectory.sampled.modes == 12
+    assert part.sampled.modes < whole.sampled.modes == 12
     assert np.abs(whole.gap - part.gap).max() < 0.03 * np.abs(whole.gap).max()
     on = whole.times > 0.4
     assert part.gap[on].mean(axis=0) == approx(whole.gap[on].mean(axis=0), rel=1e-3, abs=1e-10)
@@ -310,7 +310,7 @@ def test_ripple_of_the_teeth_needs_modes_up_to_their_frequency(tmp_path: Path) -
         found = run_coupled_contour(state, kept, until=0.005)
         face = found.plan.cuts[0]
         now, frame = (
-            found.trajectory.sampled.at(np.array([face.middle])),
+            found.sampled.at(np.array([face.middle])),
             travel_frames(face.travel[None], face.part)[0],
         )
         tip, rest = frame @ now.rows[0, :3], frame @ now.direct[0, :3, :3] @ frame.T

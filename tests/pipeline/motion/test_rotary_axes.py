@@ -17,16 +17,17 @@ from headstock.geometry.machine.machine import MachinePath, Pose
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
-from headstock.pipeline.motion.rotary_axes import rotary_trajectory
+from headstock.pipeline.motion.body_trajectory import RotaryTrajectory
+from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.runner import run_scene
+from headstock.pipeline.stages.run_state import MachineParts, ReducedComponent
 from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
 from headstock.solvers.milling.forces import cutting_forces
-from headstock.solvers.motion.set_points import SetPoint, sample_move
+from headstock.solvers.motion.set_points import PathMotion, SetPoint, sample_move
 
 ARM = Path(__file__).parents[2] / "data" / "turning_arm.toml"
 WEIGHT, RADIUS, ZETA = 5.0, 0.4, 0.05
@@ -328,11 +329,13 @@ def test_a_slide_under_control_on_an_arm_that_turns_follows_its_equations_of_mot
     assert np.abs(curves.deviation.total - expected).max() < 1e-2 * size
 
 
-def rigid_parts(scene: Scene) -> dict[str, Superelement]:
-    return {
-        name: reduce_rigid(part, describe_component(part))
-        for name, part in scene.machine.components.items()
+def rigid_parts(scene: Scene) -> MachineParts:
+    plan = plan_scene(scene)
+    reduced = {
+        name: ReducedComponent(reduce_rigid(part, describe_component(part)))
+        for name, part in plan.components.items()
     }
+    return MachineParts(scene, plan, reduced)
 
 
 def test_a_weight_that_slides_along_an_arm_that_turns_feels_coriolis_forces() -> None:
@@ -346,9 +349,10 @@ def test_a_weight_that_slides_along_an_arm_that_turns_feels_coriolis_forces() ->
     assert path.length == approx(0.1)
     speed, pull, share = 0.3, 2.0, 12.0
     places = np.array([0.0, 0.05, 0.1])
-    trajectory = rotary_trajectory(scene.machine, parts, path, speed, pull)
-    found = trajectory.amounts(places)[
-        :, [trajectory.channels.index(("weight", f"acceleration {dof}")) for dof in ("x", "y")]
+    trajectory = RotaryTrajectory(parts, path)
+    motion = PathMotion(places, np.full(3, speed), np.full(3, pull))
+    found = trajectory.accelerate(motion)[
+        :, [trajectory.bodies.index(("weight", f"acceleration {dof}")) for dof in ("x", "y")]
     ]
     omega, alpha = share * speed, share * pull
     for place, acceleration in zip(places, found, strict=True):
@@ -422,11 +426,12 @@ def test_a_table_that_spins_while_it_is_tilted_feels_its_gyroscopic_moment() -> 
         Pose("from", {"A": 0.0, "C": 0.0}), Pose("to", {"A": 0.3, "C": 0.9}), frozenset("AC")
     )
     assert path.unit == "rad"
-    trajectory = rotary_trajectory(scene.machine, parts, path, 2.0, 0.0)
-    first = trajectory.channels.index(("table", "acceleration rx"))
-    (spin,) = trajectory.amounts(np.array([0.0]))[:, first : first + 3]
+    trajectory = RotaryTrajectory(parts, path)
+    first = trajectory.bodies.index(("table", "acceleration rx"))
+    motion = PathMotion(np.zeros(1), np.full(1, 2.0), np.zeros(1))
+    (spin,) = trajectory.accelerate(motion)[:, first : first + 3]
     tilt, turn = (2.0 * angle / path.length for angle in (0.3, 0.9))
-    inertia = parts["table"].inertia
+    inertia = parts.superelements["table"].inertia
     # about x and about the axis that x tilts: w = (tilt, 0, turn), w' = tilt x turn about -y
     omega, alpha = np.array([tilt, 0.0, turn]), np.array([0.0, -tilt * turn, 0.0])
     moment = inertia @ alpha + np.cross(omega, inertia @ omega)

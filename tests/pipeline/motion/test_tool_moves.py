@@ -18,11 +18,12 @@ from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
-from headstock.pipeline.motion import tool_moves
+from headstock.pipeline.motion import stepped_path
 from headstock.pipeline.motion.lumped_contour import _close_legs
+from headstock.pipeline.motion.path import run_path_stage
 from headstock.pipeline.motion.path_model import choose_model
-from headstock.pipeline.motion.tool_moves import run_any_path_stage
-from headstock.pipeline.motion.trajectory import model_builder
+from headstock.pipeline.motion.posed_machine import model_builder
+from headstock.pipeline.motion.trajectory import follow_curve
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.runner import run_scene
@@ -45,9 +46,9 @@ from headstock.solvers.milling import contouring
 from headstock.solvers.milling.contouring import linear_motion
 from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.milling.path_drives import PathDrive, follow_path
-from headstock.solvers.milling.straight_path import StraightPath
+from headstock.solvers.milling.tool_path import StraightLine
 from headstock.solvers.motion.alpha import LinearMotion, integrate_linear, interpolate_nodes
-from headstock.solvers.motion.set_points import sample_move
+from headstock.solvers.motion.set_points import average_accelerations, sample_move
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
@@ -69,7 +70,7 @@ PARTS = 4  # steps per sample of the reference
 def _steps() -> Iterator[None]:
     """As many steps in time as the reference has."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tool_moves, "STEPS_PER_PERIOD", 12)
+        patch.setattr(stepped_path, "STEPS_PER_PERIOD", 12)
         yield
 
 
@@ -91,7 +92,7 @@ def build_state(folder: Path, variant: str, *settings: str) -> RunState:
 
 
 def solve(folder: Path, variant: str, *settings: str) -> PathResult:
-    (found,) = run_any_path_stage(
+    (found,) = run_path_stage(
         build_state(folder, variant, *settings), Stage("path", None, "")
     ).answers
     assert isinstance(found, PathResult)
@@ -147,15 +148,16 @@ def refer(
     samples, scene = found.runs[0].curves.deviation.times, tripteor.scene
     step = float(samples[1] - samples[0]) / PARTS
     times = step * np.arange(-2, PARTS * (len(samples) - 1) + 1, dtype=np.float64)
-    path = StraightPath(START, ALONG, request.moves[0], step)
     nodes: FloatArray = np.asarray(np.linspace(times[0], times[-1], 300), dtype=float)
-    drive = follow_path(scene.mounted, nodes, path.at(nodes), scene.tool)
+    motion = average_accelerations(request.moves[0], nodes, step)
+    points = follow_curve(StraightLine(START, ALONG), motion)
+    drive = follow_path(scene.mounted, nodes, points, scene.tool)
     model = dataclasses.replace(tripteor.model, velocity_terms=velocity_terms)
     names = tuple(each.axis for each in drives)
-    motion = linear_motion(model, drive, times, PoseDamping((0.02,)), names)
+    linear = linear_motion(model, drive, times, PoseDamping((0.02,)), names)
     if drives:
-        motion = _close_legs(model, drive, motion, drives, "true").motion
-    return Reference(tripteor, times, drive, motion, velocity_terms)
+        linear = _close_legs(model, drive, linear, drives, "true").motion
+    return Reference(tripteor, times, drive, linear, velocity_terms)
 
 
 def test_a_tool_leaves_its_line_as_the_equations_of_contours_say(
@@ -201,7 +203,7 @@ def test_legs_under_control_with_friction_leave_a_line_as_lumped_contours_do(
     plain: PathResult, tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     state = build_state(tmp_path, "lumped+controlled", "effects.friction=true")
-    (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
+    (found,) = run_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
     given = refer(tripteor, plain, monkeypatch, drives=tuple(state.scene.drives.values()))
     expected = given.march()
@@ -281,7 +283,7 @@ def test_interfaces_leave_a_line_as_the_rigid_body_does_that_they_are_on(
     channels += [f'["platform.joint_3","{dof}"]' for dof in DIRECTIONS]
     outputs = f"analyses.path.outputs=[{','.join(channels)}]"
     state = build_state(tmp_path, variant + control, outputs)
-    (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
+    (found,) = run_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
     curves, request = found.runs[0].curves, state.scene.analyses[PathRequest]
     line, model_at = np.linspace(0.0, request.path.length, 5), model_builder(state)
@@ -330,7 +332,7 @@ def test_errors_of_screws_of_components_lead_a_tool_off_as_statics_say_in_every_
         "effects.guide_errors=true",
         'joints.screw_1.errors={axial={polynomial=["0 um","20 um"],over="100 mm"}}',
     )
-    (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
+    (found,) = run_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
     mine, path = total(found) - total(plain), state.scene.analyses[PathRequest]
     some = slice(200, 400, 50)
@@ -362,7 +364,7 @@ def test_errors_of_a_rigid_screw_are_those_of_a_stiff_one_whose_modes_are_all_ke
         )
         moved.append(on - off)
         monkeypatch.setattr(
-            tool_moves,
+            stepped_path,
             "choose_model",
             lambda request: dataclasses.replace(choose_model(request), up_to_hz=2e4),
         )
@@ -401,7 +403,7 @@ def test_a_cut_pushes_a_tool_off_its_line_as_far_as_statics_say(
     plain: PathResult, tmp_path: Path
 ) -> None:
     state = build_state(tmp_path, "lumped", CUT, FROZEN)
-    (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
+    (found,) = run_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
     request = state.scene.analyses.get(PathRequest)
     assert request is not None and request.cut is not None
@@ -507,7 +509,7 @@ def test_torque_ripple_shakes_a_tool_as_the_closed_loop_at_its_frequency_does(
     ripple = 'drives.leg_1.torque_ripple=[{torque="0.5 N m",per_turn=8}]'
     state = build_state(tmp_path, "lumped+controlled", *settings, ripple)
     quiet = solve(tmp_path, "lumped+controlled", FROZEN)
-    (found,) = run_any_path_stage(state, Stage("path", None, "")).answers
+    (found,) = run_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
     request, drive = state.scene.analyses.get(PathRequest), state.scene.drives["leg_1"]
     assert request is not None and drive.ripple

@@ -14,7 +14,7 @@ from headstock.geometry.machine.machine import Pose
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.motion.coupled_contour import _plan_trajectory, run_coupled_contour
 from headstock.pipeline.motion.lumped_contour import run_lumped_contour
-from headstock.pipeline.motion.trajectory import model_builder
+from headstock.pipeline.motion.posed_machine import model_builder
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.pipeline.stages.shared_components import start_run
@@ -92,7 +92,7 @@ def test_a_contour_leads_the_tool_where_statics_of_its_poses_say(
     request = request_of(state)
     some = np.arange(len(run.times) // 2, len(run.times), len(run.times) // 8)
     trajectory = _plan_trajectory(state, request, plan_contour(request.contour).path)
-    expected = stand(state, [trajectory.pose_at(float(time)) for time in run.times[some]])
+    expected = stand(state, [trajectory.pose(float(time)) for time in run.times[some]])
     moved = (gaps[1] - gaps[0])[some]
     assert np.abs(expected).max() > 5e-7
     assert np.abs(moved - expected).max() < 5e-3 * np.abs(expected).max()

@@ -25,12 +25,12 @@ from headstock.solvers.linear.load_history import (
     step_loads,
 )
 from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.linear.state_space import to_state_space
 from headstock.solvers.linear.transient import (
     Response,
     TransientFigures,
     find_energy,
     find_figures,
-    prepare_transient,
     read_response,
     rest_positions,
     soften_system,
@@ -77,18 +77,18 @@ def respond(
     sampling_hz: float = 1000.0,
     at: tuple[str, str] = X,
 ) -> Response:
-    model = prepare_transient(system, [at], [at], up_to_hz=None)
-    _, _, state = rest_positions(model.space, [load], duration)
+    model = to_state_space(system, inputs=[at], outputs=[at], up_to_hz=None, little_mass=True)
+    _, _, state = rest_positions(model, [load], duration)
     return read_response(
-        model.space, solve_transient(model.space, step_loads([load], duration, sampling_hz), state)
+        model, solve_transient(model, step_loads([load], duration, sampling_hz), state)
     )
 
 
 def figures_of(system: SecondOrderSystem, load: LoadHistory, duration: float) -> TransientFigures:
-    model = prepare_transient(system, [X], [X], up_to_hz=None)
-    start, final, state = rest_positions(model.space, [load], duration)
+    model = to_state_space(system, inputs=[X], outputs=[X], up_to_hz=None, little_mass=True)
+    start, final, state = rest_positions(model, [load], duration)
     stepped = step_loads([load], duration, 20.0 * HZ)
-    response = read_response(model.space, solve_transient(model.space, stepped, state))
+    response = read_response(model, solve_transient(model, stepped, state))
     return find_figures(response, start=start, final=final, near=0.02)[0]
 
 
@@ -217,9 +217,11 @@ def test_coupled_modes_agree_with_an_integrator(name: str) -> None:
 @pytest.mark.parametrize("name", [*LOADS, "step", "impulse"])
 def test_energy_adds_up(name: str) -> None:
     load = LOADS[name] if name in LOADS else CLOSED_FORMS[name][0]
-    model = prepare_transient(chain(), [("a", "x")], [("b", "x")], up_to_hz=None)
+    model = to_state_space(
+        chain(), inputs=[("a", "x")], outputs=[("b", "x")], up_to_hz=None, little_mass=True
+    )
     stepped = step_loads([load], 0.05, 20_000.0)
-    motion = solve_transient(model.space, stepped, np.zeros(len(model.space.a)))
+    motion = solve_transient(model, stepped, np.zeros(len(model.a)))
     balance = find_energy(model, motion)
     assert balance is not None and balance.dissipated > 0.0 and balance.largest > 0.0
     assert balance.error < 1e-6
@@ -227,16 +229,18 @@ def test_energy_adds_up(name: str) -> None:
 
 def test_the_fourier_transform_of_the_impulse_response_is_the_receptance() -> None:
     system = add_modal_damping(chain(), [0.03])
-    model = prepare_transient(system, [("a", "x")], [("b", "x")], up_to_hz=None)
+    model = to_state_space(
+        system, inputs=[("a", "x")], outputs=[("b", "x")], up_to_hz=None, little_mass=True
+    )
     sampling = 8192.0
     stepped = step_loads([impulse_load(1.0)], 2.0, sampling)
-    motion = solve_transient(model.space, stepped, np.zeros(len(model.space.a)))
-    _, values = read_response(model.space, motion).sample()
+    motion = solve_transient(model, stepped, np.zeros(len(model.a)))
+    _, values = read_response(model, motion).sample()
     lines = np.array([20.0, 100.0, 151.0, 300.0])
     times = np.arange(len(values)) / sampling
     phases = np.exp(-2j * np.pi * np.outer(lines, times))
     transformed = phases @ values[:, 0] / sampling
-    expected = model.space.respond(2.0 * np.pi * lines)[:, 0, 0]
+    expected = model.respond(2.0 * np.pi * lines)[:, 0, 0]
     # the sum of samples folds what lies beyond half the sampling rate back
     assert np.allclose(transformed, expected, rtol=2e-3, atol=0.0)
 
@@ -245,8 +249,10 @@ def test_modes_left_out_follow_at_once_so_that_a_step_ends_where_all_modes_end()
     system = add_modal_damping(chain(8), [0.05])
     ends = []
     for limit in (None, 80.0):
-        model = prepare_transient(system, [("a", "x")], [("a", "x")], up_to_hz=limit)
-        ends.append(rest_positions(model.space, [step_load(1.0)], 1.0)[1])
+        model = to_state_space(
+            system, inputs=[("a", "x")], outputs=[("a", "x")], up_to_hz=limit, little_mass=True
+        )
+        ends.append(rest_positions(model, [step_load(1.0)], 1.0)[1])
     assert ends[0] is not None and ends[1] is not None
     assert ends[1] == approx(ends[0], rel=1e-10)
     assert ends[0][0] == approx(np.linalg.inv(system.stiffness)[0, 0], rel=1e-10)
@@ -271,10 +277,10 @@ def test_a_step_on_a_free_body_has_no_rest_position_and_moves_it_evenly_faster()
     free = dataclasses.replace(oscillator(), stiffness=np.zeros((1, 1)), damping=None)
     times, found = respond(free, step_load(1.0)).sample()
     assert np.allclose(found[:, 0], 0.5 * times**2 / MASS, rtol=1e-12, atol=1e-18)
-    model = prepare_transient(free, [X], [X], up_to_hz=None)
-    assert rest_positions(model.space, [step_load(1.0)], 1.0)[1] is None
+    model = to_state_space(free, inputs=[X], outputs=[X], up_to_hz=None, little_mass=True)
+    assert rest_positions(model, [step_load(1.0)], 1.0)[1] is None
     with pytest.raises(ModelError, match="nothing holds"):
-        rest_positions(model.space, [released_load(1.0)], 1.0)
+        rest_positions(model, [released_load(1.0)], 1.0)
 
 
 def test_a_damper_without_mass_is_no_obstacle() -> None:
