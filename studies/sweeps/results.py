@@ -227,8 +227,8 @@ def collect_results(
         superelements: By component name, in the order of the shapes' dofs.
     """
     shapes = _stack_shapes(found)
-    fields = shapes if scene.is_lumped else _weigh_shapes(shapes, superelements)
-    modes = _stack_modes(found, fields) if shapes.shape[2] else None
+    weighed = {} if scene.is_lumped else superelements
+    modes = _stack_modes(found, shapes, weighed) if shapes.shape[2] else None
     tracked = modes and track_modes(modes, sweep_neighbours(sweep, modes.present))
     static, frf = scene.analyses.get(StaticRequest), scene.analyses.get(FrfRequest)
     channels = (
@@ -256,10 +256,17 @@ def collect_results(
     )
 
 
-def _stack_modes(found: Sequence[PoseResult], fields: SingleArray) -> SweptModes:
+def _stack_modes(
+    found: Sequence[PoseResult], shapes: SingleArray, weighed: Mapping[str, Superelement]
+) -> SweptModes:
+    """Return the modes of every pose.
+
+    Args:
+        weighed: Components whose masses weigh the shapes; none where these are of energies already.
+    """
     return SweptModes(
         frequencies_hz=_pad([result.frequencies_hz for result in found]),
-        fields=fields,
+        fields=_weigh_shapes(shapes, weighed) if weighed else shapes,
         wanted=np.array([result.wanted for result in found], dtype=np.int64),
         rigid=np.array([result.rigid_count for result in found], dtype=np.int64),
     )
