@@ -14,7 +14,7 @@ from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.json_texts import check_finite, null_open
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.reduction.motions.body_motions import name_families
-from headstock.reduction.motions.compliance_budget import PointBudget, WeakLink
+from headstock.reduction.motions.compliance_budget import PointBudget
 from headstock.studies.comparison import Comparison, ModeRow, full_dofs
 from headstock.studies.kind_changes import select_compared
 from headstock.studies.responses import HOLDS, EntrySummary
@@ -284,7 +284,8 @@ def _summarise_point(
         "error_left_out": _left_out(errors.values()),
         "budget": {direction: dict(shares) for direction, shares in budget.shares.items()},
         "weak_link": {
-            direction: _summarise_link(link)
+            direction: link
+            and {"name": link.name, "share": link.share, "change_if_doubled": link.change}
             for direction, link in solution.weak_links[name].items()
         },
     }
@@ -292,14 +293,6 @@ def _summarise_point(
 
 def _left_out(errors: Iterable[Estimate]) -> list[str]:
     return sorted({words for error in errors for words in error.left_out})
-
-
-def _summarise_link(link: WeakLink | None) -> LinkSummary | None:
-    return (
-        None
-        if link is None
-        else {"name": link.name, "share": link.share, "change_if_doubled": link.change}
-    )
 
 
 def summarise_effort(effort: Effort) -> EffortSummary:

@@ -137,7 +137,13 @@ def try_effects(
             warm.add("libraries")
         announce(" ".join(settings) or "as written")
         try:
-            return _run_timed(runs[settings].scene, store, least=1 if settings else 2)
+            done = repeat_quick(
+                lambda number: _run(runs[settings].scene, store),
+                lambda run: run[1],
+                quick=QUICK,
+                least=1 if settings else 2,
+            )
+            return _Run(done[0][0], [seconds for _, seconds in done])
         except HeadstockError as error:
             if not settings:
                 raise
@@ -217,14 +223,6 @@ class _Run:
     def noise(self) -> float:
         """By which share the times differ."""
         return max(self.seconds) / min(self.seconds) - 1.0
-
-
-def _run_timed(scene: Scene, store: Store, *, least: int) -> _Run:
-    """Run a scene, again where that is quick."""
-    runs = repeat_quick(
-        lambda number: _run(scene, store), lambda run: run[1], quick=QUICK, least=least
-    )
-    return _Run(runs[0][0], [seconds for _, seconds in runs])
 
 
 def _run(scene: Scene, store: Store) -> tuple[Numbers, float]:

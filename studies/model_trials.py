@@ -148,7 +148,7 @@ def _vary_interfaces(part: Component, names: tuple[str, ...]) -> Iterator[ModelT
         f"flexible ({SHAPES})": f"{{ flexible = {SHAPES} }}",
     }
     for kind, value in kinds.items():
-        others = [name for name, word in words.items() if not _is_kind(word, kind)]
+        others = [name for name, word in words.items() if word.split()[0] != kind.split()[0]]
         if others:
             yield ModelTrial(
                 "interfaces",
@@ -171,10 +171,6 @@ def _compare_kinds(written: Iterable[str], tried: str) -> Sense:
     if tried.startswith("flexible"):
         return "richer"
     return "simpler" if any(word.startswith("flexible") for word in written) else "other"
-
-
-def _is_kind(word: str, kind: str) -> bool:
-    return word.split()[0] == kind.split()[0]
 
 
 def _vary_modes(

@@ -17,7 +17,6 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.accuracy.followed import ComparedMachine, MachineFamily, follow_numbers
 from headstock.pipeline.answers.frf import PoseResponse
-from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.numbers.estimates import show_share
 from headstock.pipeline.numbers.numbers import Number, Numbers, make_key
 from headstock.pipeline.planning.plan import StageRecord
@@ -93,32 +92,24 @@ def _follow_model(
     """
     followed = _FollowedModel()
     for modes in written.modal:
-        _follow_modes(modes, family, model, followed)
+        pose, rigid = modes.pose.name, modes.rigid_count
+        pairs = follow_numbers(modes, family.base, model)
+        for number, hz, name in zip(
+            pairs.numbers, modes.frequencies_hz[rigid:], modes.mode_names[rigid:], strict=True
+        ):
+            if hz / FAR < number.value < hz * FAR:
+                followed.numbers.append(number)
+            else:
+                followed.missing.append(f"{name} ({hz:.4g} Hz) in pose {pose}")
+        if pairs.missing:
+            others = model.watch(pose, modes.below + len(modes.frequencies_hz)).modes
+            names = name_modes(model.at(pose).coupled, others).names
+            followed.added += [
+                f"{names[mode]} ({others.frequencies_hz[mode]:.4g} Hz) in pose {pose}"
+                for mode in pairs.missing
+            ]
     followed.lines.extend(_compare_lines(response, model) for response in written.frf.values())
     return followed
-
-
-def _follow_modes(
-    modes: PoseModes, family: MachineFamily, model: ComparedMachine, found: _FollowedModel
-) -> None:
-    """Add the modes of a pose to what was found."""
-    pose = modes.pose.name
-    followed = follow_numbers(modes, family.base, model)
-    frequencies = modes.frequencies_hz[modes.rigid_count :]
-    names = modes.mode_names[modes.rigid_count :]
-    for number, hz, name in zip(followed.numbers, frequencies, names, strict=True):
-        if hz / FAR < number.value < hz * FAR:
-            found.numbers.append(number)
-        else:
-            found.missing.append(f"{name} ({hz:.4g} Hz) in pose {pose}")
-    if followed.missing:
-        coupled = model.at(pose).coupled
-        others = model.watch(pose, modes.below + len(modes.frequencies_hz)).modes
-        named = name_modes(coupled, others).names
-        found.added.extend(
-            f"{named[mode]} ({others.frequencies_hz[mode]:.4g} Hz) in pose {pose}"
-            for mode in followed.missing
-        )
 
 
 def _compare_lines(response: PoseResponse, model: ComparedMachine) -> Change:

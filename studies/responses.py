@@ -179,7 +179,8 @@ def _describe_entry(
     output, given = curves.outputs[row], curves.inputs[column]
     sizes = np.abs(curves.receptance[:, row, column])
     peaks = _list_peaks(curves.frequencies_hz, sizes)
-    tops = _largest_sizes(curves)
+    every = np.abs(curves.receptance)
+    tops = np.where(np.isfinite(every), every, 0.0).max(axis=0)
     negligible = output != given and bool(
         tops[row, column] < NEGLIGIBLE * _usual_size(curves, tops, output, given)
     )
@@ -204,12 +205,6 @@ def _describe_entry(
         return _start_entry(output, given, "nothing moves there, or nothing holds it")
     entry["peaks"], entry["difference"] = peaks, difference
     return entry
-
-
-def _largest_sizes(curves: ResponseCurves) -> FloatArray:
-    """Largest size of each entry ``(n_outputs, n_inputs)``; 0 where there is none."""
-    sizes = np.abs(curves.receptance)
-    return np.asarray(np.where(np.isfinite(sizes), sizes, 0.0).max(axis=0))
 
 
 def _usual_size(curves: ResponseCurves, tops: FloatArray, output: Channel, given: Channel) -> float:

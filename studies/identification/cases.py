@@ -263,7 +263,7 @@ def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | Non
     eigenvalue.
     """
     touched = state.model.parametric.touched[parameter.name]
-    if not touched.components and not touched.joints:
+    if not touched.any:
         return None
     if touched.stiffness_only:
         return _slope_springs(state, parameter)

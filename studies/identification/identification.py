@@ -66,17 +66,12 @@ def _check_bounds(problem: FitProblem, findings: Findings) -> None:
         for index, (what, bound) in enumerate(
             (("lower", parameter.lower), ("upper", parameter.upper))
         ):
-            touched = [scene for scene in scenes if _touches(scene, parameter)]
+            touched = [scene for scene in scenes if scene.touched[parameter.name].any]
             if reason := _find_reason(touched, {**starts, parameter.name: bound}):
                 shown = write_number(bound, parameter.unit, 6)
                 text = f"at its {what} bound {shown} the scene cannot be built: {reason}; narrow the bounds, or let what is in the way follow"
                 findings.add(("parameters", parameter.name, "bounds", index), text)
     findings.raise_if_any()
-
-
-def _touches(scene: ParametricScene, parameter: Parameter) -> bool:
-    touched = scene.touched[parameter.name]
-    return bool(touched.components or touched.joints)
 
 
 def _find_reason(scenes: list[ParametricScene], values: dict[str, float]) -> str:

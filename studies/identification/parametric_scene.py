@@ -312,6 +312,11 @@ class _Touched:
     matrices: bool
     meshed: tuple[str, ...] = ()
 
+    @property
+    def any(self) -> bool:
+        """The parameter changes anything."""
+        return bool(self.components or self.joints)
+
 
 @dataclass(frozen=True, eq=False)
 class ParametricScene:

@@ -20,7 +20,6 @@ from headstock.scene.scene import Scene
 from headstock.scene.schema.validation import validate_against
 from headstock.studies.identification.parameters import read_parameters
 from headstock.studies.identification.targets import (
-    AtMostTable,
     CaseTable,
     ComplianceTarget,
     ComplianceTargetTable,
@@ -84,7 +83,11 @@ def _read_case(
                 f"{mode.frequency_hz:g} Hz lies below modes_above ({floor:g} Hz), so no mode can meet it; lower that",
             )
     shaped = tuple(_fill_shape(mode, scene) for mode in modes)
-    limit = _read_limit(table.at_most)
+    limit = table.at_most and ModeLimit(
+        table.at_most.modes,
+        table.at_most.below,
+        _relative(table.at_most.tolerance, 1.0) or LIMIT_TOLERANCE,
+    )
     return TargetCase(name, table.variant, pose, floor, shaped, tuple(compliances), limit)
 
 
@@ -263,12 +266,6 @@ def _read_compliance(
     )
 
 
-def _read_limit(table: AtMostTable | None) -> ModeLimit | None:
-    if table is None:
-        return None
-    return ModeLimit(table.modes, table.below, _relative(table.tolerance, 1.0) or LIMIT_TOLERANCE)
-
-
 @dataclass(frozen=True, eq=False)
 class LoadedTask:
     """A checked target file.
@@ -300,7 +297,11 @@ def load_targets(
     findings = Findings(str(path))
     table = validate_against(TargetsTable, read_scene(path, findings, "target"), findings)
     written = load_scene(scene, overrides=overrides)
-    _check_kind(written, findings)
+    if "orientation" in written.raw:  # its parts are not placed by their own keys alone
+        findings.add_line(
+            None,
+            f"{written.path} sets the machine up with [orientation]; take it out for the fit, it changes no frequency",
+        )
     if table is None:
         findings.raise_if_any()
         raise AssertionError("the schema refused a target file without saying why")
@@ -321,15 +322,6 @@ def load_targets(
         scenes,
         findings,
     )
-
-
-def _check_kind(scene: Scene, findings: Findings) -> None:
-    """Refuse scenes whose parts are not placed by their own keys alone."""
-    if "orientation" in scene.raw:
-        findings.add_line(
-            None,
-            f"{scene.path} sets the machine up with [orientation]; take it out for the fit, it changes no frequency",
-        )
 
 
 def _load_variant(

@@ -186,8 +186,11 @@ def _find_fault(steps: Sequence[Step], hint: object, label: str, poses: Collecti
     faults = []
     for option in options:
         table = isinstance(option, type) and is_typeddict(option)
-        follow = _follow_keys if table else _FOLLOWERS.get(get_origin(option), _follow_nothing)
-        faults.append(follow(steps, option, label, poses))
+        follow = _follow_keys if table else _FOLLOWERS.get(get_origin(option))
+        if follow is not None:
+            faults.append(follow(steps, option, label, poses))
+        else:
+            faults.append(f"{label} is a single value, without {steps[0]!r}" if steps else "")
     return "" if "" in faults else faults[0]
 
 
@@ -224,11 +227,6 @@ def _follow_list(steps: Sequence[Step], hint: Any, label: str, poses: Collection
     if POSE_NAME in getattr(item, "__annotations__", ()):
         return _find_fault(steps[1:] if steps[0] in poses else steps, item, label, poses)
     return f"{label} is a list; write {label}[0]"
-
-
-def _follow_nothing(steps: Sequence[Step], hint: Any, label: str, poses: Collection[str]) -> str:
-    """As ``_find_fault``, of a single value."""
-    return f"{label} is a single value, without {steps[0]!r}" if steps else ""
 
 
 _FOLLOWERS = {dict: _follow_entries, list: _follow_list}

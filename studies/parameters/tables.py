@@ -210,7 +210,10 @@ class StudyTable(Displayed):
         for key in self.varied:
             numbers = varied_numbers(self, key)
             if numbers is None:
-                columns[key] = [_varied_text(row, key) for row in self.rows]
+                columns[key] = [
+                    show_setting(row.record.varied[key]) if key in row.record.varied else None
+                    for row in self.rows
+                ]
             else:
                 columns[_with_unit(key, numbers.unit)] = list(numbers.values)
         for name in self.columns:
@@ -238,10 +241,6 @@ class StudyTable(Displayed):
 
 def _with_unit(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
-
-
-def _varied_text(row: StudyRow, key: str) -> str | None:
-    return show_setting(row.record.varied[key]) if key in row.record.varied else None
 
 
 def _unit_of_result(path: str) -> str:

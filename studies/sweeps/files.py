@@ -200,6 +200,7 @@ class SweepSummary(SweptAxes):
 def summarise_sweep(results: SweepResults) -> SweepSummary:
     """The sweep as JSON: what is printed and drawn; null where there is nothing."""
     sweep = results.sweep
+    crossings = {} if results.tracked is None else results.tracked.crossings
     return {
         "name": results.name,
         "sweep": sweep.name,
@@ -216,7 +217,10 @@ def summarise_sweep(results: SweepResults) -> SweepSummary:
         "mode_names": list(results.mode_names),
         "sampled_errors": [_summarise_errors(*sample) for sample in results.sampled_errors.items()],
         "correlation": [] if results.tracked is None else _nulls(results.tracked.correlation),
-        "crossings": _list_crossings(results),
+        "crossings": [
+            {"modes": [one + 1, other + 1], "between_neighbours": count}
+            for (one, other), count in crossings.items()
+        ],
         "tracking_breaks": 0 if results.tracked is None else results.tracked.tracking_breaks,
         "static": {name: _summarise_point(point) for name, point in results.points.items()},
         "condition_number": None if results.condition is None else _nulls(results.condition),
@@ -245,14 +249,6 @@ def _summarise_errors(pose: int, errors: Mapping[Key, Estimate]) -> _SampleSumma
             point = summary["error_um_per_kN"].setdefault(str(key["point"]), {})
             point[str(key["direction"])] = None if total is None else UM_PER_KN * total
     return summary
-
-
-def _list_crossings(results: SweepResults) -> list[_CrossingSummary]:
-    crossings = {} if results.tracked is None else results.tracked.crossings
-    return [
-        {"modes": [one + 1, other + 1], "between_neighbours": count}
-        for (one, other), count in crossings.items()
-    ]
 
 
 def _summarise_point(point: PointMap) -> PointMapSummary:
