@@ -1,4 +1,4 @@
-"""A mechanism places what it carries where its marks stand, and what it does not carry stays."""
+"""Kinematics of platforms and tools; a mechanism places what it carries where its marks stand."""
 
 from pathlib import Path
 
