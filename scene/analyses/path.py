@@ -111,7 +111,7 @@ class PathRequest(Request):
         return f"{', '.join(self.path.axes)} moves {length} at {feeds} {unit}, sampled at {self.sampling_hz:g} Hz{cut}"
 
 
-class PathCutTable(types.StrictTable):
+class _PathCutTable(types.StrictTable):
     """Milling along a path; used with the effect `cutting_force`."""
 
     mill: MillTable
@@ -164,7 +164,7 @@ class PathTable(types.RequestTable):
     """`zero_phase`: forwards and backwards, without delay; `causal`: once, as a measuring instrument does"""
     residual_time: types.PositiveTime = 0.3
     """time after a ramp over which residual vibration is evaluated, also recorded after the end"""
-    cut: PathCutTable | None = None
+    cut: _PathCutTable | None = None
     """milling along the path; used with the effect `cutting_force`"""
     pose_model: Literal["pose_dependent", "frozen"] | None = None
     """`pose_dependent`: the machine's matrices change along the path; `frozen`: those at mid-path are used throughout; default:
@@ -236,7 +236,7 @@ def _build_cut(scene: SceneTable, table: PathTable) -> PathCut | None:
     return PathCut(build_cut(scene, cut, _feeds_per_tooth(table, cut)), at, cut.up, part_side(cut))
 
 
-def _feeds_per_tooth(table: PathTable, cut: PathCutTable) -> list[float]:
+def _feeds_per_tooth(table: PathTable, cut: _PathCutTable) -> list[float]:
     """Return the feed per tooth [m] of each feed; none where one is no speed."""
     if any(feed.dimension != SPEED for feed in table.feeds):
         return []

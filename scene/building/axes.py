@@ -82,7 +82,7 @@ def _axis_direction(table: AxisTable, scene: SceneTable) -> FloatArray:
     return next(iter(guides.values()))
 
 
-def floating_groups(components: Collection[str], edges: Iterable[Edge]) -> list[list[str]]:
+def _floating_groups(components: Collection[str], edges: Iterable[Edge]) -> list[list[str]]:
     """Groups of connected components without a chain to ground, in the order of the scene."""
     known = set(components)
     groups = connected_groups((GROUND, *components), edges)
@@ -180,7 +180,7 @@ def check_floating(draft: Draft) -> None:
     )
     if scene.free or scene.is_lumped or not known:
         return
-    for group in floating_groups(scene.components, _edges(scene).values()):
+    for group in _floating_groups(scene.components, _edges(scene).values()):
         if any(scene.components[name].free for name in group):
             continue
         verb = "floats" if len(group) == 1 else "float together"
@@ -192,7 +192,7 @@ def check_floating(draft: Draft) -> None:
 
 
 def find_position_fault(axis: str, value: Quantity, scene: SceneTable) -> str:
-    """Why an axis of the scene cannot stand at a position; empty where it can.
+    """Say why an axis of the scene cannot stand at a position; empty where it can.
 
     Args:
         value: Length or angle as written.

@@ -333,7 +333,7 @@ def _find_face_fault(face: str, solid: Solid) -> str:
 
 
 def find_patch_fault(table: PatchTable, solid: Solid) -> str:
-    """Why a patch cannot be laid on a solid; empty when it can as far as can be said without
+    """Say why a patch cannot be laid on a solid; empty when it can as far as can be said without
     meshing.
     """
     fault = _find_face_fault(table.face, solid)

@@ -90,7 +90,7 @@ def build_mill(table: MillTable) -> EndMill:
 
 
 def part_side(table: CutTable) -> Side:
-    """Where the part lies: as written, or where a clockwise tool mills in this sense."""
+    """Return where the part lies: as written, or where a clockwise tool mills in this sense."""
     return table.part_side or clockwise_side(table.sense)
 
 
@@ -186,7 +186,7 @@ def _find_chips(table: CutTable, feeds: Sequence[float]) -> Chips:
 
 
 def find_lead_fault(up: FloatArray, travel: FloatArray) -> str:
-    """Why a tool cannot mill along a travel; empty where it can.
+    """Say why a tool cannot mill along a travel; empty where it can.
 
     Args:
         up: ``(3,)`` along the tool.

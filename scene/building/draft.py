@@ -207,7 +207,7 @@ def collect_interfaces(raw: TomlTable) -> dict[str, frozenset[str] | None]:
 
 
 def is_known_end(end: JointEnd, scene: SceneTable) -> bool:
-    """Whether an end means ground or an interface of a component that passed the schema."""
+    """Return whether an end means ground or an interface of a component that passed the schema."""
     if end.component is None:
         return True
     component = scene.components.get(end.component)

@@ -29,7 +29,7 @@ NEAR = 0.6  # how alike a name is that was probably meant
 BEARINGS = ("bearing", "second_bearing")
 
 
-class SizeTable(StrictTable):
+class _SizeTable(StrictTable):
     """What one size of a family gives to a joint."""
 
     stiffness: dict[str, str]
@@ -62,7 +62,7 @@ class FamilyTable(StrictTable):
     preload: str
     derived: str
     source: Annotated[list[str], Field(min_length=1)]
-    sizes: Annotated[dict[str, SizeTable], Field(min_length=1)]
+    sizes: Annotated[dict[str, _SizeTable], Field(min_length=1)]
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class CatalogueEntry:
     joint: TomlTable
 
     def uncertainty(self) -> str:
-        """How far a real one may be off, in words."""
+        """Return how far a real one may be off, in words."""
         family = self.family
         low, high = family.loss_factor_range
         turns = f" ({family.rotation_factor:g} for rotations)" if family.rotation_factor else ""

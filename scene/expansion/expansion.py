@@ -53,7 +53,7 @@ def expand_scene(raw: TomlTable, findings: Findings) -> TomlTable:
             full[section] = expansion.expand_entries(entries, (section,))
     if isinstance(each_joint := full.get("joints"), dict):
         full["joints"] = fill_joints(each_joint, findings)
-    expand_chains(full, findings)
+    _expand_chains(full, findings)
     components, axes = full.get("components"), full.get("axes")
     if isinstance(components, dict):
         full["components"] = {
@@ -66,7 +66,7 @@ def expand_scene(raw: TomlTable, findings: Findings) -> TomlTable:
 
 
 def is_repeated(entry: TomlValue | None) -> bool:
-    """Whether an entry of a scene stands at several places."""
+    """Return whether an entry of a scene stands at several places."""
     return isinstance(entry, dict) and (PLACES in entry or CARRIAGES in entry)
 
 
@@ -368,7 +368,7 @@ def _with(place: TomlTable, path: KeyPath, value: TomlValue) -> TomlTable:
 CHAINS = "chains"
 
 
-def expand_chains(full: TomlTable, findings: Findings) -> None:
+def _expand_chains(full: TomlTable, findings: Findings) -> None:
     """Add the components and joints of every chain to those of a scene; what is wrong with a chain
     is left to the schema.
 

@@ -74,7 +74,7 @@ def read_with_includes(path: Path, findings: Findings) -> TomlTable:
 
 
 def scene_content(path: Path) -> bytes:
-    """What a scene file says: its bytes, or with all it includes as one scene.
+    """Return what a scene file says: its bytes, or with all it includes as one scene.
 
     Raises:
         SceneError: The file is too large, or one that it includes cannot be read.

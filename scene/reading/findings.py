@@ -45,7 +45,7 @@ class Problem:
 
     @property
     def remedy(self) -> str:
-        """What to write instead, as the message says it behind its first semicolon."""
+        """Return what to write instead, as the message says it behind its first semicolon."""
         return self.message.partition("; ")[2]
 
     def __str__(self) -> str:
@@ -209,7 +209,7 @@ class Findings:
             self.add(key, f"unknown {kind} {name[:80]!r}; {hint}{more}")
 
     def concern(self, *sections: str) -> bool:
-        """Whether a problem was found in one of the sections of the scene."""
+        """Return whether a problem was found in one of the sections of the scene."""
         return any(problem.key.partition(".")[0] in sections for _, problem in self.problems)
 
     def origin_of(self, key: KeyPath) -> Origin:

@@ -62,7 +62,7 @@ def find_keys(raw: TomlTable, pattern: KeyPath) -> list[KeyPath]:
 
 
 def value_at(raw: TomlTable, key: KeyPath) -> TomlValue:
-    """What a parsed scene holds at a key.
+    """Return what a parsed scene holds at a key.
 
     Raises:
         KeyError: There is no such key.

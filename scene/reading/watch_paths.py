@@ -100,7 +100,7 @@ def read_watch(path: WatchPath, summary: Mapping[str, object]) -> dict[str, Watc
 
 
 def find_entry(steps: Sequence[Step], summary: Mapping[str, object]) -> object:
-    """What a summary holds at the end of names and indices; None where they lead nowhere."""
+    """Return what a summary holds at the end of names and indices; None where they lead nowhere."""
     value: object = summary
     try:
         for step in steps:

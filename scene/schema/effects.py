@@ -26,7 +26,7 @@ STANDARD_GRAVITY = 9.80665
 
 
 def find_effect_fault(name: str, value: object) -> str:
-    """Why an effect cannot be switched on this way; empty when it can."""
+    """Say why an effect cannot be switched on this way; empty when it can."""
     if name not in EFFECT_NAMES:
         hint = suggest_names(name, EFFECT_NAMES, what="effects of this version")
         return f"effect {name[:80]!r} is not available; {hint}"

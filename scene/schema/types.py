@@ -107,6 +107,11 @@ class StrictTable(BaseModel):
         return reference
 
 
+def table_name(table: type[BaseModel]) -> str:
+    """Return what a table of the schema is called: ``Tube`` of ``_TubeTable``."""
+    return table.__name__.removeprefix("_").removesuffix("Table")
+
+
 @functools.cache
 def _read_meanings(table: type[StrictTable]) -> dict[str, str]:
     """Return the texts below the fields that a table itself declares, by field."""
@@ -526,7 +531,7 @@ class RequestTable(StrictTable):
     ) -> JsonSchemaValue:
         """Return the description with the meaning of each key; ``on_request`` names the analysis."""
         reference = super().__get_pydantic_json_schema__(core, handler)
-        name = cls.__name__.removesuffix("Table").lower()
+        name = table_name(cls).lower()
         rule = handler.resolve_ref_schema(reference)["properties"]["on_request"]
         rule[MEANING] = f"run only when named: `--analysis {name}`"
         return reference
