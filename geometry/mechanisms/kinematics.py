@@ -215,15 +215,15 @@ def marker_bias(placement: Placement, rates: FloatArray) -> Bias:
     acceleration = _running_sum(
         cross(alpha[..., :-1, :], step) + cross(before, swept + 2.0 * sliding)
     )
-    place = (..., layout.marker_chain, layout.marker_depth, slice(None))
-    omega, alpha = omega[place], alpha[place]
-    arms = placement.positions - origins[place]
+    index = (..., layout.marker_chain, layout.marker_depth, slice(None))
+    omega, alpha = omega[index], alpha[index]
+    arms = placement.positions - origins[index]
     lever = cross(omega, arms)
     return Bias(
         omega,
-        velocity[place] + lever,
+        velocity[index] + lever,
         alpha,
-        acceleration[place] + cross(alpha, arms) + cross(omega, lever),
+        acceleration[index] + cross(alpha, arms) + cross(omega, lever),
     )
 
 

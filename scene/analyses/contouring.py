@@ -355,8 +355,8 @@ def _check_scene(request: ContouringRequest, scene: Scene, findings: Findings) -
     places = places if measured is None else measured
     for number, name in enumerate(travel.axes):
         low, high = machine.axes[name].limits
-        for place in (float(places[:, number].min()), float(places[:, number].max())):
-            if fault := find_limit_fault(name, place, low=low, high=high, unit="m"):
+        for position in (float(places[:, number].min()), float(places[:, number].max())):
+            if fault := find_limit_fault(name, position, low=low, high=high, unit="m"):
                 findings.add(
                     KEY, f"the contour leads axis {name} too far: {fault}; move or shrink it"
                 )

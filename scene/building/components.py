@@ -312,8 +312,8 @@ def _face_names(solid: Solid) -> tuple[str, ...]:
 
 def _find_face_fault(face: str, solid: Solid) -> str:
     """Why a solid has no such face; empty when it has one as far as can be said without meshing."""
-    known = list(_face_names(solid))
-    if face in known:
+    names = list(_face_names(solid))
+    if face in names:
         return ""
     if isinstance(solid, PointMass):
         return f"{face[:80]!r} is not a face of a point mass, which has one: {CENTER_FACE}"
@@ -328,7 +328,7 @@ def _find_face_fault(face: str, solid: Solid) -> str:
         return "" if rest else "names no set; write set:NAME with a surface set of the mesh"
     more = ["face:N", "set:NAME"] if isinstance(solid, MeshFile) else ["face:N"]
     return (
-        f"{face[:80]!r} is not a face of this {_kind_of(solid)}; faces: {', '.join(known + more)}"
+        f"{face[:80]!r} is not a face of this {_kind_of(solid)}; faces: {', '.join(names + more)}"
     )
 
 
@@ -463,8 +463,8 @@ def check_components(draft: Draft) -> None:
         if table.material is not None:
             draft.check_name((*key, "material"), table.material, "materials")
         elif table.solid.superelement is None and table.solid.point_mass is None:
-            known = suggest_names("", draft.sections.get("materials", ()), what="materials")
-            draft.add((*key, "material"), f"'material' is missing; {known}")
+            hint = suggest_names("", draft.sections.get("materials", ()), what="materials")
+            draft.add((*key, "material"), f"'material' is missing; {hint}")
         if name == GROUND:
             draft.add(
                 key,
@@ -475,12 +475,12 @@ def check_components(draft: Draft) -> None:
 
 
 def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Findings) -> None:
-    for place, fault in (
+    for part, fault in (
         *_find_segment_faults(table, solid),
         *_find_polynomial_faults(table, solid),
         *_find_mesh_faults(table, solid),
     ):
-        findings.add((*key, *place), fault)
+        findings.add((*key, *part), fault)
     if isinstance(solid, SuperelementFile):
         if table.fidelity != "elastic":
             findings.add((*key, "fidelity"), "a superelement is always elastic; remove fidelity")

@@ -218,5 +218,5 @@ def is_known_end(end: JointEnd, scene: SceneTable) -> bool:
 
 def build_channels(channels: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
     """Every channel once, with its direction."""
-    found = [(name, dof) for name, given in channels for dof in ([given] if given else DIRECTIONS)]
-    return tuple(dict.fromkeys(found))
+    every = [(name, dof) for name, given in channels for dof in ([given] if given else DIRECTIONS)]
+    return tuple(dict.fromkeys(every))

@@ -40,8 +40,8 @@ class Problem:
     @property
     def line(self) -> int | None:
         """Line of the file, from 1; None for the file as a whole."""
-        found = _LINE.search(self.place)
-        return None if found is None else int(found[1])
+        match = _LINE.search(self.place)
+        return None if match is None else int(match[1])
 
     @property
     def remedy(self) -> str:
@@ -123,7 +123,7 @@ class Findings:
             SceneError: There are so many that no more are looked for.
         """
         problem, written = self.describe(key, message), (self._written_key(key), message)
-        if problem not in [known for _, known in self.problems[-MAX_SHOWN:]] and (
+        if problem not in [other for _, other in self.problems[-MAX_SHOWN:]] and (
             written not in self._told
         ):
             self.problems.append((self.origin_of(key).line or 0, problem))
@@ -216,10 +216,10 @@ class Findings:
         """Origin of a key path or of its closest ancestor that has one."""
         key = self._written_key(key)
         for path in (key, tuple(part for part in key if isinstance(part, str))):
-            known = [path[:length] for length in range(len(path), 0, -1)]
-            found = [self.origins[part] for part in known if part in self.origins]
-            if found:
-                return max(found, key=lambda origin: origin.order)  # of equal ones the nearest
+            lengths = [path[:length] for length in range(len(path), 0, -1)]
+            origins = [self.origins[part] for part in lengths if part in self.origins]
+            if origins:
+                return max(origins, key=lambda origin: origin.order)  # of equal ones the nearest
         return Origin(None)
 
     def place_of(self, key: KeyPath) -> str:

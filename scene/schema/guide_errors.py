@@ -38,7 +38,7 @@ class _ErrorPointsTable(types.StrictTable):
     def _faults(self) -> Iterator[str]:
         if len(self.at) != len(self.values):
             yield f"has {len(self.at)} positions and {len(self.values)} values; write one value per position"
-        places = [place.value for place in self.at]
+        places = [position.value for position in self.at]
         if any(later <= earlier for earlier, later in pairwise(places)):
             yield "its positions do not rise; sort them, each once"
 

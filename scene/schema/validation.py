@@ -165,10 +165,10 @@ def _example_of(model: type[BaseModel], key: str) -> str:
 
 def _length_message(detail: ErrorDetails) -> str:
     context = detail.get("ctx", {})
-    found = context.get("actual_length")
+    length = context.get("actual_length")
     low, high = context.get("min_length"), context.get("max_length")
     wanted = f"at least {low}" if low is not None else f"at most {high}"
-    return f"has {found} entries but needs {wanted}"
+    return f"has {length} entries but needs {wanted}"
 
 
 def _closest(value: object, expected: str) -> str:
