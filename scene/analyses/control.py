@@ -47,11 +47,6 @@ def _build(table: _ControlTable, draft: Draft) -> ControlRequest:
     return ControlRequest(table.up_to, table.speed, tuple(table.poses or draft.poses))
 
 
-def _check(table: _ControlTable, draft: Draft) -> None:
-    """Report poses that do not exist."""
-    draft.check_poses((*KEY, "poses"), table.poses)
-
-
 def _check_drives(table: _ControlTable, draft: Draft) -> None:
     """Report drives that are not controlled, or sample too slowly."""
     if DRIVE_CONTROL not in draft.table.active:
@@ -66,6 +61,5 @@ ANALYSIS = SceneAnalysis(
     ControlRequest,
     "closed-loop poles and margins, see [drives](drives.md)",
     build=_build,
-    check=_check,
     check_complete=_check_drives,
 )

@@ -135,7 +135,6 @@ def _check(table: _FrfTable, draft: Draft) -> None:
                 draft.check_output(place, name, direction)
             else:
                 draft.check_channel(place, name)
-    draft.check_poses((*KEY, "poses"), table.poses)
 
 
 def _check_load_input(

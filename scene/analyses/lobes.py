@@ -290,7 +290,6 @@ def _check(table: _LobesTable, draft: Draft) -> None:
     damping.
     """
     scene = draft.table
-    draft.check_poses((*KEY, "poses"), table.poses)
     if table.at is not None:
         draft.check_name((*KEY, "at"), table.at, "points")
     elif not draft.sections.get("points"):

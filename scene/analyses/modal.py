@@ -97,11 +97,4 @@ def _build(table: _ModalTable, draft: Draft) -> ModalRequest:
     )
 
 
-def _check(table: _ModalTable, draft: Draft) -> None:
-    """Report poses that do not exist."""
-    draft.check_poses(("analyses", "modal", "poses"), table.poses)
-
-
-ANALYSIS = SceneAnalysis(
-    _ModalTable, ModalRequest, "natural frequencies and modes", build=_build, check=_check
-)
+ANALYSIS = SceneAnalysis(_ModalTable, ModalRequest, "natural frequencies and modes", build=_build)

@@ -38,7 +38,6 @@ def _check(table: _StaticTable, draft: Draft) -> None:
     """Report points and poses that do not exist."""
     for index, point in enumerate(table.at or ()):
         draft.check_name(("analyses", "static", "at", index), point, "points")
-    draft.check_poses(("analyses", "static", "poses"), table.poses)
 
 
 def _check_subject(table: _StaticTable, draft: Draft) -> None:

@@ -263,7 +263,6 @@ def _check(table: _TransientTable, draft: Draft) -> None:
         draft.check_name((*KEY, "velocity", name), name, "components")
     for index, (name, direction) in enumerate(table.outputs or ()):
         draft.check_output((*KEY, "outputs", index), name, direction)
-    draft.check_poses((*KEY, "poses"), table.poses)
     outputs = [one for one, _ in table.outputs or () if one not in draft.table.probes]
     if not outputs and not draft.table.points:
         draft.add(

@@ -160,7 +160,7 @@ class SceneAnalysis[T: RequestTable, R: Request]:
         request: What is built from the table.
         meaning: Of the analysis, for the scene reference.
         build: Builds the request of a scene that has passed every check.
-        check: Reports what is wrong with the table, whatever else is.
+        check: Reports what is wrong with the table, whatever else is; poses are checked anyway.
         check_complete: Reports what is wrong once every entry of the scene passed the schema.
         check_scene: Reports what is wrong with the machine in its poses.
         check_sweep: Raises SceneError where the poses of a sweep do not suffice.
@@ -170,7 +170,7 @@ class SceneAnalysis[T: RequestTable, R: Request]:
     request: type[R]
     meaning: str
     build: Callable[[T, Draft], R]
-    check: Callable[[T, Draft], None]
+    check: Callable[[T, Draft], None] | None = None
     check_complete: Callable[[T, Draft], None] | None = None
     check_scene: Callable[[R, Scene, Findings], None] | None = None
     check_sweep: Callable[[Scene, Sweep], None] | None = None

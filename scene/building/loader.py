@@ -223,10 +223,13 @@ def _check_analyses(draft: Draft, *, complete: bool) -> None:
     """
     for record in list_records():
         table = draft.table.analyses.get(record.table)
-        if table is not None:
-            record.check(table, draft)
-            if complete and record.check_complete is not None:
-                record.check_complete(table, draft)
+        if table is None:
+            continue
+        poses = getattr(table, "poses", None)
+        draft.check_poses(("analyses", record.request.analysis, "poses"), poses)
+        for check in (record.check, record.check_complete if complete else None):
+            if check is not None:
+                check(table, draft)
 
 
 def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | None) -> Scene:
