@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, create_model, field_validator
 
 from headstock.geometry.machine.joints import JointEnd
 from headstock.scene.reading.names import NAMES
-from headstock.scene.reading.units import ACCELERATION, RATE, TIME, quote_value
+from headstock.scene.reading.units import ACCELERATION, RATE, TIME, quantity_pattern, quote_value
 from headstock.scene.schema import types
 from headstock.scene.schema.axes import AxisTable, MechanismTable, PointTable, PoseTable
 from headstock.scene.schema.components import (
@@ -148,7 +148,7 @@ def _read_effects(value: object) -> object:
 _RATIOS = {"anyOf": [types.RATIO_FORM, {"type": "array", "items": types.RATIO_FORM, "minItems": 1}]}
 
 
-_ACCELERATION = {"type": "string", "pattern": types.QuantityPattern((ACCELERATION,))}
+_ACCELERATION = {"type": "string", "pattern": quantity_pattern(ACCELERATION)}
 
 
 _EFFECT_FORMS = {
@@ -171,8 +171,8 @@ _EFFECT_FORMS = {
                     "rayleigh": {
                         "type": "object",
                         "properties": {
-                            "alpha": {"type": "string", "pattern": types.QuantityPattern((RATE,))},
-                            "beta": {"type": "string", "pattern": types.QuantityPattern((TIME,))},
+                            "alpha": {"type": "string", "pattern": quantity_pattern(RATE)},
+                            "beta": {"type": "string", "pattern": quantity_pattern(TIME)},
                         },
                         "minProperties": 1,
                         "additionalProperties": False,
