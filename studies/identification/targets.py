@@ -18,6 +18,7 @@ from headstock.scene.schema.types import (
     Count,
     CountFromZero,
     Flag,
+    InUnits,
     JsonForm,
     Name,
     Names,
@@ -25,25 +26,16 @@ from headstock.scene.schema.types import (
     OrForm,
     PositiveFrequency,
     PositiveNumber,
-    QuantityPattern,
+    QuantityOf,
     StrictTable,
     Text,
-    describe_quantity,
     problem,
     read_quantity,
 )
 
 MAX_STARTS = 4096
-Measured = Annotated[
-    Quantity,
-    BeforeValidator(lambda value: read_quantity(value, units.FREQUENCY, COMPLIANCE)),
-    describe_quantity(units.FREQUENCY, COMPLIANCE),
-]
-Compliance = Annotated[
-    float,
-    BeforeValidator(lambda value: read_quantity(value, COMPLIANCE).value),
-    describe_quantity(COMPLIANCE),
-]
+Measured = Annotated[Quantity, QuantityOf((units.FREQUENCY, COMPLIANCE))]
+Compliance = Annotated[float, InUnits((COMPLIANCE,))]
 Letter = Literal["x", "y", "z", "-x", "-y", "-z"]
 _ALONE = OrForm({"type": "string", "description": "scene key"})
 
@@ -63,26 +55,15 @@ def _require_spread(found: Quantity) -> Quantity:
 AnyQuantity = Annotated[
     Quantity,
     BeforeValidator(_read_any),
-    JsonForm({"type": ["string", "number"], "pattern": QuantityPattern(DIMENSIONS)}),
+    JsonForm({"type": ["string", "number"], "pattern": units.quantity_pattern(*DIMENSIONS)}),
 ]
 FrequencySpread = Annotated[
-    Quantity,
-    BeforeValidator(lambda value: read_quantity(value, units.RATIO, units.FREQUENCY)),
-    AfterValidator(_require_spread),
-    describe_quantity(units.RATIO, units.FREQUENCY),
+    Quantity, QuantityOf((units.RATIO, units.FREQUENCY)), AfterValidator(_require_spread)
 ]
 ComplianceSpread = Annotated[
-    Quantity,
-    BeforeValidator(lambda value: read_quantity(value, units.RATIO, COMPLIANCE)),
-    AfterValidator(_require_spread),
-    describe_quantity(units.RATIO, COMPLIANCE),
+    Quantity, QuantityOf((units.RATIO, COMPLIANCE)), AfterValidator(_require_spread)
 ]
-RatioSpread = Annotated[
-    Quantity,
-    BeforeValidator(lambda value: read_quantity(value, units.RATIO)),
-    AfterValidator(_require_spread),
-    describe_quantity(units.RATIO),
-]
+RatioSpread = Annotated[Quantity, QuantityOf((units.RATIO,)), AfterValidator(_require_spread)]
 
 
 class BodyMoveTable(StrictTable):
