@@ -182,7 +182,7 @@ def test_cholmod_with_and_without_metis_and_mumps_agree(
 ) -> None:
     fixed = some_fixed(operators)
     _, ordered, first = solve(operators, fixed)
-    monkeypatch.setattr(factorization, "dissect_nodes", lambda pattern: None)
+    monkeypatch.setattr(factorization, "_dissect_nodes", lambda pattern: None)
     _, default, second = solve(operators, fixed)
     monkeypatch.setattr(factorization, "_has_cholmod", lambda: False)
     _, other, third = solve(operators, fixed)
