@@ -32,7 +32,7 @@ from headstock.scene.reading.units import (
     parse_quantity,
     unit_of,
 )
-from headstock.scene.schema.types import JsonForm, QuantityPattern
+from headstock.scene.schema.types import QuantityOf
 
 # what a user may hand over: a quantity is a text with a unit or a number in SI units
 type Quantity = str | float | np.floating[Any]
@@ -119,12 +119,10 @@ def _dimension(hint: object, key: KeyPath) -> Dimension | None:
     """Return what a number measures at a key; None where it is a plain number, or where the key
     alone does not say.
     """
-    forms = [item.form for item in _metadata(hint) if isinstance(item, JsonForm)]
-    found = [form["pattern"] for form in forms if form.get("type") == "string"]
-    patterns = [pattern for pattern in found if isinstance(pattern, QuantityPattern)]
-    if not patterns:
+    kinds = [item for item in _metadata(hint) if isinstance(item, QuantityOf)]
+    if not kinds:
         return None
-    dimensions = patterns[0].dimensions
+    dimensions = kinds[0].dimensions
     if len(dimensions) == 1:
         return dimensions[0]
     if set(dimensions) == {LENGTH, ANGLE}:

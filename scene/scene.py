@@ -229,7 +229,7 @@ class Scene:
 
     @property
     def is_lumped(self) -> bool:
-        """Whether the mechanism itself is the model: rigid bodies on springs in its legs."""
+        """Return whether the mechanism itself is the model: rigid bodies on springs in its legs."""
         return self.mechanism is not None and self.mechanism.model == "lumped"
 
 

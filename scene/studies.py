@@ -268,7 +268,7 @@ def describe_positions(sweep: Sweep, number: int) -> str:
 
 
 def moving_axes(sweep: Sweep) -> list[int]:
-    """Which of the axes stand in more than one place."""
+    """Return which of the axes stand in more than one place."""
     return [column for column in range(len(sweep.axes)) if np.ptp(sweep.positions[:, column]) > 0.0]
 
 

@@ -128,8 +128,8 @@ def find_feed(machine: Machine, point: Point, tip: FloatArray, poses: Sequence[P
     alone = np.bincount(place_of) == 1
     return Feed(
         directions,
-        tuple(taken[place] for place in np.flatnonzero(turning[place_of])),
-        tuple(taken[place] for place in np.flatnonzero(~alone[place_of])),
+        tuple(taken[position] for position in np.flatnonzero(turning[place_of])),
+        tuple(taken[position] for position in np.flatnonzero(~alone[place_of])),
     )
 
 

@@ -68,7 +68,7 @@ def evaluate_kinematics(mechanism: Mechanism, state: FloatArray) -> Kinematics:
 
 
 @dataclass(frozen=True, eq=False)
-class ClosureLayout:
+class _ClosureLayout:
     """Closures as arrays: markers of all point constraints and orientation constraints, and which
     of their components are
     wanted.
@@ -97,7 +97,7 @@ class ClosureLayout:
 
 
 @lru_cache(maxsize=64)
-def _closure_layout(mechanism: Mechanism) -> ClosureLayout:
+def _closure_layout(mechanism: Mechanism) -> _ClosureLayout:
     """Return the closures of a mechanism as arrays."""
     markers = {name: row for row, name in enumerate(mechanism.markers)}
     points = [item for item in mechanism.closures if isinstance(item, PointConstraint)]
@@ -122,7 +122,7 @@ def _closure_layout(mechanism: Mechanism) -> ClosureLayout:
             [len(markers) if name is None else markers[name] for name in names], dtype=np.intp
         )
 
-    return ClosureLayout(
+    return _ClosureLayout(
         marker_rows([item.first for item in points]),
         marker_rows([item.second for item in points]),
         marker_rows([item.frame for item in points]),
@@ -312,21 +312,21 @@ def _closure_jacobian(
     return _pick(layout, met, aligned, balanced, columns=True)
 
 
-def _axes_and_gap(layout: ClosureLayout, placement: Placement) -> tuple[FloatArray, FloatArray]:
+def _axes_and_gap(layout: _ClosureLayout, placement: Placement) -> tuple[FloatArray, FloatArray]:
     gap = placement.positions.take(layout.meet_first, axis=-2) - placement.positions.take(
         layout.meet_second, axis=-2
     )
     return placement.rotations.take(layout.meet_frame, axis=-3), gap
 
 
-def _relative(layout: ClosureLayout, placement: Placement) -> FloatArray:
+def _relative(layout: _ClosureLayout, placement: Placement) -> FloatArray:
     first = placement.rotations.take(layout.align_first, axis=-3)
     return np.asarray(
         np.swapaxes(first, -1, -2) @ placement.rotations.take(layout.align_second, axis=-3)
     )
 
 
-def _orientation_bias(layout: ClosureLayout, placement: Placement, bias: Bias) -> FloatArray:
+def _orientation_bias(layout: _ClosureLayout, placement: Placement, bias: Bias) -> FloatArray:
     first = np.swapaxes(placement.rotations.take(layout.align_first, axis=-3), -1, -2)
     relative = _relative(layout, placement)
     omega1, omega2 = (
@@ -356,7 +356,7 @@ def _vee_map(matrix: FloatArray) -> FloatArray:
 
 
 def _pick(
-    layout: ClosureLayout,
+    layout: _ClosureLayout,
     met: FloatArray,
     aligned: FloatArray,
     balanced: FloatArray,

@@ -22,7 +22,7 @@ _SKEW = np.array([skew(axis).ravel() for axis in np.eye(3)])
 
 
 @dataclass(frozen=True, eq=False)
-class ChainLayout:
+class _ChainLayout:
     """A mechanism's chains as arrays; chains are padded to the same number of motions.
 
     Attributes:
@@ -69,7 +69,7 @@ class Placement:
         positions: ``(..., P, 3)`` origin of each marker [m].
     """
 
-    layout: ChainLayout
+    layout: _ChainLayout
     frames: FloatArray
     axes: FloatArray
     rotations: FloatArray
@@ -94,7 +94,7 @@ class Bias:
 
 
 @lru_cache(maxsize=64)
-def _chain_layout(mechanism: Mechanism) -> ChainLayout:
+def _chain_layout(mechanism: Mechanism) -> _ChainLayout:
     """Return the chains of a mechanism as arrays."""
     count = len(mechanism.chains)
     depth = max(
@@ -135,7 +135,7 @@ def _chain_layout(mechanism: Mechanism) -> ChainLayout:
     spread = spread * (np.arange(depth) < depths[:, None])[..., None]
     local = np.array([marker[2] for marker in markers])
     constant, cosine, sine, linear = tensors
-    return ChainLayout(
+    return _ChainLayout(
         constant,
         cosine,
         sine,
@@ -215,15 +215,15 @@ def marker_bias(placement: Placement, rates: FloatArray) -> Bias:
     acceleration = _running_sum(
         cross(alpha[..., :-1, :], step) + cross(before, swept + 2.0 * sliding)
     )
-    place = (..., layout.marker_chain, layout.marker_depth, slice(None))
-    omega, alpha = omega[place], alpha[place]
-    arms = placement.positions - origins[place]
+    index = (..., layout.marker_chain, layout.marker_depth, slice(None))
+    omega, alpha = omega[index], alpha[index]
+    arms = placement.positions - origins[index]
     lever = cross(omega, arms)
     return Bias(
         omega,
-        velocity[place] + lever,
+        velocity[index] + lever,
         alpha,
-        acceleration[place] + cross(alpha, arms) + cross(omega, lever),
+        acceleration[index] + cross(alpha, arms) + cross(omega, lever),
     )
 
 

@@ -2,7 +2,7 @@
 a bore and whatever else is large.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -70,41 +70,48 @@ class _Flat:
 
 def likely_interfaces(faces: Sequence[CadFace]) -> list[LikelyInterface]:
     """Return likely interfaces, the foot and the tip first where there are two flat faces."""
-    names = name_faces(faces)
-    likely: list[LikelyInterface] = []
-    taken: set[int] = set()
+    names, extent = name_faces(faces), part_extent(faces)
     foot, tip = _choose_ends(faces, names)
-    ends: tuple[tuple[Role, _Flat | None], ...] = (("foot", foot), ("tip", tip))
-    for role, flat in ends:
-        if flat is not None:
-            likely.append(LikelyInterface(flat.name, (flat.face,), _describe(flat.parts), role))
-            taken |= {part.number for part in flat.parts}
-    extent = part_extent(faces)
     patterns = _hole_patterns(find_holes(faces), extent)
+    roles: tuple[tuple[Role, _Flat | None], ...] = (("foot", foot), ("tip", tip))
+    ends = [(role, flat) for role, flat in roles if flat is not None]
+    taken = {part.number for _, flat in ends for part in flat.parts}
+    taken |= {face for pattern in patterns for hole in pattern for face in hole.faces}
+    return [
+        *(
+            LikelyInterface(flat.name, (flat.face,), _describe(flat.parts), role)
+            for role, flat in ends
+        ),
+        *_hole_interfaces(patterns, foot, extent, names),
+        *_large_faces(faces, names, taken),
+    ]
+
+
+def _hole_interfaces(
+    patterns: list[list[Hole]], foot: _Flat | None, extent: float, names: dict[int, str]
+) -> Iterator[LikelyInterface]:
+    """Yield patterns of holes, those that open into the foot first, and the widest single hole."""
     several = [pattern for pattern in patterns if len(pattern) >= SMALLEST_PATTERN]
     screws = next(
         (one for one in several if foot is not None and _opens_into(foot, one[0], extent)), None
     )
-    others = [pattern for pattern in several if pattern is not screws]
-    chosen = [] if screws is None else [("screws", screws)]
-    chosen += [(f"holes_{n}", one) for n, one in enumerate(others[:MOST_PATTERNS], 1)]
-    for name, holes in chosen:
+    others = [pattern for pattern in several if pattern is not screws][:MOST_PATTERNS]
+    chosen: list[tuple[str, Role, list[Hole]]] = [
+        (f"holes_{number}", "holes", pattern) for number, pattern in enumerate(others, 1)
+    ]
+    if screws is not None:
+        chosen.insert(0, ("screws", "screws", screws))
+    for name, role, holes in chosen:
         walls = tuple(names[face] for hole in holes for face in hole.faces)
-        reason = f"{len(holes)} holes of {2e3 * holes[0].radius:.4g} mm"
-        likely.append(
-            LikelyInterface(name, walls, reason, "screws" if holes is screws else "holes")
+        yield LikelyInterface(
+            name, walls, f"{len(holes)} holes of {2e3 * holes[0].radius:.4g} mm", role
         )
-    single = max(
-        (pattern[0] for pattern in patterns if len(pattern) == 1),
-        key=lambda hole: hole.radius,
-        default=None,
-    )
-    if single is not None:
-        walls = tuple(names[face] for face in single.faces)
-        reason = f"hole of {2e3 * single.radius:.4g} mm at {_in_mm(single.place)} mm"
-        likely.append(LikelyInterface("bore", walls, reason, "bore"))
-    taken |= {face for pattern in patterns for hole in pattern for face in hole.faces}
-    return likely + _large_faces(faces, names, taken)
+    single = [pattern[0] for pattern in patterns if len(pattern) == 1]
+    if single:
+        bore = max(single, key=lambda hole: hole.radius)
+        walls = tuple(names[face] for face in bore.faces)
+        reason = f"hole of {2e3 * bore.radius:.4g} mm at {_in_mm(bore.place)} mm"
+        yield LikelyInterface("bore", walls, reason, "bore")
 
 
 def _choose_ends(

@@ -219,7 +219,7 @@ def _circle(diameter: float, hole: float) -> Outline:
 
 
 def imprint_window(axis: int, patch: Patch) -> Rect:
-    """Return the in-plane extent of a rect or strip on a face with the given normal axis; a strip
+    """Return the in-plane extent of a disk, rect or strip on a face with the given normal axis; a strip
     is endless along its own axis.
     """
     first, second = in_plane_axes(axis)
@@ -232,8 +232,8 @@ def imprint_window(axis: int, patch: Patch) -> Rect:
     return (
         a - patch.size[0] / 2,
         a + patch.size[0] / 2,
-        b - patch.size[1] / 2,
-        b + patch.size[1] / 2,
+        b - patch.size[-1] / 2,
+        b + patch.size[-1] / 2,
     )
 
 

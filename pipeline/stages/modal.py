@@ -38,7 +38,7 @@ from headstock.pipeline.stages.run_state import (
 )
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.estimates.damping_errors import estimate_damping_errors
+from headstock.reduction.estimates.damping_errors import DampingErrors, estimate_damping_errors
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.reduction.motions.body_motions import (
     FreeMotion,
@@ -100,7 +100,8 @@ def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseMode
     else:
         result = solve_modal(model.system, count=request.count, up_to_hz=request.up_to_hz)
     named, errors = model.name_modes(result), model.estimate_mode_errors(result)
-    damping = _Damping()
+    count = len(result.frequencies_hz)
+    damping = _Damping((None,) * count, (None,) * count)
     if damped and model.coupled is not None:
         damping = _damp_modes(
             model.parts.scene, model.coupled, model.all_modes, named.names, errors
@@ -108,15 +109,14 @@ def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseMode
     unexpected: tuple[FreeMotion, ...] = ()
     if result.rigid_count and isinstance(model, CoupledPose):
         unexpected = model.undeclared(find_free_motions(model.coupled))
-    count = len(result.frequencies_hz)
     modes = PoseModes(
         pose=model.pose,
         pose_units=position_units(model.parts.scene.machine),
         frequencies_hz=result.frequencies_hz,
         rigid_count=min(result.rigid_count, count),
         errors=_name_errors(model.pose.name, errors, damping),
-        damping_ratio=damping.ratios or (None,) * count,
-        damped_hz=damping.frequencies_hz or (None,) * count,
+        damping_ratio=damping.ratios,
+        damped_hz=damping.frequencies_hz,
         mode_names=named.names,
         energy_share=named.strain_shares,
         kinetic_share=named.kinetic_shares,
@@ -207,13 +207,11 @@ def _tell_neighbours(request: ModalRequest, every: ModalResult, below: int) -> s
 @dataclass(frozen=True)
 class _Damping:
     """Damping ratios and damped frequencies [Hz] of the first undamped modes, how far each may be
-    off, and what is to be said of them.
-
-    Empty without damping.
+    off, and what is to be said of them; None without damping.
     """
 
-    ratios: tuple[float | None, ...] = ()
-    frequencies_hz: tuple[float | None, ...] = ()
+    ratios: tuple[float | None, ...]
+    frequencies_hz: tuple[float | None, ...]
     ratio_errors: tuple[float | None, ...] = ()
     frequency_errors_hz: tuple[float | None, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -242,47 +240,43 @@ def _damp_modes(
     found = estimate_damping_errors(coupled, viscous, damped, count)
     hysteretic = coupled.system.hysteretic
     given = bool(scene.modal_damping) and coupled.system.damping is None and hysteretic is None
-    ratio_errors = list(found.ratios)
-    for mode in range(first, count):
-        ratio = ratios[mode]
-        if undamped[mode].total is None or frequencies[mode] is None:
-            ratio_errors[mode] = None
-        if ratio is not None and (given or not ratio):
-            ratio_errors[mode] = 0.0
+    totals = [error.total for error in undamped[first:count]]
+    exact = [ratio is not None and (given or not ratio) for ratio in ratios[first:]]
+    ratio_errors = (
+        *found.ratios[:first],
+        *map(_keep_error, found.ratios[first:], frequencies[first:], totals, exact),
+    )
     frequency_errors = (
         *found.frequencies_hz[:first],
         *map(
             _widen_error,
             found.frequencies_hz[first:],
             frequencies[first:],
-            [error.total for error in undamped[first:]],
+            totals,
             complete.frequencies_hz[first:count],
         ),
     )
-    creeping = [mode for mode in range(first, count) if found.creeping[mode]]
-    rough = [
-        mode
-        for mode in range(first, count)
-        if mode not in creeping
-        and undamped[mode].total is not None
-        and _is_rough(ratios[mode], ratio_errors[mode])
-    ]
+    known = [mode for mode in range(first, count) if totals[mode - first] is not None]
+    rough = [mode for mode in known if _is_rough(ratios[mode], ratio_errors[mode])]
     warnings = [
         *warn_of_no_damping(scene, coupled.system),
         *_warn_of_growing(damped, complete),
-        *(
-            f"damping{_by(damper)} of mode {modes} is not converged: damping ratio and damped frequency are rough "
-            "estimates only; write a higher reduction.modes_to or a smaller mesh size. If they keep changing, the damper absorbs the "
-            "waves that reach it, and the mode does not exist"
-            for damper, modes in _group_by_damper(rough, found.dampers, names)
-        ),
+        *_warn_of_rough(rough, found, names),
         *(() if hysteretic is None else _warn_of_large_losses(hysteretic, complete, names)),
-        *(
-            f"mode {modes} is overdamped{_by(damper)}: it returns without oscillating; check the damping if this is not intended"
-            for damper, modes in _group_by_damper(creeping, found.dampers, names)
-        ),
+        *_warn_of_creeping(range(first, count), found, names),
     ]
-    return _Damping(ratios, frequencies, tuple(ratio_errors), frequency_errors, tuple(warnings))
+    return _Damping(ratios, frequencies, ratio_errors, frequency_errors, tuple(warnings))
+
+
+def _keep_error(
+    known: float | None, hz: float | None, undamped: float | None, exact: bool
+) -> float | None:
+    """Return how far a damping ratio may be off: not at all where it is given; None where its mode or its
+    frequency has no estimate.
+    """
+    if exact:
+        return 0.0
+    return None if hz is None or undamped is None else known
 
 
 def _widen_error(
@@ -300,14 +294,35 @@ def _is_rough(ratio: float | None, error: float | None) -> bool:
     return ratio is None or error is None or error > LARGE_ERROR * abs(ratio)
 
 
+def _warn_of_rough(
+    modes: Iterable[int], found: DampingErrors, names: Sequence[str]
+) -> Iterator[str]:
+    for damper, group in _group_by_damper(modes, found, names, creeping=False):
+        yield (
+            f"damping{damper} of mode {group} is not converged: damping ratio and damped frequency are rough "
+            "estimates only; write a higher reduction.modes_to or a smaller mesh size. If they keep changing, the damper absorbs the "
+            "waves that reach it, and the mode does not exist"
+        )
+
+
+def _warn_of_creeping(
+    modes: Iterable[int], found: DampingErrors, names: Sequence[str]
+) -> Iterator[str]:
+    for damper, group in _group_by_damper(modes, found, names, creeping=True):
+        yield f"mode {group} is overdamped{damper}: it returns without oscillating; check the damping if this is not intended"
+
+
 def _group_by_damper(
-    modes: Iterable[int], dampers: Sequence[str], names: Sequence[str]
+    modes: Iterable[int], found: DampingErrors, names: Sequence[str], *, creeping: bool
 ) -> Iterator[tuple[str, str]]:
-    """Yield each damper with numbers and names of its modes."""
+    """Yield each damper (`` by NAME``) with numbers and names of its modes that are overdamped, or of the
+    others.
+    """
     groups: dict[str, list[str]] = {}
     for mode in modes:
-        groups.setdefault(dampers[mode], []).append(f"{mode + 1} ({names[mode]})")
-    return ((damper, ", ".join(group)) for damper, group in groups.items())
+        if found.creeping[mode] == creeping:
+            groups.setdefault(found.dampers[mode], []).append(f"{mode + 1} ({names[mode]})")
+    return ((f" by {name}" if name else "", ", ".join(group)) for name, group in groups.items())
 
 
 def _warn_of_growing(damped: DampedModes, undamped: ModalResult) -> Iterator[str]:
@@ -337,10 +352,6 @@ def _warn_of_large_losses(
         f"large loss factors of modes: {', '.join(large)}. Their damping ratio and damped frequency are those of a viscous damping "
         "with the same loss per cycle at the natural frequency; frequency responses take the loss factor itself",
     )
-
-
-def _by(damper: str) -> str:
-    return f" by {damper}" if damper else ""
 
 
 def run_spread_stage(state: RunState, stage: Stage) -> Outcome:

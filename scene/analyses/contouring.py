@@ -114,7 +114,7 @@ class ContouringRequest(Request):
         return f"tool gap {describe_contour(self.contour)}, {self.model}, {source}"
 
 
-class ContouringTable(types.RequestTable):
+class _ContouringTable(types.RequestTable):
     """A square block milled around from outside, or a line of corners that the tool's centre
     follows.
     """
@@ -199,7 +199,7 @@ class ContouringTable(types.RequestTable):
             )
 
 
-def _build(table: ContouringTable, draft: Draft) -> ContouringRequest:
+def _build(table: _ContouringTable, draft: Draft) -> ContouringRequest:
     """Build the request.
 
     Raises:
@@ -228,7 +228,7 @@ def _find_file(folder: Path, name: str | None, kind: FileKind = RECORD) -> Path 
     return None if name is None else resolve_file(folder, name, FORCE_SUFFIXES, kind)
 
 
-def _build_contour(table: ContouringTable, folder: Path) -> SquareContour | PolylineContour:
+def _build_contour(table: _ContouringTable, folder: Path) -> SquareContour | PolylineContour:
     """The way of the tool: around a block, or along a line.
 
     Raises:
@@ -270,7 +270,7 @@ def _build_contour(table: ContouringTable, folder: Path) -> SquareContour | Poly
     )
 
 
-def _check_way(table: ContouringTable, folder: Path, findings: Findings) -> None:
+def _check_way(table: _ContouringTable, folder: Path, findings: Findings) -> None:
     """Report a contour that cannot be laid out."""
     key = "side" if table.side is not None else "polyline"
     key = key if table.polyline_file is None else "polyline_file"
@@ -312,7 +312,7 @@ def _check_way(table: ContouringTable, folder: Path, findings: Findings) -> None
         )
 
 
-def _check(table: ContouringTable, draft: Draft) -> None:
+def _check(table: _ContouringTable, draft: Draft) -> None:
     """Report what is wrong with a contour, apart from places that it cannot reach."""
     scene = draft.table
     _check_regeneration(scene, table, draft.findings)
@@ -355,8 +355,8 @@ def _check_scene(request: ContouringRequest, scene: Scene, findings: Findings) -
     places = places if measured is None else measured
     for number, name in enumerate(travel.axes):
         low, high = machine.axes[name].limits
-        for place in (float(places[:, number].min()), float(places[:, number].max())):
-            if fault := find_limit_fault(name, place, low=low, high=high, unit="m"):
+        for position in (float(places[:, number].min()), float(places[:, number].max())):
+            if fault := find_limit_fault(name, position, low=low, high=high, unit="m"):
                 findings.add(
                     KEY, f"the contour leads axis {name} too far: {fault}; move or shrink it"
                 )
@@ -392,12 +392,12 @@ def _check_traces(
     return positions
 
 
-def _tool_point(scene: SceneTable, table: ContouringTable) -> str | None:
+def _tool_point(scene: SceneTable, table: _ContouringTable) -> str | None:
     """The point of the tool: as written, else the scene's first."""
     return table.point or next(iter(scene.points), None)
 
 
-def _check_coupled(scene: SceneTable, table: ContouringTable, draft: Draft) -> None:
+def _check_coupled(scene: SceneTable, table: _ContouringTable, draft: Draft) -> None:
     if table.point is not None:
         draft.check_name((*KEY, "point"), table.point, "points")
     elif not scene.points:
@@ -413,7 +413,7 @@ def _check_coupled(scene: SceneTable, table: ContouringTable, draft: Draft) -> N
         )
 
 
-def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Findings) -> None:
+def _check_regeneration(scene: SceneTable, table: _ContouringTable, findings: Findings) -> None:
     key = ("effects", "regeneration")
     if "regeneration" not in scene.active:
         return
@@ -434,7 +434,7 @@ def _check_regeneration(scene: SceneTable, table: ContouringTable, findings: Fin
 
 
 ANALYSIS = SceneAnalysis(
-    ContouringTable,
+    _ContouringTable,
     ContouringRequest,
     "a block milled, see [contouring](contouring.md)",
     build=_build,

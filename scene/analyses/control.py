@@ -29,7 +29,7 @@ class ControlRequest(Request):
         return f"effect drive_control: loops of {', '.join(drives)} closed, poles up to {self.up_to_hz:g} Hz"
 
 
-class ControlTable(types.RequestTable):
+class _ControlTable(types.RequestTable):
     """Closed-loop poles, margins, bandwidth and tracking error of the drives."""
 
     highest: ClassVar[str] = "up_to"
@@ -42,17 +42,12 @@ class ControlTable(types.RequestTable):
     """poses in which it is computed; default: all of them"""
 
 
-def _build(table: ControlTable, draft: Draft) -> ControlRequest:
+def _build(table: _ControlTable, draft: Draft) -> ControlRequest:
     """Build the request: in all poses unless the table names some."""
     return ControlRequest(table.up_to, table.speed, tuple(table.poses or draft.poses))
 
 
-def _check(table: ControlTable, draft: Draft) -> None:
-    """Report poses that do not exist."""
-    draft.check_poses((*KEY, "poses"), table.poses)
-
-
-def _check_drives(table: ControlTable, draft: Draft) -> None:
+def _check_drives(table: _ControlTable, draft: Draft) -> None:
     """Report drives that are not controlled, or sample too slowly."""
     if DRIVE_CONTROL not in draft.table.active:
         draft.findings.add_for(
@@ -62,10 +57,9 @@ def _check_drives(table: ControlTable, draft: Draft) -> None:
 
 
 ANALYSIS = SceneAnalysis(
-    ControlTable,
+    _ControlTable,
     ControlRequest,
     "closed-loop poles and margins, see [drives](drives.md)",
     build=_build,
-    check=_check,
     check_complete=_check_drives,
 )

@@ -62,7 +62,7 @@ class FrfRequest(Request):
         return f"{self.motion}, {entries} from {self.from_hz:g} to {self.to_hz:g} Hz{under}{inside}"
 
 
-class FrfTable(types.RequestTable):
+class _FrfTable(types.RequestTable):
     """Frequency response between points, or interfaces, from one frequency to another."""
 
     highest: ClassVar[str] = "to"
@@ -103,7 +103,7 @@ class FrfTable(types.RequestTable):
             yield 'a log spacing cannot begin at 0 Hz; write from = "1 Hz"'
 
 
-def _build(table: FrfTable, draft: Draft) -> FrfRequest:
+def _build(table: _FrfTable, draft: Draft) -> FrfRequest:
     """Build the request: between all points in all poses unless the table names some."""
     scene = draft.table
     every = [(name, "") for name in scene.points]
@@ -124,7 +124,7 @@ def _build(table: FrfTable, draft: Draft) -> FrfRequest:
     )
 
 
-def _check(table: FrfTable, draft: Draft) -> None:
+def _check(table: _FrfTable, draft: Draft) -> None:
     """Report names that mean nothing."""
     for key, channels in (("inputs", table.inputs), ("outputs", table.outputs)):
         for index, (name, direction) in enumerate(channels or ()):
@@ -135,11 +135,10 @@ def _check(table: FrfTable, draft: Draft) -> None:
                 draft.check_output(place, name, direction)
             else:
                 draft.check_channel(place, name)
-    draft.check_poses((*KEY, "poses"), table.poses)
 
 
 def _check_load_input(
-    key: KeyPath, name: str, direction: str, table: FrfTable, draft: Draft
+    key: KeyPath, name: str, direction: str, table: _FrfTable, draft: Draft
 ) -> None:
     load = draft.table.loads.get(name)
     if name in draft.table.points:
@@ -156,7 +155,7 @@ def _check_load_input(
         )
 
 
-def _check_complete(table: FrfTable, draft: Draft) -> None:
+def _check_complete(table: _FrfTable, draft: Draft) -> None:
     """Report that there is nothing to take a response of, and drives that cannot follow it."""
     if table.inputs is None and not draft.table.points:
         draft.add(
@@ -169,7 +168,7 @@ def _check_complete(table: FrfTable, draft: Draft) -> None:
 
 
 ANALYSIS = SceneAnalysis(
-    FrfTable,
+    _FrfTable,
     FrfRequest,
     "frequency responses, see [frequency response](frequency_response.md)",
     build=_build,

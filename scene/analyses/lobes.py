@@ -98,7 +98,7 @@ class LobesRequest(Request):
 
     @property
     def asks_for_feed(self) -> bool:
-        """Whether one of the directions is that of the feed."""
+        """Return whether one of the directions is that of the feed."""
         return any(travel.along is None for travel in self.directions)
 
     def travels(self, feed: FloatArray) -> tuple[Travel, ...]:
@@ -149,7 +149,7 @@ class LobesRequest(Request):
 
     @property
     def reach_hz(self) -> float:
-        """How high chatter is looked for: beyond the modes of machine, spindle and tool [Hz]."""
+        """Return how high chatter is looked for: beyond the modes of machine, spindle and tool [Hz]."""
         return max([self.up_to_hz, *(1.5 * mode.hz for mode in self.tool_modes)])
 
     def describe(self) -> str:
@@ -158,7 +158,7 @@ class LobesRequest(Request):
         return f"limit depth at {len(self.speeds)} speeds from {low:g} to {high:g} rpm in {self.material}, {100.0 * self.immersion:.3g} % immersion"
 
 
-class SpeedsSpan(NamedTuple):
+class _SpeedsSpan(NamedTuple):
     """Lowest and highest speed of the spindle and the number of speeds."""
 
     low: types.PositiveAngularSpeed
@@ -166,14 +166,14 @@ class SpeedsSpan(NamedTuple):
     number: Annotated[types.WholeNumber, types.Between(2, MOST_SPEEDS)]
 
 
-def _check_span(span: SpeedsSpan) -> SpeedsSpan:
+def _check_span(span: _SpeedsSpan) -> _SpeedsSpan:
     if span.high <= span.low:
         raise types.problem("ends at no higher speed than it begins; write the lowest speed first")
     return span
 
 
 Speeds = Annotated[
-    SpeedsSpan,
+    _SpeedsSpan,
     types.read_span('speeds: ["2000 rpm", "12000 rpm", 400]'),
     AfterValidator(_check_span),
     types.describe_span((ANGULAR_SPEED,), ["2000 rpm", "12000 rpm", 400], 2),
@@ -197,7 +197,7 @@ TravelForm = Annotated[
 ]
 
 
-class LobesTable(types.RequestTable):
+class _LobesTable(types.RequestTable):
     """Stability lobes: limit depth of cut over the speed of the spindle."""
 
     speeds: Speeds
@@ -247,7 +247,7 @@ class LobesTable(types.RequestTable):
             yield "gives both tool_modes and tool_receptance; keep one"
 
 
-def _build(table: LobesTable, draft: Draft) -> LobesRequest:
+def _build(table: _LobesTable, draft: Draft) -> LobesRequest:
     """Build the request: in all poses unless the table names some.
 
     Raises:
@@ -275,7 +275,7 @@ def _build(table: LobesTable, draft: Draft) -> LobesRequest:
     )
 
 
-def _feeds_per_tooth(table: LobesTable) -> list[float]:
+def _feeds_per_tooth(table: _LobesTable) -> list[float]:
     return [] if table.feed_per_tooth is None else [table.feed_per_tooth]
 
 
@@ -285,12 +285,11 @@ def _build_travel(direction: str | tuple[float, float, float]) -> Travel:
     return Travel(types.show_direction(direction).strip('"[]').replace(",", ""), direction)
 
 
-def _check(table: LobesTable, draft: Draft) -> None:
+def _check(table: _LobesTable, draft: Draft) -> None:
     """Report names and files that do not exist, directions along the tool, and a machine without
     damping.
     """
     scene = draft.table
-    draft.check_poses((*KEY, "poses"), table.poses)
     if table.at is not None:
         draft.check_name((*KEY, "at"), table.at, "points")
     elif not draft.sections.get("points"):
@@ -327,7 +326,7 @@ def _check(table: LobesTable, draft: Draft) -> None:
     check_cutter(KEY, table, _feeds_per_tooth(table), draft, always=True)
 
 
-def _check_speeds(table: LobesTable, findings: Findings) -> None:
+def _check_speeds(table: _LobesTable, findings: Findings) -> None:
     """Report speeds so low that stability cannot be computed: too many waves between two teeth."""
     hz = table.up_to
     mill, slowest = EndMill(table.mill.diameter, table.mill.teeth), table.speeds.low
@@ -388,7 +387,7 @@ def _refuse_feed(scene: Scene, lobes: LobesRequest, message: str) -> SceneError:
 
 
 ANALYSIS = SceneAnalysis(
-    LobesTable,
+    _LobesTable,
     LobesRequest,
     "limit depth of cut over the speed of the spindle, see [lobes](lobes.md)",
     build=_build,

@@ -35,7 +35,7 @@ class MapRequest(Request):
         return f"modes, stiffness and condition number in {describe_grid(self.axes)}"
 
 
-class MapTable(types.RequestTable):
+class _MapTable(types.RequestTable):
     """Modes, static stiffness and condition number of a lumped mechanism over the poses of a sweep
     along two or three axes.
     """
@@ -46,13 +46,13 @@ class MapTable(types.RequestTable):
     """number of natural frequencies; each mode is tracked by its shape"""
 
 
-def _build(table: MapTable, draft: Draft) -> MapRequest:
+def _build(table: _MapTable, draft: Draft) -> MapRequest:
     """Build the request: the axes of its sweep with several positions, the others fixed."""
     axes, fixed = build_grid(draft.table.sweeps[table.sweep])
     return MapRequest(axes, fixed, table.count)
 
 
-def _check(table: MapTable, draft: Draft) -> None:
+def _check(table: _MapTable, draft: Draft) -> None:
     """Report a machine without a lumped mechanism, and a sweep that spans no map."""
     scene = draft.table
     if not scene.is_lumped:
@@ -63,5 +63,5 @@ def _check(table: MapTable, draft: Draft) -> None:
 
 
 ANALYSIS = SceneAnalysis(
-    MapTable, MapRequest, "a lumped mechanism over its workspace", build=_build, check=_check
+    _MapTable, MapRequest, "a lumped mechanism over its workspace", build=_build, check=_check
 )

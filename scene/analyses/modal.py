@@ -55,7 +55,7 @@ class ModalRequest(Request):
         return min(wanted, max(rigid_count, below))
 
 
-class ModalTable(types.RequestTable):
+class _ModalTable(types.RequestTable):
     """Natural frequencies and modes; six of them unless `count` or `up_to` is given; `from` and
     `up_to` are a window of frequencies.
     """
@@ -84,7 +84,7 @@ class ModalTable(types.RequestTable):
             yield f"begins at {self.start:g} Hz and ends at {self.up_to:g} Hz; write a lower `from`"
 
 
-def _build(table: ModalTable, draft: Draft) -> ModalRequest:
+def _build(table: _ModalTable, draft: Draft) -> ModalRequest:
     """Build the request: in all poses unless the table names some."""
     count = DEFAULT_MODES if table.count is None and table.up_to is None else table.count
     return ModalRequest(
@@ -97,11 +97,4 @@ def _build(table: ModalTable, draft: Draft) -> ModalRequest:
     )
 
 
-def _check(table: ModalTable, draft: Draft) -> None:
-    """Report poses that do not exist."""
-    draft.check_poses(("analyses", "modal", "poses"), table.poses)
-
-
-ANALYSIS = SceneAnalysis(
-    ModalTable, ModalRequest, "natural frequencies and modes", build=_build, check=_check
-)
+ANALYSIS = SceneAnalysis(_ModalTable, ModalRequest, "natural frequencies and modes", build=_build)

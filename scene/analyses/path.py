@@ -111,7 +111,7 @@ class PathRequest(Request):
         return f"{', '.join(self.path.axes)} moves {length} at {feeds} {unit}, sampled at {self.sampling_hz:g} Hz{cut}"
 
 
-class PathCutTable(types.StrictTable):
+class _PathCutTable(types.StrictTable):
     """Milling along a path; used with the effect `cutting_force`."""
 
     mill: MillTable
@@ -164,7 +164,7 @@ class PathTable(types.RequestTable):
     """`zero_phase`: forwards and backwards, without delay; `causal`: once, as a measuring instrument does"""
     residual_time: types.PositiveTime = 0.3
     """time after a ramp over which residual vibration is evaluated, also recorded after the end"""
-    cut: PathCutTable | None = None
+    cut: _PathCutTable | None = None
     """milling along the path; used with the effect `cutting_force`"""
     pose_model: Literal["pose_dependent", "frozen"] | None = None
     """`pose_dependent`: the machine's matrices change along the path; `frozen`: those at mid-path are used throughout; default:
@@ -206,7 +206,7 @@ def build_path(scene: SceneTable, table: PathTable) -> MachinePath:
     return MachinePath(
         Pose("from", first),
         Pose("to", first | {axis: value.value for axis, value in table.to.items()}),
-        frozenset(axis for axis, own in scene.axes.items() if own.kind == "rotary"),
+        frozenset(axis for axis, entry in scene.axes.items() if entry.kind == "rotary"),
     )
 
 
@@ -236,7 +236,7 @@ def _build_cut(scene: SceneTable, table: PathTable) -> PathCut | None:
     return PathCut(build_cut(scene, cut, _feeds_per_tooth(table, cut)), at, cut.up, part_side(cut))
 
 
-def _feeds_per_tooth(table: PathTable, cut: PathCutTable) -> list[float]:
+def _feeds_per_tooth(table: PathTable, cut: _PathCutTable) -> list[float]:
     """Return the feed per tooth [m] of each feed; none where one is no speed."""
     if any(feed.dimension != SPEED for feed in table.feeds):
         return []
@@ -252,7 +252,7 @@ def _check(table: PathTable, draft: Draft) -> None:
         draft.check_name((*KEY, "pose"), table.pose, "poses")
     for key, axis, _ in table.stops():
         draft.check_name(key, axis, "axes", "axis")
-    known = len(draft.findings.problems)
+    before = len(draft.findings.problems)
     if scene.mechanism is not None:
         _check_tool_path(table, draft.findings)
     for key, axis, value in table.stops():
@@ -263,7 +263,7 @@ def _check(table: PathTable, draft: Draft) -> None:
             KEY,
             'there is no point whose deviation is wanted; write [points], or outputs = [["tcp", "z"]]',
         )
-    if len(draft.findings.problems) == known:
+    if len(draft.findings.problems) == before:
         _check_moves(scene, table, draft.findings)
     if (cut := table.cut) is not None:
         check_cutter(CUT, cut, _feeds_per_tooth(table, cut), draft)
@@ -411,13 +411,13 @@ def _find_band(scene: SceneTable, table: PathTable) -> float:
     """
     if table.lowpass is not None:
         return table.lowpass
-    told = 0.5 * table.sampling
+    highest = 0.5 * table.sampling
     if scene.mechanism is None:
-        return told
+        return highest
     cut = _build_cut(scene, table)
     teeth = 0.0 if cut is None else cut.cut.mill.teeth * cut.cut.spindle / (2.0 * math.pi)
     passed = max(feed.value for feed in table.feeds) / min(_list_waves(scene), default=math.inf)
-    return min(told, max(RAMP_BAND / table.time_constant, TOOTH_HARMONICS * teeth, passed))
+    return min(highest, max(RAMP_BAND / table.time_constant, TOOTH_HARMONICS * teeth, passed))
 
 
 def _list_waves(scene: SceneTable) -> list[float]:
@@ -425,26 +425,26 @@ def _list_waves(scene: SceneTable) -> list[float]:
     most as fast as its tool [m].
     """
     # with the effect torque_ripple
-    found = [
+    lengths = [
         drive.lead / wave.per_turn
         for drive in build_drives(scene).values()
         for wave in drive.ripple
     ]
     if scene.mechanism is None or GUIDE_ERRORS not in scene.active:
-        return found
+        return lengths
     legs = scene.mechanism.errors
     profiles = [] if legs is None else [*legs.profiles().values()]
     for joint in scene.joints.values():
         if joint.errors is not None:
             profiles += joint.errors.profiles().values()
             if joint.errors.ball_passing is not None:
-                found.append(joint.errors.ball_passing.period)
+                lengths.append(joint.errors.ball_passing.period)
     for profile in profiles:
-        found += [wave.period.value for wave in profile.waves or ()]
+        lengths += [wave.period.value for wave in profile.waves or ()]
         if profile.points is not None:
-            places = [place.value for place in profile.points.at]
-            found += [later - earlier for earlier, later in itertools.pairwise(places)]
-    return found
+            places = [position.value for position in profile.points.at]
+            lengths += [later - earlier for earlier, later in itertools.pairwise(places)]
+    return lengths
 
 
 def _follows_pose(scene: SceneTable, table: PathTable) -> bool:

@@ -116,7 +116,7 @@ class TransientRequest(Request):
         return f"{', '.join(causes)}: {self.duration:g} s with modes up to {self.up_to_hz:g} Hz{under}{inside}"
 
 
-class TimedLoadTable(types.StrictTable):
+class _TimedLoadTable(types.StrictTable):
     """A force, a moment or a load of `[loads]` that changes with time."""
 
     model_config = types.not_both("at", "load")
@@ -166,12 +166,12 @@ class TimedLoadTable(types.StrictTable):
                 yield f"shape {self.shape} has no {key}; remove it"
 
 
-class TransientTable(types.RequestTable):
+class _TransientTable(types.RequestTable):
     """Motion of points under loads that change with time."""
 
     loads_probes = "by itself"
 
-    loads: Annotated[dict[types.Name, TimedLoadTable], Field(max_length=100)] = {}
+    loads: Annotated[dict[types.Name, _TimedLoadTable], Field(max_length=100)] = {}
     """forces, moments and loads of `[loads]` over time, by name"""
     velocity: Annotated[
         dict[types.Text, Annotated[list[types.Speed], Field(min_length=3, max_length=3)]],
@@ -220,7 +220,7 @@ class TransientTable(types.RequestTable):
             )
 
 
-def _build(table: TransientTable, draft: Draft) -> TransientRequest:
+def _build(table: _TransientTable, draft: Draft) -> TransientRequest:
     """Build the request: in all poses unless the table names some.
 
     Raises:
@@ -251,7 +251,7 @@ def _build(table: TransientTable, draft: Draft) -> TransientRequest:
     )
 
 
-def _check(table: TransientTable, draft: Draft) -> None:
+def _check(table: _TransientTable, draft: Draft) -> None:
     """Report names that do not exist, sizes of another kind than their direction, and records that
     cannot be used.
     """
@@ -263,7 +263,6 @@ def _check(table: TransientTable, draft: Draft) -> None:
         draft.check_name((*KEY, "velocity", name), name, "components")
     for index, (name, direction) in enumerate(table.outputs or ()):
         draft.check_output((*KEY, "outputs", index), name, direction)
-    draft.check_poses((*KEY, "poses"), table.poses)
     outputs = [one for one, _ in table.outputs or () if one not in draft.table.probes]
     if not outputs and not draft.table.points:
         draft.add(
@@ -272,14 +271,14 @@ def _check(table: TransientTable, draft: Draft) -> None:
         )
 
 
-def _check_motors(table: TransientTable, draft: Draft) -> None:
+def _check_motors(table: _TransientTable, draft: Draft) -> None:
     """Report drives that are not controlled, or sample too slowly."""
     if table.motors == "controlled":
         check_motors(draft, "transient")
         check_sampling(draft, table.up_to, "transient", "up_to")
 
 
-def _check_load(key: KeyPath, load: TimedLoadTable, draft: Draft) -> None:
+def _check_load(key: KeyPath, load: _TimedLoadTable, draft: Draft) -> None:
     if load.at is None:
         if load.load == GRAVITY:
             if GRAVITY not in draft.table.active:
@@ -308,7 +307,7 @@ def _check_load(key: KeyPath, load: TimedLoadTable, draft: Draft) -> None:
 
 
 def _check_record(
-    key: KeyPath, load: TimedLoadTable, table: TransientTable, folder: Path, findings: Findings
+    key: KeyPath, load: _TimedLoadTable, table: _TransientTable, folder: Path, findings: Findings
 ) -> None:
     try:
         record = _read_record(load, folder)
@@ -324,7 +323,7 @@ def _check_record(
         )
 
 
-def _build_history(load: TimedLoadTable, table: TransientTable, folder: Path) -> LoadHistory:
+def _build_history(load: _TimedLoadTable, table: _TransientTable, folder: Path) -> LoadHistory:
     size = load.size.value if load.size is not None else 1.0
     if load.at is None:
         size = 1.0 if load.factor is None else load.factor
@@ -347,12 +346,12 @@ def _build_history(load: TimedLoadTable, table: TransientTable, folder: Path) ->
             return recorded_load(times, size * values)
 
 
-def _read_record(load: TimedLoadTable, folder: Path) -> ForceRecord:
+def _read_record(load: _TimedLoadTable, folder: Path) -> ForceRecord:
     path = resolve_file(folder, load.file or "", RECORD_SUFFIXES, RECORD)
     return ForceRecord(*read_history(path, RECORD_COLUMNS))
 
 
-def _grid_of(record: ForceRecord, load: TimedLoadTable, table: TransientTable) -> FloatArray:
+def _grid_of(record: ForceRecord, load: _TimedLoadTable, table: _TransientTable) -> FloatArray:
     """Samples of the analysis that lie within a record, in its own time.
 
     Raises:
@@ -369,13 +368,13 @@ def _grid_of(record: ForceRecord, load: TimedLoadTable, table: TransientTable) -
     return np.asarray(np.clip(grid, record.times[0], record.times[-1]))
 
 
-def _is_on_grid(record: ForceRecord, load: TimedLoadTable, table: TransientTable) -> bool:
+def _is_on_grid(record: ForceRecord, load: _TimedLoadTable, table: _TransientTable) -> bool:
     places = (record.times + load.start) * table.samples_per_second
     return bool((np.abs(places - np.round(places)) < ON_GRID).all())
 
 
 def _place_record(
-    record: ForceRecord, load: TimedLoadTable, table: TransientTable
+    record: ForceRecord, load: _TimedLoadTable, table: _TransientTable
 ) -> tuple[FloatArray, FloatArray]:
     """Times of the analysis and values there: those of the record where it has these samples, else
     means around them, which keep its impulse.
@@ -390,14 +389,14 @@ def _place_record(
     return grid + load.start, values
 
 
-def _find_loss(record: ForceRecord, load: TimedLoadTable, table: TransientTable) -> float:
+def _find_loss(record: ForceRecord, load: _TimedLoadTable, table: _TransientTable) -> float:
     """Share of the rms of a record that samples of the analysis do not hold."""
     grid = _grid_of(record, load, table)
     return 0.0 if _is_on_grid(record, load, table) else resampling_loss(record, grid)
 
 
 ANALYSIS = SceneAnalysis(
-    TransientTable,
+    _TransientTable,
     TransientRequest,
     "motion under loads that change with time, see [loads over time](transient.md)",
     build=_build,

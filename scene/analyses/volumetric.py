@@ -35,7 +35,7 @@ class VolumetricRequest(Request):
         return f"position error of {', '.join(self.at)} in {describe_grid(self.axes)}"
 
 
-class VolumetricTable(RequestTable):
+class _VolumetricTable(RequestTable):
     """Position error of the tool over the poses of a sweep along two or three axes: three components
     and three angles, by source.
     """
@@ -46,13 +46,13 @@ class VolumetricTable(RequestTable):
     """a sweep of `axes` in which two or three have several positions, at most 20 000 poses"""
 
 
-def _build(table: VolumetricTable, draft: Draft) -> VolumetricRequest:
+def _build(table: _VolumetricTable, draft: Draft) -> VolumetricRequest:
     """Build the request: the axes of its sweep with several positions, the others fixed."""
     axes, fixed = build_grid(draft.table.sweeps[table.sweep])
     return VolumetricRequest(tuple(table.at or draft.table.points), axes, fixed)
 
 
-def _check(table: VolumetricTable, draft: Draft) -> None:
+def _check(table: _VolumetricTable, draft: Draft) -> None:
     """Report unknown points and sweeps, sweeps of another form, and a machine that nothing moves."""
     scene = draft.table
     for index, point in enumerate(table.at or ()):
@@ -73,7 +73,7 @@ def _check(table: VolumetricTable, draft: Draft) -> None:
 
 
 ANALYSIS = SceneAnalysis(
-    VolumetricTable,
+    _VolumetricTable,
     VolumetricRequest,
     "position error of the tool over a volume, see [geometric errors](geometric_errors.md)",
     build=_build,

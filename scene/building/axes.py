@@ -82,15 +82,15 @@ def _axis_direction(table: AxisTable, scene: SceneTable) -> FloatArray:
     return next(iter(guides.values()))
 
 
-def floating_groups(components: Collection[str], edges: Iterable[Edge]) -> list[list[str]]:
+def _floating_groups(components: Collection[str], edges: Iterable[Edge]) -> list[list[str]]:
     """Groups of connected components without a chain to ground, in the order of the scene."""
-    known = set(components)
+    names = set(components)
     groups = connected_groups((GROUND, *components), edges)
     # a support may name what is no component
     return [
-        [name for name in group if name in known]
+        [name for name in group if name in names]
         for group in groups
-        if GROUND not in group and known & set(group)
+        if GROUND not in group and names & set(group)
     ]
 
 
@@ -106,10 +106,10 @@ def _moved_components(
     Returns:
         Names in the order of the scene; those that reach ground in no case are left out.
     """
-    own = set(joints)
+    removed = set(joints)
     before, *_ = connected_groups((GROUND,), edges.values())
     after, *_ = connected_groups(
-        (GROUND,), (edge for name, edge in edges.items() if name not in own)
+        (GROUND,), (edge for name, edge in edges.items() if name not in removed)
     )
     return tuple(name for name in components if name in before and name not in after)
 
@@ -175,12 +175,12 @@ def check_floating(draft: Draft) -> None:
     joints.
     """
     scene = draft.table
-    known = all(
+    complete = all(
         is_known_end(end, scene) for table in scene.joints.values() for end in table.between
     )
-    if scene.free or scene.is_lumped or not known:
+    if scene.free or scene.is_lumped or not complete:
         return
-    for group in floating_groups(scene.components, _edges(scene).values()):
+    for group in _floating_groups(scene.components, _edges(scene).values()):
         if any(scene.components[name].free for name in group):
             continue
         verb = "floats" if len(group) == 1 else "float together"
@@ -192,7 +192,7 @@ def check_floating(draft: Draft) -> None:
 
 
 def find_position_fault(axis: str, value: Quantity, scene: SceneTable) -> str:
-    """Why an axis of the scene cannot stand at a position; empty where it can.
+    """Say why an axis of the scene cannot stand at a position; empty where it can.
 
     Args:
         value: Length or angle as written.

@@ -23,7 +23,7 @@ from headstock.geometry.parts.components import (
     SegmentSettings,
 )
 from headstock.geometry.parts.mass_properties import solid_volume
-from headstock.geometry.parts.patches import OVERHANG_TOLERANCE
+from headstock.geometry.parts.patches import OVERHANG_TOLERANCE, imprint_window, in_plane_axes
 from headstock.geometry.parts.prismatic_bars import patch_span, prismatic_bar
 from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import (
@@ -312,8 +312,8 @@ def _face_names(solid: Solid) -> tuple[str, ...]:
 
 def _find_face_fault(face: str, solid: Solid) -> str:
     """Why a solid has no such face; empty when it has one as far as can be said without meshing."""
-    known = list(_face_names(solid))
-    if face in known:
+    names = list(_face_names(solid))
+    if face in names:
         return ""
     if isinstance(solid, PointMass):
         return f"{face[:80]!r} is not a face of a point mass, which has one: {CENTER_FACE}"
@@ -328,12 +328,12 @@ def _find_face_fault(face: str, solid: Solid) -> str:
         return "" if rest else "names no set; write set:NAME with a surface set of the mesh"
     more = ["face:N", "set:NAME"] if isinstance(solid, MeshFile) else ["face:N"]
     return (
-        f"{face[:80]!r} is not a face of this {_kind_of(solid)}; faces: {', '.join(known + more)}"
+        f"{face[:80]!r} is not a face of this {_kind_of(solid)}; faces: {', '.join(names + more)}"
     )
 
 
 def find_patch_fault(table: PatchTable, solid: Solid) -> str:
-    """Why a patch cannot be laid on a solid; empty when it can as far as can be said without
+    """Say why a patch cannot be laid on a solid; empty when it can as far as can be said without
     meshing.
     """
     fault = _find_face_fault(table.face, solid)
@@ -348,15 +348,12 @@ def find_patch_fault(table: PatchTable, solid: Solid) -> str:
                 else "write the centre with all three coordinates"
             )
         return f"disk, rect and strip need a flat face, {table.face!r} is not one; remove the shape to use the whole face"
-    center = _patch_center(table, solid)
-    if center is None:
+    if _patch_center(table, solid) is None:
         return "the centre of this face is known from the file only; write the centre of the patch"
-    box = bounding_box(solid)
+    box, patch = bounding_box(solid), build_patch(table, solid)
     if box is None:
         return ""
-    normal = "xyz".index(table.face[0])
-    axes = [axis for axis in range(3) if axis != normal]
-    return _find_overhang(table, center, box, axes) or _find_hole(table, center, solid)
+    return _find_overhang(patch, box) or _find_hole(patch, solid)
 
 
 def _kind_of(solid: Solid) -> str:
@@ -373,52 +370,32 @@ def _kind_of(solid: Solid) -> str:
     return words.get(type(solid).__name__, "superelement")
 
 
-def _find_overhang(
-    table: PatchTable,
-    center: tuple[float, float, float],
-    box: tuple[tuple[float, float], ...],
-    axes: list[int],
-) -> str:
-    if table.strip is not None and table.strip.along not in ["xyz"[axis] for axis in axes]:
-        return f"a strip on {table.face} runs along {' or '.join('xyz'[axis] for axis in axes)}, not {table.strip.along}"
-    for axis, half in zip(axes, _half_sizes(table, axes), strict=True):
+def _find_overhang(patch: Patch, box: tuple[tuple[float, float], ...]) -> str:
+    normal = "xyz".index(patch.face[0])
+    axes = in_plane_axes(normal)
+    if patch.shape == "strip" and patch.along not in ["xyz"[axis] for axis in axes]:
+        return f"a strip on {patch.face} runs along {' or '.join('xyz'[axis] for axis in axes)}, not {patch.along}"
+    window = imprint_window(normal, patch)
+    for axis, start, stop in zip(axes, window[::2], window[1::2], strict=True):
         low, high = box[axis]
-        if half is None:
-            continue
         slack = OVERHANG_TOLERANCE * (high - low)
-        start, stop = center[axis] - half, center[axis] + half
-        if start < low - slack or stop > high + slack:
+        if math.isfinite(start) and (start < low - slack or stop > high + slack):
             outside = "outside" if stop <= low or start >= high else "beyond"
             return (
                 f"the patch reaches {outside} the face: along {'xyz'[axis]} it spans {show_position(start)} to {show_position(stop)}, "
-                f"face {table.face} {show_position(low)} to {show_position(high)}; move it or make it smaller"
+                f"face {patch.face} {show_position(low)} to {show_position(high)}; move it or make it smaller"
             )
     return ""
 
 
-def _half_sizes(table: PatchTable, axes: list[int]) -> list[float | None]:
-    if table.disk is not None:
-        return [0.5 * table.disk.diameter] * 2
-    if table.rect is not None:
-        return [0.5 * size for size in table.rect.size]
-    if table.strip is not None:
-        return [
-            None if "xyz"[axis] == table.strip.along else 0.5 * table.strip.width for axis in axes
-        ]
-    return [None, None]
-
-
-def _find_hole(table: PatchTable, center: tuple[float, float, float], solid: Solid) -> str:
+def _find_hole(patch: Patch, solid: Solid) -> str:
     """A tube's end face is a ring: refuse a disk or rect that leaves it or covers none of it."""
-    if not isinstance(solid, Tube) or table.strip is not None:
+    if not isinstance(solid, Tube) or patch.shape == "strip":
         return ""
-    halves = [half or 0.0 for half in _half_sizes(table, [0, 1])]
-    x, y = abs(center[0]), abs(center[1])
-    reach = (
-        math.hypot(x, y) + halves[0]
-        if table.disk is not None
-        else math.hypot(x + halves[0], y + halves[1])
-    )
+    x, y = abs(patch.center[0]), abs(patch.center[1])
+    width, height = 0.5 * patch.size[0], 0.5 * patch.size[-1]
+    disk = patch.shape == "disk"
+    reach = math.hypot(x, y) + width if disk else math.hypot(x + width, y + height)
     if reach <= 0.5 * solid.inner_diameter * (1.0 + OVERHANG_TOLERANCE):
         return f"the patch is empty: it lies in the bore of {show_position(solid.inner_diameter)}; move it onto the ring"
     if reach > 0.5 * solid.outer_diameter * (1.0 + OVERHANG_TOLERANCE):
@@ -463,8 +440,8 @@ def check_components(draft: Draft) -> None:
         if table.material is not None:
             draft.check_name((*key, "material"), table.material, "materials")
         elif table.solid.superelement is None and table.solid.point_mass is None:
-            known = suggest_names("", draft.sections.get("materials", ()), what="materials")
-            draft.add((*key, "material"), f"'material' is missing; {known}")
+            hint = suggest_names("", draft.sections.get("materials", ()), what="materials")
+            draft.add((*key, "material"), f"'material' is missing; {hint}")
         if name == GROUND:
             draft.add(
                 key,
@@ -475,12 +452,12 @@ def check_components(draft: Draft) -> None:
 
 
 def _check_solid(key: KeyPath, table: ComponentTable, solid: Solid, findings: Findings) -> None:
-    for place, fault in (
+    for part, fault in (
         *_find_segment_faults(table, solid),
         *_find_polynomial_faults(table, solid),
         *_find_mesh_faults(table, solid),
     ):
-        findings.add((*key, *place), fault)
+        findings.add((*key, *part), fault)
     if isinstance(solid, SuperelementFile):
         if table.fidelity != "elastic":
             findings.add((*key, "fidelity"), "a superelement is always elastic; remove fidelity")

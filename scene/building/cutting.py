@@ -90,7 +90,7 @@ def build_mill(table: MillTable) -> EndMill:
 
 
 def part_side(table: CutTable) -> Side:
-    """Where the part lies: as written, or where a clockwise tool mills in this sense."""
+    """Return where the part lies: as written, or where a clockwise tool mills in this sense."""
     return table.part_side or clockwise_side(table.sense)
 
 
@@ -141,11 +141,11 @@ def resolve_material(
     Args:
         feeds: Per tooth [m]; none where they are not known.
     """
-    own = scene.cutting.get(name)
-    if own is None:
+    written = scene.cutting.get(name)
+    if written is None:
         return catalogue_coefficients(name, _find_chips(table, feeds))
-    source = own.source or f"[{SECTION}.{name}] of the scene"
-    return _fill_in(own, name, source, _find_chips(table, feeds))
+    source = written.source or f"[{SECTION}.{name}] of the scene"
+    return _fill_in(written, name, source, _find_chips(table, feeds))
 
 
 def catalogue_coefficients(name: str, chips: Chips | None = None) -> CuttingCoefficients:
@@ -158,10 +158,10 @@ def catalogue_coefficients(name: str, chips: Chips | None = None) -> CuttingCoef
     return _fill_in(material.table, name, material.source, chips or USUAL_CHIPS)
 
 
-def _fill_in(own: CuttingTable, name: str, source: str, chips: Chips) -> CuttingCoefficients:
+def _fill_in(table: CuttingTable, name: str, source: str, chips: Chips) -> CuttingCoefficients:
     """With typical ratios and the thickness of chips where these are left out."""
-    values = own.values
-    ranges: dict[str, float] = {str(key): share for key, share in own.ranges.items()}
+    values = table.values
+    ranges: dict[str, float] = {str(key): share for key, share in table.ranges.items()}
     for ratio, across in (("radial_ratio", "Krc"), ("axial_ratio", "Kac")):
         if ratio not in values and across not in values:
             values[ratio], ranges[ratio] = TYPICAL_RATIOS[ratio], TYPICAL_RANGES[ratio]
@@ -177,16 +177,16 @@ def _find_chips(table: CutTable, feeds: Sequence[float]) -> Chips:
         return USUAL_CHIPS
     low, high = min(feeds), max(feeds)
     feed, immersion = 0.5 * (low + high), table.radial_depth / table.mill.diameter
-    told = f"{1e3 * feed:.3g}" if low == high else f"{1e3 * low:.3g} to {1e3 * high:.3g}"
+    feeds_mm = f"{1e3 * feed:.3g}" if low == high else f"{1e3 * low:.3g} to {1e3 * high:.3g}"
     return Chips(
         mean_chip_thickness(feed, min(immersion, 1.0)),
         (high - low) / (high + low),
-        f"mean of a chip at {told} mm per tooth and {100.0 * immersion:.3g} % immersion",
+        f"mean of a chip at {feeds_mm} mm per tooth and {100.0 * immersion:.3g} % immersion",
     )
 
 
 def find_lead_fault(up: FloatArray, travel: FloatArray) -> str:
-    """Why a tool cannot mill along a travel; empty where it can.
+    """Say why a tool cannot mill along a travel; empty where it can.
 
     Args:
         up: ``(3,)`` along the tool.
@@ -240,12 +240,12 @@ def check_cutter(
         )
         return
     coefficients = resolve_material(scene, material, table, feeds)
-    own = scene.cutting.get(material)
+    entry = scene.cutting.get(material)
     cuts = always or CUTTING_FORCE in scene.active
     # what was measured is not assumed, and what a scene writes is known; a tangent is told anyway
-    told = coefficients.ranges if own is None else set(coefficients.ranges) - set(own.ranges)
-    if cuts and (told or coefficients.chip_thickness is not None):
-        given = f"[{SECTION}.{material}]" if own is not None else f"catalogue {material}"
+    assumed = coefficients.ranges if entry is None else set(coefficients.ranges) - set(entry.ranges)
+    if cuts and (assumed or coefficients.chip_thickness is not None):
+        given = f"[{SECTION}.{material}]" if entry is not None else f"catalogue {material}"
         draft.findings.assume((*key, "material"), f"{given}: {coefficients.describe()}")
     for feed in feeds:
         if not THIN <= feed <= THICK:

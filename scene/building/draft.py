@@ -160,7 +160,7 @@ class SceneAnalysis[T: RequestTable, R: Request]:
         request: What is built from the table.
         meaning: Of the analysis, for the scene reference.
         build: Builds the request of a scene that has passed every check.
-        check: Reports what is wrong with the table, whatever else is.
+        check: Reports what is wrong with the table, whatever else is; poses are checked anyway.
         check_complete: Reports what is wrong once every entry of the scene passed the schema.
         check_scene: Reports what is wrong with the machine in its poses.
         check_sweep: Raises SceneError where the poses of a sweep do not suffice.
@@ -170,7 +170,7 @@ class SceneAnalysis[T: RequestTable, R: Request]:
     request: type[R]
     meaning: str
     build: Callable[[T, Draft], R]
-    check: Callable[[T, Draft], None]
+    check: Callable[[T, Draft], None] | None = None
     check_complete: Callable[[T, Draft], None] | None = None
     check_scene: Callable[[R, Scene, Findings], None] | None = None
     check_sweep: Callable[[Scene, Sweep], None] | None = None
@@ -207,7 +207,7 @@ def collect_interfaces(raw: TomlTable) -> dict[str, frozenset[str] | None]:
 
 
 def is_known_end(end: JointEnd, scene: SceneTable) -> bool:
-    """Whether an end means ground or an interface of a component that passed the schema."""
+    """Return whether an end means ground or an interface of a component that passed the schema."""
     if end.component is None:
         return True
     component = scene.components.get(end.component)
@@ -218,5 +218,5 @@ def is_known_end(end: JointEnd, scene: SceneTable) -> bool:
 
 def build_channels(channels: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
     """Every channel once, with its direction."""
-    found = [(name, dof) for name, given in channels for dof in ([given] if given else DIRECTIONS)]
-    return tuple(dict.fromkeys(found))
+    every = [(name, dof) for name, given in channels for dof in ([given] if given else DIRECTIONS)]
+    return tuple(dict.fromkeys(every))

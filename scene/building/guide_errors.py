@@ -127,8 +127,8 @@ def check_guide_errors(draft: Draft) -> None:
 def _check_rail(
     key: KeyPath, joint: JointTable, errors: RailErrorsTable, findings: Findings
 ) -> None:
-    known = SLIDING.get(joint.kind)
-    if known is None:
+    directions = SLIDING.get(joint.kind)
+    if directions is None:
         findings.add(
             key,
             f"a {joint.kind} slides along nothing; give the errors to a linear_guide, a prismatic joint or a ball_screw",
@@ -137,12 +137,12 @@ def _check_rail(
     profiles = errors.profiles()
     passing = {} if errors.ball_passing is None else errors.ball_passing.amplitudes()
     for name in profiles:
-        _check_direction((*key, name), name, joint, known, findings)
+        _check_direction((*key, name), name, joint, directions, findings)
         _check_profile((*key, name), profiles[name], LENGTH, _amount_of(name), findings)
     for name, amount in passing.items():
-        place = (*key, "ball_passing", name)
-        _check_direction(place, name, joint, known, findings)
-        _check_dimension(place, amount, _amount_of(name), findings)
+        part = (*key, "ball_passing", name)
+        _check_direction(part, name, joint, directions, findings)
+        _check_dimension(part, amount, _amount_of(name), findings)
     if not profiles and not passing:
         findings.add(
             key,
@@ -155,11 +155,12 @@ def _amount_of(name: str) -> Dimension:
 
 
 def _check_direction(
-    key: KeyPath, name: str, joint: JointTable, known: tuple[str, ...], findings: Findings
+    key: KeyPath, name: str, joint: JointTable, directions: tuple[str, ...], findings: Findings
 ) -> None:
-    if name not in known:
+    if name not in directions:
         findings.add(
-            key, f"a {joint.kind} moves freely in this direction; its errors are {', '.join(known)}"
+            key,
+            f"a {joint.kind} moves freely in this direction; its errors are {', '.join(directions)}",
         )
         return
     dof = RAIL_KEYS.index(name)

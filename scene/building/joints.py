@@ -267,8 +267,8 @@ def _value_faults(table: JointTable) -> _Faults:
     values = [("stiffness", *item) for item in table.stiffness.items()]
     for part, key, value in [*values, *(("damping", *item) for item in table.damping.items())]:
         if key not in keys:
-            known = f"keys: {', '.join(keys)}" if keys else 'write kind = "spring"'
-            yield (part, key), f"a joint of kind {table.kind!r} has no {part} {key!r}; {known}"
+            remedy = f"keys: {', '.join(keys)}" if keys else 'write kind = "spring"'
+            yield (part, key), f"a joint of kind {table.kind!r} has no {part} {key!r}; {remedy}"
         elif isinstance(value, Quantity):
             if part == "damping" and table.stiffness.get(key) == RIGID:
                 text = f"{key} is rigid, so damping there does nothing; remove one of them"

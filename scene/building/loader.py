@@ -9,65 +9,20 @@ from pathlib import Path
 from headstock.geometry.machine.joints import Axis, Joint
 from headstock.geometry.machine.machine import Machine, Probe, orient_machine
 from headstock.geometry.parts.components import Component, Support
-from headstock.scene.building.axes import (
-    build_axis,
-    build_poses,
-    check_axes,
-    check_axis_moves,
-    check_floating,
-    check_poses,
+from headstock.scene.building import (
+    axes,
+    components,
+    cutting,
+    drives,
+    guide_errors,
+    joints,
+    loads,
+    mechanism,
+    plausibility,
+    rails,
+    studies,
 )
-from headstock.scene.building.components import (
-    NO_MATERIAL,
-    build_component,
-    build_frame,
-    build_material,
-    build_sizes,
-    build_solid,
-    build_solids,
-    check_components,
-    check_presence,
-)
-from headstock.scene.building.cutting import check_cutting
 from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections, list_records
-from headstock.scene.building.drives import build_drives, check_drives, check_effects
-from headstock.scene.building.guide_errors import (
-    build_axis_errors,
-    build_leg_errors,
-    build_rail_errors,
-    check_guide_errors,
-)
-from headstock.scene.building.joints import build_joint, check_joints, couple_bearings
-from headstock.scene.building.loads import (
-    build_displacement,
-    build_load,
-    build_point,
-    build_support,
-    check_loads,
-    check_points,
-    check_probes,
-    check_supports,
-)
-from headstock.scene.building.mechanism import (
-    build_mechanism,
-    check_mechanism,
-    check_reach,
-)
-from headstock.scene.building.plausibility import (
-    check_mode_counts,
-    check_numbers,
-    check_unused_interfaces,
-)
-from headstock.scene.building.rails import check_carriages, check_rails, choose_control_points
-from headstock.scene.building.studies import (
-    build_study,
-    build_sweep,
-    check_comparison,
-    check_studies,
-    check_sweep_carriages,
-    check_sweeps,
-    read_sweep_paths,
-)
 from headstock.scene.expansion.expansion import expand_scene
 from headstock.scene.expansion.includes import INCLUDE, read_with_includes
 from headstock.scene.expansion.overrides import (
@@ -98,33 +53,33 @@ from headstock.scene.schema.validation import validate_tables
 
 # These need entries that passed the schema, whatever else is wrong.
 CHECKS_OF_ENTRIES: tuple[Callable[[Draft], None], ...] = (
-    check_components,
-    check_joints,
-    check_rails,
-    check_points,
-    check_supports,
-    check_loads,
-    check_probes,
-    check_axes,
-    check_guide_errors,
-    check_poses,
-    check_effects,
-    check_mechanism,
-    check_cutting,
-    check_sweeps,
-    check_studies,
-    check_comparison,
-    check_numbers,
-    check_unused_interfaces,
-    check_mode_counts,
+    components.check_components,
+    joints.check_joints,
+    rails.check_rails,
+    loads.check_points,
+    loads.check_supports,
+    loads.check_loads,
+    loads.check_probes,
+    axes.check_axes,
+    guide_errors.check_guide_errors,
+    axes.check_poses,
+    drives.check_effects,
+    mechanism.check_mechanism,
+    cutting.check_cutting,
+    studies.check_sweeps,
+    studies.check_studies,
+    studies.check_comparison,
+    plausibility.check_numbers,
+    plausibility.check_unused_interfaces,
+    plausibility.check_mode_counts,
 )
 # These need all entries: what is not there is then missing, and not just refused.
 CHECKS_OF_ALL_ENTRIES: tuple[Callable[[Draft], None], ...] = (
-    check_floating,
-    check_axis_moves,
-    check_presence,
-    check_drives,
-    check_reach,
+    axes.check_floating,
+    axes.check_axis_moves,
+    components.check_presence,
+    drives.check_drives,
+    mechanism.check_reach,
 )
 
 
@@ -215,8 +170,8 @@ def build_scene(
         folder=path.parent,
         sections=collect_sections(raw),
         interfaces=collect_interfaces(raw),
-        solids=build_solids(table, path.parent, findings),
-        paths=read_sweep_paths(table, path.parent, findings),
+        solids=components.build_solids(table, path.parent, findings),
+        paths=studies.read_sweep_paths(table, path.parent, findings),
         findings=findings,
     )
     for check in (*CHECKS_OF_ENTRIES, *(CHECKS_OF_ALL_ENTRIES if complete else ())):
@@ -225,7 +180,7 @@ def build_scene(
     findings.raise_if_any()
     scene = _build_scene(draft, path, findings, variant)
     # these need the machine in its poses
-    check_carriages(scene, findings)
+    rails.check_carriages(scene, findings)
     requests = list_analyses(scene)
     for record in list_records():
         if record.check_scene is not None and record.request.analysis in requests:
@@ -252,7 +207,7 @@ def prepare_sweep(scene: Scene, name: str, *, overrides: Sequence[str] = ()) -> 
             overrides=overrides,
         )
     findings = Findings(str(scene.path))
-    check_sweep_carriages(scene.machine, scene.sweeps[name], findings)
+    studies.check_sweep_carriages(scene.machine, scene.sweeps[name], findings)
     findings.raise_if_any()
     for record in list_records():
         if record.check_sweep is not None:
@@ -268,16 +223,19 @@ def _check_analyses(draft: Draft, *, complete: bool) -> None:
     """
     for record in list_records():
         table = draft.table.analyses.get(record.table)
-        if table is not None:
-            record.check(table, draft)
-            if complete and record.check_complete is not None:
-                record.check_complete(table, draft)
+        if table is None:
+            continue
+        poses = getattr(table, "poses", None)
+        draft.check_poses(("analyses", record.request.analysis, "poses"), poses)
+        for check in (record.check, record.check_complete if complete else None):
+            if check is not None:
+                check(table, draft)
 
 
 def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | None) -> Scene:
     table = draft.table
     name = table.name or path.stem
-    poses = build_poses(table)
+    poses = axes.build_poses(table)
     every = _build_analyses(draft)
     return Scene(
         name=name,
@@ -296,12 +254,13 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
             analysis: tuple(problems) for analysis, problems in draft.findings.deferred.items()
         },
         variant=variant,
-        studies={name: build_study(name, study) for name, study in table.studies.items()},
-        sweeps={name: build_sweep(name, table, draft.paths) for name in table.sweeps},
+        studies={name: studies.build_study(name, study) for name, study in table.studies.items()},
+        sweeps={name: studies.build_sweep(name, table, draft.paths) for name in table.sweeps},
         mechanism=None
         if table.mechanism is None
         else dataclasses.replace(
-            build_mechanism(table.mechanism), leg_errors=build_leg_errors(table)
+            mechanism.build_mechanism(table.mechanism),
+            leg_errors=guide_errors.build_leg_errors(table),
         ),
         compare=CompareSettings(
             tuple(table.compare.variants or ()),
@@ -309,7 +268,7 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
             table.compare.pose,
             table.compare.reference,
         ),
-        drives=build_drives(table),
+        drives=drives.build_drives(table),
         accuracy=None if table.accuracy is None else table.accuracy.fill(AccuracyGoal),
         model_errors=table.model_errors,
         interface_errors=_compares_interfaces(table),
@@ -344,23 +303,25 @@ def _build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
     Returns:
         The machine, set up in the orientation the scene asks for.
     """
-    components = _build_components(scene, folder)
-    joints = _build_joints(scene, components)
-    supports = {key: build_support(key, table, components) for key, table in scene.supports.items()}
+    parts = _build_components(scene, folder)
+    links = _build_joints(scene, parts)
+    supports = {
+        key: loads.build_support(key, table, parts) for key, table in scene.supports.items()
+    }
     machine = Machine(
         name=name,
-        components=components,
-        joints=joints,
-        points={key: build_point(key, table) for key, table in scene.points.items()},
-        axes={key: _build_axis(key, scene, joints, supports) for key in scene.axes},
+        components=parts,
+        joints=links,
+        points={key: loads.build_point(key, table) for key, table in scene.points.items()},
+        axes={key: _build_axis(key, scene, links, supports) for key in scene.axes},
         supports=supports,
         loads={
-            key: build_load(key, table, components)
+            key: loads.build_load(key, table, parts)
             for key, table in scene.loads.items()
             if table.joint is None
         },
         displacements={
-            key: build_displacement(key, table)
+            key: loads.build_displacement(key, table)
             for key, table in scene.loads.items()
             if table.joint is not None
         },
@@ -371,34 +332,41 @@ def _build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
         gravity=read_gravity(scene.effects.get("gravity", True)),
         gravity_stiffening=GRAVITY_STIFFENING in scene.active,
         rayleigh=read_rayleigh_damping(scene.effects.get("damping", False)),
-        mechanism=None if scene.mechanism is None else build_mechanism(scene.mechanism),
+        mechanism=None if scene.mechanism is None else mechanism.build_mechanism(scene.mechanism),
     )
     if "orientation" not in scene.model_fields_set:
         return machine
-    return orient_machine(machine, build_frame(scene.orientation.at, scene.orientation.rotate))
+    return orient_machine(
+        machine, components.build_frame(scene.orientation.at, scene.orientation.rotate)
+    )
 
 
 def _build_axis(
     key: str, scene: SceneTable, joints: dict[str, Joint], supports: dict[str, Support]
 ) -> Axis:
     table = scene.axes[key]
-    axis = build_axis(key, table, scene, joints, supports)
+    axis = axes.build_axis(key, table, scene, joints, supports)
     if GUIDE_ERRORS not in scene.active:
         return axis
-    return dataclasses.replace(axis, errors=build_axis_errors(table))
+    return dataclasses.replace(axis, errors=guide_errors.build_axis_errors(table))
 
 
 def _build_components(scene: SceneTable, folder: Path) -> dict[str, Component]:
-    materials = {name: build_material(name, table) for name, table in scene.materials.items()}
-    solids = {name: build_solid(table.solid, folder) for name, table in scene.components.items()}
-    control_points = choose_control_points(scene, solids)
+    materials = {
+        name: components.build_material(name, table) for name, table in scene.materials.items()
+    }
+    solids = {
+        name: components.build_solid(table.solid, folder)
+        for name, table in scene.components.items()
+    }
+    control_points = rails.choose_control_points(scene, solids)
     return {
-        name: build_component(
+        name: components.build_component(
             name,
             table,
             solids[name],
-            NO_MATERIAL if table.material is None else materials[table.material],
-            sizes=build_sizes(table.mesh, folder),
+            components.NO_MATERIAL if table.material is None else materials[table.material],
+            sizes=components.build_sizes(table.mesh, folder),
             free=scene.free,
             control_points=control_points[name],
         )
@@ -406,21 +374,21 @@ def _build_components(scene: SceneTable, folder: Path) -> dict[str, Component]:
     }
 
 
-def _build_joints(scene: SceneTable, components: dict[str, Component]) -> dict[str, Joint]:
+def _build_joints(scene: SceneTable, parts: dict[str, Component]) -> dict[str, Joint]:
     """The joints of a scene, and behind each screw with two fixed bearings its shaft as a tie
     between them.
     """
-    joints: dict[str, Joint] = {}
+    built: dict[str, Joint] = {}
     for key, table in scene.joints.items():
-        joint = build_joint(key, table)
-        joints[key] = (
-            dataclasses.replace(joint, errors=build_rail_errors(table))
+        joint = joints.build_joint(key, table)
+        built[key] = (
+            dataclasses.replace(joint, errors=guide_errors.build_rail_errors(table))
             if GUIDE_ERRORS in scene.active
             else joint
         )
-        shaft = couple_bearings(f"{key}_shaft", joints[key])
+        shaft = joints.couple_bearings(f"{key}_shaft", built[key])
         if shaft is not None and any(
-            components[end.component or ""].fidelity != "rigid" for end in shaft.ends
+            parts[end.component or ""].fidelity != "rigid" for end in shaft.ends
         ):
-            joints[shaft.name] = shaft
-    return joints
+            built[shaft.name] = shaft
+    return built

@@ -162,8 +162,8 @@ def check_probes(draft: Draft) -> None:
         solid = draft.solids.get(probe.component)
         box = None if solid is None else bounding_box(solid)
         if box is not None and not all(
-            low - OUTSIDE <= place <= high + OUTSIDE
-            for place, (low, high) in zip(probe.at, box, strict=True)
+            low - OUTSIDE <= coordinate <= high + OUTSIDE
+            for coordinate, (low, high) in zip(probe.at, box, strict=True)
         ):
             ends = ", ".join(f"{1e3 * low:g} to {1e3 * high:g} mm" for low, high in box)
             draft.add(

@@ -82,7 +82,7 @@ def check_reach(draft: Draft) -> None:
 def _check_carried(
     table: MechanismTable, mechanism: Mechanism, scene: SceneTable, findings: Findings
 ) -> None:
-    seen: dict[str, str] = {}
+    carried: dict[str, str] = {}
     for marker, names in table.carries.items():
         findings.check_name(
             ("mechanism", "carries", marker),
@@ -94,14 +94,14 @@ def _check_carried(
         for index, name in enumerate(names):
             key = ("mechanism", "carries", marker, index)
             findings.check_name(key, name, scene.components, "component", "components")
-            if name in seen:
-                findings.add(key, f"{name} is carried by {seen[name]} too; keep one")
-            seen[name] = marker
+            if name in carried:
+                findings.add(key, f"{name} is carried by {carried[name]} too; keep one")
+            carried[name] = marker
     if scene.is_lumped:
         for name, load in scene.loads.items():
-            _check_lumped_load(name, load, seen, findings)
+            _check_lumped_load(name, load, carried, findings)
         for name, point in scene.points.items():
-            if point.tool.component not in seen or point.work.component is not None:
+            if point.tool.component not in carried or point.work.component is not None:
                 findings.add(
                     ("points", name),
                     'the lumped model has motions of carried components relative to ground only; write work = "ground"',

@@ -99,7 +99,7 @@ def _texts(value: object) -> Iterator[str]:
 
 
 def check_mode_counts(draft: Draft) -> None:
-    """How high an analysis looks: nobody can use the modes of a solid by the thousands.
+    """Report frequencies up to which a solid has modes by the thousands, which nobody can use.
 
     Source: Weyl (1911): the number of natural frequencies below ``f`` of a volume ``V`` grows like
     ``4 pi/3 V f^3 (1/c_p^3 + 2/c_s^3)``.

@@ -44,7 +44,7 @@ def _default_control_points(
 
 def _carriage_joints(scene: SceneTable) -> Ends:
     """Joints on each rail of the scene, by component and interface."""
-    found: Ends = {
+    joints_on: Ends = {
         (name, key): []
         for name, table in scene.components.items()
         for key, entry in table.interfaces.items()
@@ -52,9 +52,9 @@ def _carriage_joints(scene: SceneTable) -> Ends:
     }
     for name, joint in scene.joints.items():
         for end in joint.between:
-            if (end.component or "", end.interface or "") in found:
-                found[end.component or "", end.interface or ""].append(name)
-    return found
+            if (end.component or "", end.interface or "") in joints_on:
+                joints_on[end.component or "", end.interface or ""].append(name)
+    return joints_on
 
 
 def _shortest_carriage(scene: SceneTable, joints: list[str]) -> float | None:
@@ -67,13 +67,13 @@ def choose_control_points(scene: SceneTable, solids: dict[str, Solid]) -> dict[s
     """Control points of every rail by component and interface, from its length and the shortest carriage
     on it where both are known.
     """
-    found: dict[str, dict[str, int]] = {name: {} for name in scene.components}
+    counts: dict[str, dict[str, int]] = {name: {} for name in scene.components}
     for (component, name), joints in _carriage_joints(scene).items():
         span = _span_of(scene.components[component].interfaces[name], solids[component])
         shortest = _shortest_carriage(scene, joints)
         if span is not None and shortest is not None:
-            found[component][name] = _default_control_points(span, shortest)
-    return found
+            counts[component][name] = _default_control_points(span, shortest)
+    return counts
 
 
 def check_rails(draft: Draft) -> None:
@@ -204,10 +204,12 @@ def _find_joint_fault(
             "between",
         ), "both ends are rails; one of them must be a fixed interface, that of the carriage"
     # an interface from a file may be a rail, and so may one that did not pass the schema
-    known = all(is_known_end(end, scene) and not _is_from_file(end, scene) for end in joint.between)
+    complete = all(
+        is_known_end(end, scene) and not _is_from_file(end, scene) for end in joint.between
+    )
     if rails and joint.length is None:
         return (), f'a carriage on rail {rails[0]} needs its length; write length = "80 mm"'
-    if not rails and joint.length is not None and known:
+    if not rails and joint.length is not None and complete:
         return (
             ("length",),
             "only a carriage on a rail has a length; remove it, or give the interface it slides on a rail",

@@ -145,21 +145,21 @@ def read_sweep_paths(scene: SceneTable, folder: Path, findings: Findings) -> dic
     Args:
         findings: Receives problems, each with the line of the file.
     """
-    found: dict[str, AxisPath] = {}
+    paths: dict[str, AxisPath] = {}
     units = position_units(scene)
     for name, table in scene.sweeps.items():
         if not isinstance(table.path, str):
             continue
         key: KeyPath = ("sweeps", name, "path")
         try:
-            found[name] = read_waypoints(resolve_file(folder, table.path, SUFFIXES, WAYPOINTS))
+            paths[name] = read_waypoints(resolve_file(folder, table.path, SUFFIXES, WAYPOINTS))
         except (ValueError, CsvError) as error:
             findings.add(key, str(error))
             continue
-        for column, axis in enumerate(found[name].axes):
-            if fault := _find_fault(found[name], column, axis, scene, units):
+        for column, axis in enumerate(paths[name].axes):
+            if fault := _find_fault(paths[name], column, axis, scene, units):
                 findings.add(key, fault)
-    return found
+    return paths
 
 
 def _find_fault(
@@ -299,11 +299,11 @@ def _check_watch(key: KeyPath, watch: str, scene: SceneTable, findings: Findings
         "static": scene.points,
         "components": scene.components,
     }
-    known = sections.get(root)
-    if known is not None and rest and rest[0] not in known:
+    names = sections.get(root)
+    if names is not None and rest and rest[0] not in names:
         findings.add(
             key,
-            f"{watch}: {suggest_names(rest[0], known, what='points' if root == 'static' else 'components')}",
+            f"{watch}: {suggest_names(rest[0], names, what='points' if root == 'static' else 'components')}",
         )
 
 

@@ -29,7 +29,7 @@ NEAR = 0.6  # how alike a name is that was probably meant
 BEARINGS = ("bearing", "second_bearing")
 
 
-class SizeTable(StrictTable):
+class _SizeTable(StrictTable):
     """What one size of a family gives to a joint."""
 
     stiffness: dict[str, str]
@@ -62,7 +62,7 @@ class FamilyTable(StrictTable):
     preload: str
     derived: str
     source: Annotated[list[str], Field(min_length=1)]
-    sizes: Annotated[dict[str, SizeTable], Field(min_length=1)]
+    sizes: Annotated[dict[str, _SizeTable], Field(min_length=1)]
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ class CatalogueEntry:
     joint: TomlTable
 
     def uncertainty(self) -> str:
-        """How far a real one may be off, in words."""
+        """Return how far a real one may be off, in words."""
         family = self.family
         low, high = family.loss_factor_range
         turns = f" ({family.rotation_factor:g} for rotations)" if family.rotation_factor else ""
@@ -94,10 +94,10 @@ def read_catalogue() -> dict[str, CatalogueEntry]:
     entries: dict[str, CatalogueEntry] = {}
     for stem, table in families.items():
         family = FamilyTable.model_validate(table)
-        for size, own in family.sizes.items():
-            keys: TomlTable = {"kind": family.kind, "stiffness": {**own.stiffness}}
-            if own.screw:
-                keys["screw"] = {**own.screw}
+        for size, values in family.sizes.items():
+            keys: TomlTable = {"kind": family.kind, "stiffness": {**values.stiffness}}
+            if values.screw:
+                keys["screw"] = {**values.screw}
             keys["loss_factor"] = family.loss_factor
             if family.soft:
                 keys["soft"] = True
@@ -180,8 +180,8 @@ def _nearest(name: str) -> list[str]:
         return difflib.get_close_matches(name[:80], read_catalogue(), n=3, cutoff=0.0)
 
     def distance(other: str) -> list[int]:
-        own = map(int, re.findall(r"\d+", other.removeprefix(stem)))
-        return [abs(one - two) for one, two in zip(own, wanted, strict=False)]
+        sizes = map(int, re.findall(r"\d+", other.removeprefix(stem)))
+        return [abs(one - two) for one, two in zip(sizes, wanted, strict=False)]
 
     return sorted(family, key=distance)[:3]
 
@@ -195,11 +195,11 @@ def nearest_names(name: str) -> str:
     return f"names: {', '.join(stems)}"
 
 
-def _merged(own: TomlTable, given: TomlTable) -> TomlTable:
+def _merged(written: TomlTable, given: TomlTable) -> TomlTable:
     """Own keys before those of the catalogue, table by table."""
-    full = given | own
+    full = given | written
     for name, value in given.items():
-        if isinstance(value, dict) and isinstance(mine := own.get(name), dict):
+        if isinstance(value, dict) and isinstance(mine := written.get(name), dict):
             full[name] = _merged(mine, value)
     return full
 
@@ -251,10 +251,10 @@ def _assume(joint: TomlTable, entry: CatalogueEntry, key: KeyPath, findings: Fin
         for part in table
         if part in mine
     ]
-    own = [
+    others = [
         name for name in entry.joint if name in joint and name not in ("kind", "stiffness", "screw")
     ]
-    but = f"; own values: {', '.join(replaced + own)}" if replaced or own else ""
+    but = f"; own values: {', '.join(replaced + others)}" if replaced or others else ""
     findings.assume(key, f"{CATALOGUE}{entry.name}, {entry.uncertainty()}{but}")
 
 
@@ -294,15 +294,15 @@ class CuttingMaterial:
     @property
     def ranges(self) -> TomlTable:
         """Half widths of ranges as written, by key."""
-        found = self.keys.get("ranges", {})
-        return found if isinstance(found, dict) else {}
+        ranges = self.keys.get("ranges", {})
+        return ranges if isinstance(ranges, dict) else {}
 
 
 @cache
 def read_cutting_materials() -> dict[str, CuttingMaterial]:
     """Every material by name, in the order of the file."""
     file = _FileTable.model_validate(tomllib.loads(MATERIALS.read_text(encoding="utf-8")))
-    found = {}
+    materials = {}
     for name, entry in file.materials.items():
         keys: TomlTable = dict(entry)
         title, group = str(keys.pop("title")), file.groups[str(keys.pop("group"))]
@@ -310,5 +310,5 @@ def read_cutting_materials() -> dict[str, CuttingMaterial]:
         if group.ranges:
             keys.setdefault("ranges", dict(group.ranges))
         table = CuttingTable.model_validate(keys)
-        found[name] = CuttingMaterial(name, title, group.title, table.source or "", keys, table)
-    return found
+        materials[name] = CuttingMaterial(name, title, group.title, table.source or "", keys, table)
+    return materials

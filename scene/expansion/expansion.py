@@ -53,7 +53,7 @@ def expand_scene(raw: TomlTable, findings: Findings) -> TomlTable:
             full[section] = expansion.expand_entries(entries, (section,))
     if isinstance(each_joint := full.get("joints"), dict):
         full["joints"] = fill_joints(each_joint, findings)
-    expand_chains(full, findings)
+    _expand_chains(full, findings)
     components, axes = full.get("components"), full.get("axes")
     if isinstance(components, dict):
         full["components"] = {
@@ -66,7 +66,7 @@ def expand_scene(raw: TomlTable, findings: Findings) -> TomlTable:
 
 
 def is_repeated(entry: TomlValue | None) -> bool:
-    """Whether an entry of a scene stands at several places."""
+    """Return whether an entry of a scene stands at several places."""
     return isinstance(entry, dict) and (PLACES in entry or CARRIAGES in entry)
 
 
@@ -99,9 +99,9 @@ def written_entry(entries: TomlTable, name: str) -> tuple[str, str] | None:
     if name in entries or len(name) > LONGEST_NAME:
         return None
     for length in range(len(name) - 2, 0, -1):
-        own, rest = name[:length], name[length + 1 :]
-        if name[length] == "_" and is_repeated(entries.get(own)):
-            return (own, rest) if rest in place_names(entries[own]) else None
+        entry, rest = name[:length], name[length + 1 :]
+        if name[length] == "_" and is_repeated(entries.get(entry)):
+            return (entry, rest) if rest in place_names(entries[entry]) else None
     return None
 
 
@@ -147,8 +147,8 @@ class _Expansion:
             return entry
         if isinstance(solid := entry.get("solid"), dict) and "point_mass" in solid:
             # what every point mass has, so that nothing else need know of it
-            own: TomlTable = {"fidelity": "rigid", "interfaces": {}}
-            entry = own | entry
+            defaults: TomlTable = {"fidelity": "rigid", "interfaces": {}}
+            entry = defaults | entry
             if isinstance(given := entry["interfaces"], dict):
                 center: TomlTable = {CENTER_FACE: {"face": CENTER_FACE}}
                 entry = entry | {"interfaces": center | given}
@@ -169,15 +169,15 @@ class _Expansion:
                 full[name] = entry
                 continue
             for place in self._members(entry, (*key, name)):
-                own = f"{name}_{place.name}"
-                if own in entries:
+                member = f"{name}_{place.name}"
+                if member in entries:
                     self._findings.add(
-                        (*key, own),
+                        (*key, member),
                         f"{show_key((*key, name))} makes an entry of this name too; rename one of them",
                     )
-                full[own] = place.entry
-                self._findings.written_at[(*key, own)] = (*key, name)
-                self._findings.written_at[(*key, own, *place.key)] = (
+                full[member] = place.entry
+                self._findings.written_at[(*key, member)] = (*key, name)
+                self._findings.written_at[(*key, member, *place.key)] = (
                     *key,
                     name,
                     PLACES,
@@ -297,10 +297,10 @@ def _list_carriages(entry: TomlTable, key: KeyPath, findings: Findings) -> list[
     places: list[TomlValue] = []
     for rail in range(table.rails):
         for carriage in range(table.per_rail):
-            place = [Decimal(repr(length)) for length in table.middle]
-            place[AXES[axis]] += along * (Decimal(table.per_rail - 1) / 2 - carriage)
-            place[AXES[third]] += across * (Decimal(table.rails - 1) / 2 - rail)
-            places.append([f"{value} m" for value in place])
+            position = [Decimal(repr(length)) for length in table.middle]
+            position[AXES[axis]] += along * (Decimal(table.per_rail - 1) / 2 - carriage)
+            position[AXES[third]] += across * (Decimal(table.rails - 1) / 2 - rail)
+            places.append([f"{value} m" for value in position])
     return places
 
 
@@ -308,20 +308,20 @@ def _read_each(
     entry: TomlTable, key: KeyPath, names: Sequence[str], findings: Findings
 ) -> dict[str, list[tuple[KeyPath, TomlValue]]]:
     """What is different at some places: by their names, keys and values."""
-    found: dict[str, list[tuple[KeyPath, TomlValue]]] = {}
+    exceptions: dict[str, list[tuple[KeyPath, TomlValue]]] = {}
     each = entry.get(EACH, {})
     for name, table in each.items() if isinstance(each, dict) else ():
         if name not in names or not isinstance(table, dict):
             findings.add((*key, EACH, name), suggest_names(name, names, what="places"))
             continue
-        found[name] = [(split_dotted(path), value) for path, value in table.items()]
-        for path, _ in [item for item in found[name] if len(item[0]) > MAX_DEPTH]:
+        exceptions[name] = [(split_dotted(path), value) for path, value in table.items()]
+        for path, _ in [item for item in exceptions[name] if len(item[0]) > MAX_DEPTH]:
             findings.add(
                 (*key, EACH, name), f"has a key of {len(path)} parts; write one that exists"
             )
-            del found[name]
+            del exceptions[name]
             break
-    return found
+    return exceptions
 
 
 def split_dotted(text: str) -> KeyPath:
@@ -361,14 +361,14 @@ def replaced(place: TomlValue, path: KeyPath, value: TomlValue) -> TomlValue:
 
 
 def _with(place: TomlTable, path: KeyPath, value: TomlValue) -> TomlTable:
-    found = replaced(place, path, value)
-    return found if isinstance(found, dict) else {}
+    result = replaced(place, path, value)
+    return result if isinstance(result, dict) else {}
 
 
 CHAINS = "chains"
 
 
-def expand_chains(full: TomlTable, findings: Findings) -> None:
+def _expand_chains(full: TomlTable, findings: Findings) -> None:
     """Add the components and joints of every chain to those of a scene; what is wrong with a chain
     is left to the schema.
 
@@ -388,13 +388,13 @@ def expand_chains(full: TomlTable, findings: Findings) -> None:
             entries = full.get(section, {})
             if not isinstance(entries, dict):
                 continue
-            for own in made.keys() & entries.keys():
+            for member in made.keys() & entries.keys():
                 findings.add(
-                    (section, own),
+                    (section, member),
                     f"chains.{name} makes an entry of this name too; rename one of them",
                 )
-            for own in made:
-                findings.written_at[(section, own)] = (CHAINS, name)
+            for member in made:
+                findings.written_at[(section, member)] = (CHAINS, name)
             full[section] = entries | made
 
 
@@ -402,7 +402,7 @@ def list_members(tables: TomlTable) -> dict[str, list[str]]:
     """Names of the components and joints that the chains of a scene make, as far as they can be
     told.
     """
-    found: dict[str, list[str]] = {"components": [], "joints": []}
+    members: dict[str, list[str]] = {"components": [], "joints": []}
     chains = tables.get(CHAINS)
     for name, chain in chains.items() if isinstance(chains, dict) else ():
         for section, key, form in (
@@ -411,8 +411,8 @@ def list_members(tables: TomlTable) -> dict[str, list[str]]:
         ):
             written = chain.get(key) if isinstance(chain, dict) else None
             count = len(written) if isinstance(written, list) else 0
-            found[section] += [form.format(name, number + 1) for number in range(count)]
-    return found
+            members[section] += [form.format(name, number + 1) for number in range(count)]
+    return members
 
 
 def _list_parts(name: str, chain: TomlTable, table: ChainTable) -> dict[str, TomlTable]:
@@ -427,11 +427,11 @@ def _list_parts(name: str, chain: TomlTable, table: ChainTable) -> dict[str, Tom
     before = chain["from"]
     for number, stiffness in enumerate(springs):
         last = number == len(masses)
-        own = f"{name}_{number + 1}"
-        end = chain["to"] if last else f"{own}.{CENTER_FACE}"
+        mass = f"{name}_{number + 1}"
+        end = chain["to"] if last else f"{mass}.{CENTER_FACE}"
         if not last:
             placed = {} if table.at is None else {"at": chain["at"]}
-            components[own] = {"solid": {"point_mass": masses[number]}, **placed}
+            components[mass] = {"solid": {"point_mass": masses[number]}, **placed}
         joints[f"{name}_spring_{number + 1}"] = {
             "between": [before, end],
             "kind": "spring" if last else "prismatic",

@@ -74,7 +74,7 @@ def read_with_includes(path: Path, findings: Findings) -> TomlTable:
 
 
 def scene_content(path: Path) -> bytes:
-    """What a scene file says: its bytes, or with all it includes as one scene.
+    """Return what a scene file says: its bytes, or with all it includes as one scene.
 
     Raises:
         SceneError: The file is too large, or one that it includes cannot be read.
@@ -120,9 +120,9 @@ class _Reader:
         findings: Findings,
         chain: tuple[Path, ...],
     ) -> None:
-        place = chain[-1].parent.relative_to(self.folder.resolve())
+        folder = chain[-1].parent.relative_to(self.folder.resolve())
         try:
-            path = resolve_file(self.folder, (place / entry.file).as_posix(), (".toml",))
+            path = resolve_file(self.folder, (folder / entry.file).as_posix(), (".toml",))
         except ValueError as error:
             findings.refuse(str(error), key=key)
         self.files += 1
@@ -177,20 +177,22 @@ def _merge(
     """
     names = _Names(tables, entry, inner)
     for section, entries in tables.items():
-        own = raw.setdefault(section, {})
-        if not isinstance(own, dict) or not isinstance(entries, dict):
-            findings.add((section,), f"{quote_value(own)} is not a table; write [{section}.name]")
+        present = raw.setdefault(section, {})
+        if not isinstance(present, dict) or not isinstance(entries, dict):
+            findings.add(
+                (section,), f"{quote_value(present)} is not a table; write [{section}.name]"
+            )
             continue
         for name, value in entries.items():
             full = f"{entry.prefix}{name}"
-            if full in own:
-                known = findings.place_of((section, full))
+            if full in present:
+                where = findings.place_of((section, full))
                 inner.add(
                     (section, name),
-                    f"is {section}.{full} of the scene, which {known} already has; rename one of them"
+                    f"is {section}.{full} of the scene, which {where} already has; rename one of them"
                     " or include the file with another prefix",
                 )
-            own[full] = names.renamed_entry(section, name, value)
+            present[full] = names.renamed_entry(section, name, value)
     inner.raise_if_any()
     findings.raise_if_any()
     for key, origin in inner.origins.items():
@@ -262,11 +264,11 @@ class _Names:
 
     def _referred(self, text: str, section: str) -> str:
         """A reference; one with ``{n}`` is the file's own where one of its places could be."""
-        head, known = text.partition(".")[0], self._own.get(section, set())
-        own = head in known
-        if not own and len(head) <= MAX_REFERENCE and _NUMBER.search(head):
+        head, names = text.partition(".")[0], self._own.get(section, set())
+        internal = head in names
+        if not internal and len(head) <= MAX_REFERENCE and _NUMBER.search(head):
             first, *middle, last = (re.escape(part) for part in _NUMBER.split(head))
             # atomic, so that many numbers in a text cannot take exponential time
             wanted = re.compile(f"{first}{''.join(f'(?>.+?{part})' for part in middle)}.+{last}")
-            own = any(wanted.fullmatch(name) for name in known)
-        return f"{self._prefix}{text}" if own else text
+            internal = any(wanted.fullmatch(name) for name in names)
+        return f"{self._prefix}{text}" if internal else text

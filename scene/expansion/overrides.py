@@ -187,34 +187,34 @@ def _group_of(raw: TomlTable, path: KeyPath) -> tuple[KeyPath, TomlTable, KeyPat
             depth == 3 and (path[0] != "components" or path[2:3] != ("interfaces",))
         ):
             continue
-        place: TomlValue = raw
+        table: TomlValue = raw
         for part in path[:depth]:
-            place = place.get(str(part), {}) if isinstance(place, dict) else {}
-        if not isinstance(place, dict) or len(path) <= depth:
+            table = table.get(str(part), {}) if isinstance(table, dict) else {}
+        if not isinstance(table, dict) or len(path) <= depth:
             continue
         name = str(path[depth])
-        if is_repeated(place.get(name)) or written_entry(place, name) is not None:
-            return path[:depth], place, path[depth:]
+        if is_repeated(table.get(name)) or written_entry(table, name) is not None:
+            return path[:depth], table, path[depth:]
     return None
 
 
 def _written_path(raw: TomlTable, path: KeyPath) -> KeyPath:
     """Where an override is kept: that of one place of a repeated entry with this entry."""
     group = _group_of(raw, path)
-    found = None if group is None else written_entry(group[1], str(group[2][0]))
-    if group is None or found is None or len(group[2]) < 2:
+    member = None if group is None else written_entry(group[1], str(group[2][0]))
+    if group is None or member is None or len(group[2]) < 2:
         return path
     dotted = ".".join(str(part) for part in group[2][1:])
-    return (*group[0], found[0], EACH, found[1], dotted)
+    return (*group[0], member[0], EACH, member[1], dotted)
 
 
 def _one_place(raw: TomlTable, path: KeyPath) -> TomlTable:
     """The scene with the repeated entry that a path names one place of under that name."""
     group = _group_of(raw, path)
-    found = None if group is None else written_entry(group[1], str(group[2][0]))
-    if group is None or found is None:
+    member = None if group is None else written_entry(group[1], str(group[2][0]))
+    if group is None or member is None:
         return raw
-    table = replaced(raw, (*group[0], str(group[2][0])), group[1][found[0]])
+    table = replaced(raw, (*group[0], str(group[2][0])), group[1][member[0]])
     return table if isinstance(table, dict) else raw
 
 
@@ -223,16 +223,16 @@ def _forget_exceptions(raw: TomlTable, path: KeyPath) -> None:
     group = _group_of(raw, path)
     if group is None or not is_repeated(entry := group[1].get(str(group[2][0]))):
         return
-    each = entry.get(EACH) if isinstance(entry, dict) else None
-    own = group[2][1:]
-    if isinstance(each, dict) and own:
+    exceptions = entry.get(EACH) if isinstance(entry, dict) else None
+    rest = group[2][1:]
+    if isinstance(exceptions, dict) and rest:
         left = {
             number: {
                 dotted: value
                 for dotted, value in table.items()
-                if split_dotted(dotted)[: len(own)] != own
+                if split_dotted(dotted)[: len(rest)] != rest
             }
-            for number, table in each.items()
+            for number, table in exceptions.items()
             if isinstance(table, dict)
         }
         raw[str(path[0])] = replaced(

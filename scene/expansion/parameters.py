@@ -190,14 +190,14 @@ class _Parameters:
         """The value of an expression of a scene; raises ``ExpressionError``."""
         for name in names_in(text):
             self._calculate_with_needs(name)
-        known = self._evaluate(text)
-        self._filled += known.entries - 1
+        parameter = self._evaluate(text)
+        self._filled += parameter.entries - 1
         if self._filled > MAX_FILLED:
             raise ExpressionError(
                 f"makes the scene hold more than {MAX_FILLED} entries of parameters that are lists "
                 "or tables; a scene holds no bulk data, write shorter lists"
             )
-        return _copied(known.value)
+        return _copied(parameter.value)
 
     def _calculate_with_needs(self, name: str) -> None:
         """Calculate a parameter after all that it needs, however long the chain of them."""
@@ -205,14 +205,16 @@ class _Parameters:
             return
         # open ones, each needed by the one before it
         path = [(name, iter(_names_of(self.written[name])))]
-        place = {name: 0}
+        position = {name: 0}
         while path:
             last, needs = path[-1]
             for needed in needs:
                 if needed in self._found or needed not in self.written:
                     continue
-                if needed in place:
-                    circle = [each for each, _ in path[place[needed] :][: _SHOWN_NAMES + 1]]
+                if needed in position:
+                    circle = [
+                        parameter for parameter, _ in path[position[needed] :][: _SHOWN_NAMES + 1]
+                    ]
                     shown = circle if len(circle) <= _SHOWN_NAMES else [*circle[:-2], "..."]
                     reason = (
                         f"is calculated from itself: {' -> '.join([*shown, needed])}; "
@@ -220,7 +222,7 @@ class _Parameters:
                     )
                     self._found[needed] = _Failed(reason, needed, reason)
                 else:
-                    place[needed] = len(path)
+                    position[needed] = len(path)
                     path.append((needed, iter(_names_of(self.written[needed]))))
                     break
             else:
@@ -274,23 +276,23 @@ class _Parameters:
         if name not in self.written:
             hint = suggest_names(name, self.written, what="parameters")
             raise ExpressionError(f"names the unknown parameter {name[:80]!r}; {hint}")
-        found = self._found[name]
-        if isinstance(found, _Failed):
-            raise _NeedsFailedError(name, found)
-        return found
+        result = self._found[name]
+        if isinstance(result, _Failed):
+            raise _NeedsFailedError(name, result)
+        return result
 
     def _measure(self, name: str) -> Measure:
         """A number or a quantity."""
-        known = self._look_up(name)
-        if known.measure is not None:
-            return known.measure
-        measure = _measure_of(known.value)
+        parameter = self._look_up(name)
+        if parameter.measure is not None:
+            return parameter.measure
+        measure = _measure_of(parameter.value)
         if measure is None:
             raise ExpressionError(
-                f"calculates with {name!r}, which is {quote_value(known.value)} and no number; "
+                f"calculates with {name!r}, which is {quote_value(parameter.value)} and no number; "
                 'write a number with a unit, such as "12 mm"'
             )
-        self._found[name] = replace(known, measure=measure)
+        self._found[name] = replace(parameter, measure=measure)
         return measure
 
 

@@ -36,7 +36,7 @@ class ExpressionError(ValueError):
 
 
 def is_expression(value: object) -> bool:
-    """Whether a value of a scene is to be calculated."""
+    """Return whether a value of a scene is to be calculated."""
     return isinstance(value, str) and value.lstrip().startswith(MARK)
 
 

@@ -127,14 +127,14 @@ def resolve_file(folder: Path, text: str, suffixes: tuple[str, ...], kind: FileK
     root = folder.resolve()
     try:
         path = (root / text).resolve()
-        found, regular = path.exists(), path.is_file()
+        exists, regular = path.exists(), path.is_file()
     except OSError as error:
         raise ValueError(f"{shown!r} cannot be looked up: {error.strerror}") from error
     if not path.is_relative_to(root):
         raise ValueError(
             f"{shown!r} lies outside the scene's folder; copy the file next to the scene"
         )
-    if not found:
+    if not exists:
         raise ValueError(f"{shown!r} does not exist beside the scene")
     if not regular:
         raise ValueError(f"{shown!r} is not a regular file")
@@ -186,9 +186,9 @@ def _report_syntax(
     repeated: list[tuple[KeyPath, int]],
     findings: Findings,
 ) -> None:
-    reason, _, place = message.partition(_POSITION)
+    reason, _, position = message.partition(_POSITION)
     digits = [
-        part for part in place.replace(",", " ").replace(")", " ").split() if part.isdecimal()
+        part for part in position.replace(",", " ").replace(")", " ").split() if part.isdecimal()
     ]
     line = int(digits[0]) if digits else len(findings.lines)
     twice = "Cannot overwrite" in reason or "twice" in reason or "Duplicate" in reason

@@ -40,12 +40,12 @@ class Problem:
     @property
     def line(self) -> int | None:
         """Line of the file, from 1; None for the file as a whole."""
-        found = _LINE.search(self.place)
-        return None if found is None else int(found[1])
+        match = _LINE.search(self.place)
+        return None if match is None else int(match[1])
 
     @property
     def remedy(self) -> str:
-        """What to write instead, as the message says it behind its first semicolon."""
+        """Return what to write instead, as the message says it behind its first semicolon."""
         return self.message.partition("; ")[2]
 
     def __str__(self) -> str:
@@ -123,7 +123,7 @@ class Findings:
             SceneError: There are so many that no more are looked for.
         """
         problem, written = self.describe(key, message), (self._written_key(key), message)
-        if problem not in [known for _, known in self.problems[-MAX_SHOWN:]] and (
+        if problem not in [other for _, other in self.problems[-MAX_SHOWN:]] and (
             written not in self._told
         ):
             self.problems.append((self.origin_of(key).line or 0, problem))
@@ -209,17 +209,17 @@ class Findings:
             self.add(key, f"unknown {kind} {name[:80]!r}; {hint}{more}")
 
     def concern(self, *sections: str) -> bool:
-        """Whether a problem was found in one of the sections of the scene."""
+        """Return whether a problem was found in one of the sections of the scene."""
         return any(problem.key.partition(".")[0] in sections for _, problem in self.problems)
 
     def origin_of(self, key: KeyPath) -> Origin:
         """Origin of a key path or of its closest ancestor that has one."""
         key = self._written_key(key)
         for path in (key, tuple(part for part in key if isinstance(part, str))):
-            known = [path[:length] for length in range(len(path), 0, -1)]
-            found = [self.origins[part] for part in known if part in self.origins]
-            if found:
-                return max(found, key=lambda origin: origin.order)  # of equal ones the nearest
+            lengths = [path[:length] for length in range(len(path), 0, -1)]
+            origins = [self.origins[part] for part in lengths if part in self.origins]
+            if origins:
+                return max(origins, key=lambda origin: origin.order)  # of equal ones the nearest
         return Origin(None)
 
     def place_of(self, key: KeyPath) -> str:

@@ -51,18 +51,18 @@ def find_keys(raw: TomlTable, pattern: KeyPath) -> list[KeyPath]:
     """Keys of a parsed scene that fit a pattern with ``*``, ``?`` and ``[abc]`` in its names, in
     the scene's order.
     """
-    found: list[tuple[KeyPath, TomlValue]] = [((), raw)]
+    entries: list[tuple[KeyPath, TomlValue]] = [((), raw)]
     for part in pattern:
-        found = [
+        entries = [
             (path, value)
-            for before, table in found
+            for before, table in entries
             for path, value in _step_down(before, table, part)
         ]
-    return [path for path, _ in found]
+    return [path for path, _ in entries]
 
 
 def value_at(raw: TomlTable, key: KeyPath) -> TomlValue:
-    """What a parsed scene holds at a key.
+    """Return what a parsed scene holds at a key.
 
     Raises:
         KeyError: There is no such key.

@@ -18,7 +18,7 @@ _ESCAPE = re.compile(r"\\(u[0-9a-fA-F]{4}|U[0-9a-fA-F]{8}|.)")
 _ESCAPES = {"b": "\b", "t": "\t", "n": "\n", "f": "\f", "r": "\r", "e": "\x1b"}
 
 
-class ScanError(ValueError):
+class _ScanError(ValueError):
     """The text is not TOML at a line; ``tomllib`` says why."""
 
 
@@ -36,7 +36,7 @@ class _Scanner:
     def skip(self, pattern: re.Pattern[str]) -> str:
         match = pattern.match(self.text, self.position)
         if match is None:
-            raise ScanError(f"line {self.line}")
+            raise _ScanError(f"line {self.line}")
         self.position = match.end()
         self.line += match[0].count("\n")
         return match[0]
@@ -46,7 +46,7 @@ class _Scanner:
 
     def take(self, token: str) -> None:
         if not self.text.startswith(token, self.position):
-            raise ScanError(f"line {self.line}")
+            raise _ScanError(f"line {self.line}")
         self.position += len(token)
 
     def read_key(self) -> KeyPath:
@@ -166,7 +166,7 @@ def find_lines(text: str) -> tuple[dict[KeyPath, int], list[tuple[KeyPath, int]]
 def _scan(text: str) -> tuple[dict[KeyPath, int], list[tuple[KeyPath, int]]]:
     scanner = _Scanner(text)
     # positions up to the first error are right, and tomllib reports the error itself
-    with contextlib.suppress(ScanError, RecursionError):
+    with contextlib.suppress(_ScanError, RecursionError):
         scanner.scan()
     return scanner.lines, scanner.repeated
 

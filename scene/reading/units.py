@@ -316,9 +316,9 @@ def _unit_words() -> tuple[list[str], list[str]]:
     prefixes: list[str] = ["µ"]
     names: list[str] = []
     for line in _DEFINITIONS.strip().splitlines():
-        own, _, *others = (part.strip() for part in line.split("="))
-        (prefixes if own.endswith("-") else names).extend(
-            text.rstrip("-") for text in (own, *others)
+        symbol, _, *others = (part.strip() for part in line.split("="))
+        (prefixes if symbol.endswith("-") else names).extend(
+            text.rstrip("-") for text in (symbol, *others)
         )
     return prefixes, names
 

@@ -57,8 +57,8 @@ def parse_watch(text: str) -> WatchPath:
     Raises:
         WatchError: It is none, or begins with nothing that a summary holds.
     """
-    known = (*RESULT_NAMES, *MEASURED_NAMES)
-    if _NUMBER.fullmatch(text) and text not in known:
+    roots = (*RESULT_NAMES, *MEASURED_NAMES)
+    if _NUMBER.fullmatch(text) and text not in roots:
         return WatchPath(text, (text,), names_numbers=True)
     steps: list[Step] = []
     position = 0
@@ -79,8 +79,8 @@ def parse_watch(text: str) -> WatchPath:
             )
         steps.append(step)
         position = match.end()
-    if not steps or steps[0] not in known:
-        raise WatchError(f"{text[:80]!r} is no result; results begin with {', '.join(known)}")
+    if not steps or steps[0] not in roots:
+        raise WatchError(f"{text[:80]!r} is no result; results begin with {', '.join(roots)}")
     return WatchPath(text, tuple(steps))
 
 
@@ -94,13 +94,13 @@ def read_watch(path: WatchPath, summary: Mapping[str, object]) -> dict[str, Watc
     Raises:
         WatchError: The path leads nowhere in this summary.
     """
-    found: dict[str, Watched] = {}
-    _follow(path.steps, summary, "", found)
-    return found
+    values: dict[str, Watched] = {}
+    _follow(path.steps, summary, "", values)
+    return values
 
 
 def find_entry(steps: Sequence[Step], summary: Mapping[str, object]) -> object:
-    """What a summary holds at the end of names and indices; None where they lead nowhere."""
+    """Return what a summary holds at the end of names and indices; None where they lead nowhere."""
     value: object = summary
     try:
         for step in steps:
@@ -125,32 +125,32 @@ def _read_step(match: re.Match[str]) -> Step:
     )
 
 
-def _follow(steps: tuple[Step, ...], value: object, label: str, found: dict[str, Watched]) -> None:
-    if len(found) > MAX_COLUMNS:
+def _follow(steps: tuple[Step, ...], value: object, label: str, values: dict[str, Watched]) -> None:
+    if len(values) > MAX_COLUMNS:
         raise WatchError(f"{label} has more than {MAX_COLUMNS} values; name fewer")
     if not steps:
         if isinstance(value, dict):
             raise WatchError(f"{label} is a table; name one of {', '.join(list(value)[:20])}")
         if isinstance(value, list):
-            _follow((slice(None),), value, label, found)
+            _follow((slice(None),), value, label, values)
         elif value is None or isinstance(value, str | int | float):
-            found[label] = value
+            values[label] = value
         else:
             raise WatchError(f"{label} is neither number nor word")
         return
     step, rest = steps[0], steps[1:]
     if isinstance(step, str):
         name = _present_name(value, step)
-        _follow(rest, _entry(value, name, label), f"{label}.{name}" if label else name, found)
+        _follow(rest, _entry(value, name, label), f"{label}.{name}" if label else name, values)
     elif not isinstance(value, list):
         raise WatchError(f"{label} is no list")
     elif isinstance(step, int):
         if not -len(value) <= step < len(value):
             raise WatchError(f"{label} has {len(value)} entries, so there is no [{step}]")
-        _follow(rest, value[step], f"{label}[{step}]", found)
+        _follow(rest, value[step], f"{label}[{step}]", values)
     else:
         for index in range(*step.indices(len(value))):
-            _follow(rest, value[index], f"{label}[{index}]", found)
+            _follow(rest, value[index], f"{label}[{index}]", values)
 
 
 def _present_name(value: object, name: str) -> str:
@@ -174,10 +174,10 @@ def _entry(value: object, name: str, label: str) -> object:
             return named[0]
         value = poses[0] if poses else value
     if not isinstance(value, dict) or name not in value:
-        known = (
+        names = (
             f"; there are: {', '.join(list(value)[:20])}"
             if isinstance(value, dict) and value
             else ""
         )
-        raise WatchError(f"{label or 'the summary'} has no {name!r}{known}")
+        raise WatchError(f"{label or 'the summary'} has no {name!r}{names}")
     return value[name]

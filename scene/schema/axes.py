@@ -60,7 +60,7 @@ LEG_KEYS = ("leg_1", "leg_2", "leg_3")
 Pair = Annotated[list[types.Length], Field(min_length=2, max_length=2)]
 
 
-class ExechonTable(types.StrictTable):
+class _ExechonTable(types.StrictTable):
     """Lengths of an Exechon: two UPR legs whose first axis is common (y), one SPR leg, a two-axis
     wrist.
     """
@@ -79,7 +79,7 @@ class ExechonTable(types.StrictTable):
     """distance of the tool point from the wrist centre"""
 
 
-class SpringsTable(types.StrictTable):
+class _SpringsTable(types.StrictTable):
     """Springs of each leg: platform joint, and along the leg in series with it the drive and the
     screw, softer as the leg grows.
     """
@@ -94,7 +94,7 @@ class SpringsTable(types.StrictTable):
     """free length of the screw less the length of the leg"""
 
 
-class LegErrorsTable(types.StrictTable):
+class _LegErrorsTable(types.StrictTable):
     """Errors of the screws of the legs of a lumped mechanism over the length of the leg; used with
     the effect `guide_errors`.
     """
@@ -121,7 +121,7 @@ class MechanismTable(types.StrictTable):
     model: Literal["lumped", "components"] = "lumped"
     """`lumped`: every component is rigid, the legs' springs are the only compliance; `components`: the components and joints of the scene
     are the model"""
-    dimensions: ExechonTable
+    dimensions: _ExechonTable
     """dimensions of its bodies"""
     at: types.Position = Field(default=[0.0, 0.0, 0.0], validate_default=False)
     """position of its base in the machine frame: y along the common axis of legs 1 and 2, x to leg 3, z to the platform"""
@@ -137,11 +137,11 @@ class MechanismTable(types.StrictTable):
     ] = {}
     """lowest and highest value of coordinates: lengths `q1 q2 q3`, wrist angles `g4 g5`, passive angles `phi th1 ps1 th2 ps2 a1 a2 a3 ps3`;
     default: no limits"""
-    springs: SpringsTable | None = None
+    springs: _SpringsTable | None = None
     """stiffness of each leg; required by the lumped model"""
     screw_lead: types.PositiveLength | None = None
     """travel of a leg per turn of its motor; contours then report motor torques"""
-    errors: LegErrorsTable | None = None
+    errors: _LegErrorsTable | None = None
     """errors of the legs' screws in the lumped model, see [geometric errors](geometric_errors.md)"""
 
     def _faults(self) -> Iterator[str]:

@@ -42,7 +42,7 @@ class MaterialTable(types.StrictTable):
     """structural damping: the modulus is `E (1 + i loss_factor)`; used with the effect `damping`"""
 
 
-class TubeTable(types.StrictTable):
+class _TubeTable(types.StrictTable):
     """A hollow or full cylinder along z."""
 
     outer: types.PositiveLength
@@ -57,7 +57,7 @@ class TubeTable(types.StrictTable):
             yield f"inner diameter {1e3 * self.inner:.6g} mm is not smaller than the outer diameter {1e3 * self.outer:.6g} mm"
 
 
-class PlateTable(types.StrictTable):
+class _PlateTable(types.StrictTable):
     """A plate in the x-y plane, with ribs on its upper side if wanted."""
 
     size: types.Size
@@ -82,7 +82,7 @@ class PlateTable(types.StrictTable):
                 yield f"{count} ribs of {1e3 * self.rib:.6g} mm do not fit into {1e3 * space:.6g} mm along {axis}; take fewer or thinner ribs"
 
 
-class ColumnTable(types.StrictTable):
+class _ColumnTable(types.StrictTable):
     """A closed rectangular column with internal ribs."""
 
     size: types.Size
@@ -129,11 +129,11 @@ class SolidTable(types.StrictTable):
 
     box: types.Size | None = None
     """sizes along x, y, z"""
-    tube: TubeTable | None = None
+    tube: _TubeTable | None = None
     """hollow or full cylinder along z"""
-    plate: PlateTable | None = None
+    plate: _PlateTable | None = None
     """plate in the x-y plane, with or without ribs"""
-    column: ColumnTable | None = None
+    column: _ColumnTable | None = None
     """closed rectangular column with walls and ribs"""
     step: types.Text | None = None
     """STEP file; the unit is the file's own; `headstock show` numbers its faces"""
@@ -249,7 +249,7 @@ class RailTable(types.StrictTable):
 AUTO_SHAPES = 24
 
 
-class FlexibleTable(types.StrictTable):
+class _FlexibleTable(types.StrictTable):
     """An interface that keeps deformation shapes besides its rigid motions."""
 
     flexible: Annotated[types.WholeNumber, types.Between(3, 300)] | Literal["auto"]
@@ -282,7 +282,7 @@ class InterfaceTable(types.StrictTable):
     """in place of the shape's `center`: one interface at each, named as joints with `places` are"""
     each: types.Exceptions = {}
     """what is different at single places, dotted keys and values"""
-    coupling: Literal["rigid", "average"] | FlexibleTable = "rigid"
+    coupling: Literal["rigid", "average"] | _FlexibleTable = "rigid"
     """`rigid`: the area moves as a rigid body (RBE2); `average`: the frame follows the area's mean motion (RBE3); `{ flexible = 24 }`: it
     also deforms, for large areas"""
     allow_singular: types.Flag = False
@@ -308,7 +308,7 @@ class InterfaceTable(types.StrictTable):
     @property
     def kind(self) -> Literal["rigid", "average"]:
         """Of two flexible forms the strong one fixes points as `rigid` does, the weak one means."""
-        if isinstance(self.coupling, FlexibleTable):
+        if isinstance(self.coupling, _FlexibleTable):
             return "rigid" if self.coupling.form == "strong" else "average"
         return self.coupling
 
@@ -317,19 +317,19 @@ class InterfaceTable(types.StrictTable):
         """Most deformation shapes besides the rigid motions; where an accuracy chooses them, those
         without one.
         """
-        if not isinstance(self.coupling, FlexibleTable):
+        if not isinstance(self.coupling, _FlexibleTable):
             return 0
         return AUTO_SHAPES if self.auto else int(self.coupling.flexible)
 
     @property
     def auto(self) -> bool:
         """A stated accuracy chooses the number of deformation shapes."""
-        return isinstance(self.coupling, FlexibleTable) and self.coupling.flexible == "auto"
+        return isinstance(self.coupling, _FlexibleTable) and self.coupling.flexible == "auto"
 
     @property
     def open_kind(self) -> bool:
         """A stated accuracy may choose what is not written: shapes or none, or their form."""
-        if isinstance(self.coupling, FlexibleTable):
+        if isinstance(self.coupling, _FlexibleTable):
             return self.auto and "form" not in self.coupling.model_fields_set
         return "coupling" not in self.model_fields_set
 
@@ -385,7 +385,7 @@ class MeshTable(types.StrictTable):
     """accept elements of order 1 where they lock (stretched elements, thin parts), in order to study locking"""
 
 
-class ReductionTable(types.StrictTable):
+class _ReductionTable(types.StrictTable):
     """Which fixed-interface modes are kept: up to a frequency or a count."""
 
     model_config = types.not_both("modes_to", "modes")
@@ -411,7 +411,7 @@ class ReductionTable(types.StrictTable):
             yield "gives both modes_to and modes; keep one"
 
 
-class SegmentsTable(types.StrictTable):
+class _SegmentsTable(types.StrictTable):
     """Into how many segments a component is cut, and along which of its axes; by default
     along the longest side.
     """
@@ -431,7 +431,7 @@ Rotations = Annotated[
 ]
 
 
-class RayleighTable(types.StrictTable):
+class _RayleighTable(types.StrictTable):
     """Viscous damping by mass and stiffness: the damping ratio of a mode is `alpha / (2 omega) +
     beta omega / 2`.
     """
@@ -470,13 +470,13 @@ class ComponentTable(types.StrictTable):
     mesh, its displacements polynomials; `elastic`: FE and Craig–Bampton"""
     mesh: MeshTable = MeshTable()
     """mesh of an elastic component"""
-    reduction: ReductionTable = ReductionTable()
+    reduction: _ReductionTable = _ReductionTable()
     """modes kept of an elastic component; without it the planner keeps them as far as the analyses need them"""
-    segments: SegmentsTable = SegmentsTable()
+    segments: _SegmentsTable = _SegmentsTable()
     """division of a segmented component"""
     interfaces: dict[types.Name, InterfaceTable] = {}
     """areas at which joints act"""
-    rayleigh: RayleighTable | None = None
+    rayleigh: _RayleighTable | None = None
     """viscous damping `alpha M + beta K` by its own mass and stiffness; used with the effect `damping`"""
     free: types.Flag = False
     """accept that this body is not connected to ground"""

@@ -8,7 +8,7 @@ from pydantic import Field
 from headstock.scene.schema import types
 
 
-class FeedForwardTable(types.StrictTable):
+class _FeedForwardTable(types.StrictTable):
     """Shares of the commanded velocity and of the force the axis' inertia needs that do not wait
     for an error.
     """
@@ -38,7 +38,7 @@ class FrictionTable(types.StrictTable):
             yield "has a breakaway below coulomb; write a breakaway of at least coulomb"
 
 
-class RippleTable(types.StrictTable):
+class _RippleTable(types.StrictTable):
     """A wave of the motor's torque over its turn; used with the effect `torque_ripple`."""
 
     torque: types.PositiveMoment
@@ -74,7 +74,7 @@ class DriveTable(types.StrictTable):
     """proportional gain of the PI velocity control: force per speed of the axis, or torque per angular speed of the motor"""
     integral_time: types.PositiveTime | None = None
     """integral time of the PI velocity control; default: none, proportional only"""
-    feed_forward: FeedForwardTable = FeedForwardTable()
+    feed_forward: _FeedForwardTable = _FeedForwardTable()
     """shares that do not wait for an error: `{ velocity = "100 %", acceleration = "100 %" }`"""
     encoder: Literal["motor", "scale"] = "motor"
     """feedback of the position control: the motor encoder or a linear scale; the velocity control always uses the motor encoder"""
@@ -88,7 +88,7 @@ class DriveTable(types.StrictTable):
     """time constant of the current control; default: none, the torque follows at once"""
     friction: FrictionTable | None = None
     """friction of the axis; used with the effect `friction`"""
-    torque_ripple: Annotated[list[RippleTable], Field(min_length=1, max_length=20)] | None = None
+    torque_ripple: Annotated[list[_RippleTable], Field(min_length=1, max_length=20)] | None = None
     """waves of the motor's torque: `[{ torque = "0.01 N m", per_turn = 8 }]`; used along a path, effect `torque_ripple`"""
 
     def _faults(self) -> Iterator[str]:

@@ -26,7 +26,7 @@ STANDARD_GRAVITY = 9.80665
 
 
 def find_effect_fault(name: str, value: object) -> str:
-    """Why an effect cannot be switched on this way; empty when it can."""
+    """Say why an effect cannot be switched on this way; empty when it can."""
     if name not in EFFECT_NAMES:
         hint = suggest_names(name, EFFECT_NAMES, what="effects of this version")
         return f"effect {name[:80]!r} is not available; {hint}"
@@ -86,12 +86,12 @@ def read_rayleigh_damping(value: object) -> RayleighDamping:
     given = _damping_table(value).get("rayleigh")
     if given is None:
         return RayleighDamping()
-    known = {"alpha": RATE, "beta": TIME}
-    if not isinstance(given, dict) or not given or not set(given) <= set(known):
+    dimensions = {"alpha": RATE, "beta": TIME}
+    if not isinstance(given, dict) or not given or not set(given) <= set(dimensions):
         raise UnitError(
             f'{quote_value(given)} is no Rayleigh damping; write rayleigh = {{ alpha = "2 1/s", beta = "1e-5 s" }}, or one of both'
         )
-    read = {name: parse_quantity(given[name], known[name]).value for name in given}
+    read = {name: parse_quantity(given[name], dimensions[name]).value for name in given}
     for name, coefficient in read.items():
         if coefficient < 0.0:
             raise UnitError(f"{name} of rayleigh is {coefficient:g} but must not be negative")

@@ -16,7 +16,7 @@ MOST_TERMS = 10_000
 Values = Annotated[list[types.AxisPosition], Field(min_length=2, max_length=MOST_TERMS)]
 
 
-class ErrorWaveTable(types.StrictTable):
+class _ErrorWaveTable(types.StrictTable):
     """A wave along a rail, a screw or an axis."""
 
     period: types.PositiveAxisPosition
@@ -27,7 +27,7 @@ class ErrorWaveTable(types.StrictTable):
     """phase at position zero"""
 
 
-class ErrorPointsTable(types.StrictTable):
+class _ErrorPointsTable(types.StrictTable):
     """Measured values with straight lines between them."""
 
     at: Values
@@ -38,7 +38,7 @@ class ErrorPointsTable(types.StrictTable):
     def _faults(self) -> Iterator[str]:
         if len(self.at) != len(self.values):
             yield f"has {len(self.at)} positions and {len(self.values)} values; write one value per position"
-        places = [place.value for place in self.at]
+        places = [position.value for position in self.at]
         if any(later <= earlier for earlier, later in pairwise(places)):
             yield "its positions do not rise; sort them, each once"
 
@@ -46,7 +46,7 @@ class ErrorPointsTable(types.StrictTable):
 class ProfileTable(types.StrictTable):
     """An error over the position: the sum of measured points, a polynomial and waves."""
 
-    points: ErrorPointsTable | None = None
+    points: _ErrorPointsTable | None = None
     """measured values with straight lines between them: `{ at = ["0 mm", "100 mm"], values = ["0 um", "2 um"] }`"""
     polynomial: Annotated[list[types.AxisPosition], Field(min_length=1, max_length=12)] | None = (
         None
@@ -55,7 +55,7 @@ class ProfileTable(types.StrictTable):
     mm"""
     over: types.PositiveAxisPosition | None = None
     """position at which every term of the polynomial is its coefficient; required from the second coefficient on"""
-    waves: Annotated[list[ErrorWaveTable], Field(min_length=1, max_length=100)] | None = None
+    waves: Annotated[list[_ErrorWaveTable], Field(min_length=1, max_length=100)] | None = None
     """sum of `amplitude sin(2 pi s / period + phase)` over the position s"""
 
     def _faults(self) -> Iterator[str]:
@@ -85,7 +85,7 @@ class ProfileTable(types.StrictTable):
             yield ("waves", index, "amplitude"), wave.amplitude
 
 
-class BallPassingTable(types.StrictTable):
+class _BallPassingTable(types.StrictTable):
     """Waves that the balls of a carriage or a nut make as they enter and leave the load zone."""
 
     period: types.PositiveLength
@@ -129,7 +129,7 @@ class RailErrorsTable(types.StrictTable):
     """angular error about the joint's z axis"""
     length: types.PositiveLength | None = None
     """length over which a carriage averages the profiles; default: its `length` on a rail, else it is a point"""
-    ball_passing: BallPassingTable | None = None
+    ball_passing: _BallPassingTable | None = None
     """waves of the carriage itself, which nothing averages"""
 
     def profiles(self) -> dict[str, ProfileTable]:

@@ -73,7 +73,7 @@ class CarriagesTable(types.StrictTable):
     """carriages on each rail, counted from the positive end of the axis to the negative"""
 
 
-class LayerTable(types.StrictTable):
+class _LayerTable(types.StrictTable):
     """A contact layer between the faces of a bolted or glued joint: stiffness per area."""
 
     normal: types.PositiveStiffnessPerArea
@@ -127,7 +127,7 @@ class JointTable(types.StrictTable):
     none, its stiffness does not depend on the position"""
     stiffness: dict[types.Name, types.JointStiffness] = {}
     """stiffness of its directions, keys by kind, see below; `"rigid"` constrains a direction; default: directions without a key are free"""
-    stiffness_per_area: LayerTable | None = None
+    stiffness_per_area: _LayerTable | None = None
     """in place of `stiffness` of a `bolted` joint: a contact layer over the area of two flexible interfaces, whose faces may deform against
     each other"""
     damping: dict[types.Name, types.JointDamping] = {}

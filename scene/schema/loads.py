@@ -128,7 +128,7 @@ class LoadTable(types.StrictTable):
 
     @property
     def kind(self) -> LoadKind:
-        """Which kind of load was written."""
+        """Return which kind of load was written."""
         return next(kind for kind, keys in LOAD_KINDS.items() if self.given(keys))
 
     def _faults(self) -> Iterator[str]:

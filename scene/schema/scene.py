@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Field, create_model, field_validator
 
 from headstock.geometry.machine.joints import JointEnd
 from headstock.scene.reading.names import NAMES
-from headstock.scene.reading.units import ACCELERATION, RATE, TIME, quote_value
+from headstock.scene.reading.units import ACCELERATION, RATE, TIME, quantity_pattern, quote_value
 from headstock.scene.schema import types
 from headstock.scene.schema.axes import AxisTable, MechanismTable, PointTable, PoseTable
 from headstock.scene.schema.components import (
@@ -54,7 +54,7 @@ Accuracy = Annotated[
 ]
 
 
-class AccuracyTable(types.StrictTable):
+class _AccuracyTable(types.StrictTable):
     """How far any requested number may be off: mesh sizes, cells, order and mode counts are chosen
     for it.
     """
@@ -74,7 +74,7 @@ def _wrap_accuracy(value: object) -> object:
 
 
 AccuracyEntry = Annotated[
-    AccuracyTable,
+    _AccuracyTable,
     BeforeValidator(_wrap_accuracy),
     types.OrForm({"description": "ratio", "examples": ["1 %"], **types.RATIO_FORM}),
 ]
@@ -106,7 +106,7 @@ class AnalysesTable(types.StrictTable):
         return None if value is False else value
 
 
-class CompareTable(types.StrictTable):
+class _CompareTable(types.StrictTable):
     """What `headstock compare` shows unless the command line says otherwise."""
 
     variants: Annotated[list[types.Text], Field(min_length=1, max_length=100)] | None = None
@@ -125,7 +125,7 @@ class CompareTable(types.StrictTable):
     """column the others are compared with; default: the richest"""
 
 
-class LimitsTable(types.StrictTable):
+class _LimitsTable(types.StrictTable):
     """What a run may cost."""
 
     elements: types.Count | None = None
@@ -148,7 +148,7 @@ def _read_effects(value: object) -> object:
 _RATIOS = {"anyOf": [types.RATIO_FORM, {"type": "array", "items": types.RATIO_FORM, "minItems": 1}]}
 
 
-_ACCELERATION = {"type": "string", "pattern": types.QuantityPattern((ACCELERATION,))}
+_ACCELERATION = {"type": "string", "pattern": quantity_pattern(ACCELERATION)}
 
 
 _EFFECT_FORMS = {
@@ -171,8 +171,8 @@ _EFFECT_FORMS = {
                     "rayleigh": {
                         "type": "object",
                         "properties": {
-                            "alpha": {"type": "string", "pattern": types.QuantityPattern((RATE,))},
-                            "beta": {"type": "string", "pattern": types.QuantityPattern((TIME,))},
+                            "alpha": {"type": "string", "pattern": quantity_pattern(RATE)},
+                            "beta": {"type": "string", "pattern": quantity_pattern(TIME)},
                         },
                         "minProperties": 1,
                         "additionalProperties": False,
@@ -276,7 +276,7 @@ class SceneTable(types.StrictTable):
     variants: dict[types.Name, dict[str, Any]] = {}
     """named sets of overrides, keys in quotes: `"components.column.fidelity" = "rigid"`; chosen by `--variant`; `--variant A+B` applies
     `A`, then `B`"""
-    compare: CompareTable = CompareTable()
+    compare: _CompareTable = _CompareTable()
     """what `headstock compare` shows, see [variants side by side](comparing.md)"""
     poses: Annotated[dict[types.Name, PoseTable], Field(max_length=types.MAX_POSES)] = {}
     """axis positions: `X = "10 mm"`; axes left out are at zero; default: one pose, `reference`, with all axes at zero"""
@@ -298,7 +298,7 @@ class SceneTable(types.StrictTable):
     """what is computed"""
     orientation: OrientationTable = OrientationTable()
     """position and orientation of the whole machine"""
-    limits: LimitsTable = LimitsTable()
+    limits: _LimitsTable = _LimitsTable()
     """limits of size, memory and time of a run"""
     accuracy: AccuracyEntry | None = None
     """allowed error of every requested number: meshes and modes are chosen accordingly, see [accuracy](accuracy.md); default: none, the
@@ -325,7 +325,7 @@ class SceneTable(types.StrictTable):
 
     @property
     def is_lumped(self) -> bool:
-        """Whether the mechanism itself is the model: rigid bodies on lumped springs, and joints
+        """Return whether the mechanism itself is the model: rigid bodies on lumped springs, and joints
         have no part in it.
         """
         return self.mechanism is not None and self.mechanism.model == "lumped"

@@ -114,7 +114,7 @@ class StudyTable(types.StrictTable):
         yield from _length_faults(self.vary or {}, pairwise=self.pairwise)
 
 
-class AxisSpan(NamedTuple):
+class _AxisSpan(NamedTuple):
     """Lowest and highest position of an axis and the number of positions."""
 
     low: types.AxisPosition
@@ -127,7 +127,7 @@ class AxisSpan(NamedTuple):
 
 
 Span = Annotated[
-    AxisSpan,
+    _AxisSpan,
     types.read_span('positions: ["-100 mm", "100 mm", 21]'),
     types.describe_span((LENGTH, ANGLE), ["-100 mm", "100 mm", 21], 1),
 ]

@@ -3,6 +3,7 @@ references.
 """
 
 import ast
+import copy
 import dataclasses
 import functools
 import inspect
@@ -10,7 +11,7 @@ import itertools
 import math
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, Self, cast
 
@@ -23,7 +24,6 @@ from pydantic import (
     Field,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
-    JsonValue,
     StrictBool,
     model_validator,
 )
@@ -107,6 +107,11 @@ class StrictTable(BaseModel):
         return reference
 
 
+def table_name(table: type[BaseModel]) -> str:
+    """Return what a table of the schema is called: ``Tube`` of ``_TubeTable``."""
+    return table.__name__.removeprefix("_").removesuffix("Table")
+
+
 @functools.cache
 def _read_meanings(table: type[StrictTable]) -> dict[str, str]:
     """Return the texts below the fields that a table itself declares, by field."""
@@ -154,31 +159,7 @@ def read_quantity(value: object, *dimensions: Dimension) -> Quantity:
         raise problem(str(error)) from error
 
 
-@dataclass(frozen=True)
-class QuantityPattern:
-    """Stands for the pattern of quantities of some dimensions, which takes the units' definitions
-    to write.
-    """
-
-    dimensions: tuple[Dimension, ...]
-    sign: Sign = "any"
-
-
-type FormValue = str | int | float | bool | QuantityPattern | Sequence[FormValue] | Form
-type Form = Mapping[str, FormValue]
-
-
-def _write_form(form: Form) -> JsonSchemaValue:
-    """A description for the JSON schema, anew, with the patterns of its quantities."""
-    return {key: _write_value(value) for key, value in form.items()}
-
-
-def _write_value(value: FormValue) -> JsonValue:
-    if isinstance(value, QuantityPattern):
-        return quantity_pattern(*value.dimensions, sign=value.sign)
-    if isinstance(value, Mapping):
-        return _write_form(value)
-    return value if isinstance(value, str | int | float) else [_write_value(item) for item in value]
+type Form = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -193,7 +174,7 @@ class JsonForm:
         self, _core: CoreSchema, _handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """The description itself."""
-        return _write_form(self.form)
+        return copy.deepcopy(self.form)
 
 
 @dataclass(frozen=True)
@@ -209,7 +190,7 @@ class OrForm:
     ) -> JsonSchemaValue:
         """Either form."""
         usual = handler(core)
-        other = usual["items"] if self.form is None else _write_form(self.form)
+        other = usual["items"] if self.form is None else copy.deepcopy(self.form)
         return {"anyOf": [usual, other]}
 
 
@@ -250,7 +231,7 @@ def describe_quantity(*dimensions: Dimension, sign: Sign = "any") -> JsonForm:
             "type": "string",
             "description": f"{names} with a unit",
             "examples": [dimension.example for dimension in dimensions],
-            "pattern": QuantityPattern(dimensions, sign),
+            "pattern": quantity_pattern(*dimensions, sign=sign),
         }
     )
 
@@ -267,7 +248,7 @@ def _check_sign(value: float, sign: Sign) -> float:
 
 
 @dataclass(frozen=True)
-class _Measured(JsonForm):
+class QuantityOf(JsonForm):
     """A text with a unit becomes a quantity of one of some dimensions."""
 
     form: Form = field(init=False)
@@ -291,7 +272,7 @@ class _Measured(JsonForm):
 
 
 @dataclass(frozen=True)
-class _InUnits(_Measured):
+class InUnits(QuantityOf):
     """A text with a unit of a dimension becomes a number in SI units."""
 
     def _read(self, value: object) -> Quantity | float:
@@ -299,54 +280,56 @@ class _InUnits(_Measured):
         return quantity.value if isinstance(quantity, Quantity) else quantity
 
 
-Length = Annotated[float, _InUnits((units.LENGTH,))]
-PositiveLength = Annotated[float, _InUnits((units.LENGTH,), "positive")]
-NotNegativeLength = Annotated[float, _InUnits((units.LENGTH,), "not negative")]
-Angle = Annotated[float, _InUnits((units.ANGLE,))]
-Pressure = Annotated[float, _InUnits((units.PRESSURE,))]
-PositivePressure = Annotated[float, _InUnits((units.PRESSURE,), "positive")]
-PositiveDensity = Annotated[float, _InUnits((units.DENSITY,), "positive")]
-PositiveMass = Annotated[float, _InUnits((units.MASS,), "positive")]
-PositiveFrequency = Annotated[float, _InUnits((units.FREQUENCY,), "positive")]
-Frequency = Annotated[float, _InUnits((units.FREQUENCY,), "not negative")]
-PositiveTime = Annotated[float, _InUnits((units.TIME,), "positive")]
-NotNegativeTime = Annotated[float, _InUnits((units.TIME,), "not negative")]
-PositiveMemory = Annotated[float, _InUnits((units.MEMORY,), "positive")]
-PositiveForce = Annotated[float, _InUnits((units.FORCE,), "positive")]
-PositiveStiffness = Annotated[float, _InUnits((units.STIFFNESS,), "positive")]
-PositiveStiffnessPerArea = Annotated[float, _InUnits((units.STIFFNESS_PER_AREA,), "positive")]
-PositiveRotationalStiffness = Annotated[float, _InUnits((units.ROTATIONAL_STIFFNESS,), "positive")]
-Force = Annotated[float, _InUnits((units.FORCE,))]
-Speed = Annotated[float, _InUnits((units.SPEED,))]
-PositiveSpeed = Annotated[float, _InUnits((units.SPEED,), "positive")]
-PositiveAngularSpeed = Annotated[float, _InUnits((units.ANGULAR_SPEED,), "positive")]
-Moment = Annotated[float, _InUnits((units.MOMENT,))]
-PositiveMoment = Annotated[float, _InUnits((units.MOMENT,), "positive")]
-Acceleration = Annotated[float, _InUnits((units.ACCELERATION,))]
-PositiveInertia = Annotated[float, _InUnits((units.INERTIA,), "positive")]
-NotNegativeInertia = Annotated[float, _InUnits((units.INERTIA,), "not negative")]
-NotNegativeDamping = Annotated[float, _InUnits((units.DAMPING,), "not negative")]
-PositiveRate = Annotated[float, _InUnits((units.RATE,), "positive")]
-NotNegativeRate = Annotated[float, _InUnits((units.RATE,), "not negative")]
-NotNegativeForce = Annotated[float, _InUnits((units.FORCE,), "not negative")]
-SpecificForce = Annotated[float, _InUnits((units.SPECIFIC_FORCE,))]
-PositiveSpecificForce = Annotated[float, _InUnits((units.SPECIFIC_FORCE,), "positive")]
-EdgeForce = Annotated[float, _InUnits((units.EDGE_FORCE,))]
-NotNegativeEdgeForce = Annotated[float, _InUnits((units.EDGE_FORCE,), "not negative")]
+Length = Annotated[float, InUnits((units.LENGTH,))]
+PositiveLength = Annotated[float, InUnits((units.LENGTH,), "positive")]
+NotNegativeLength = Annotated[float, InUnits((units.LENGTH,), "not negative")]
+Angle = Annotated[float, InUnits((units.ANGLE,))]
+Pressure = Annotated[float, InUnits((units.PRESSURE,))]
+PositivePressure = Annotated[float, InUnits((units.PRESSURE,), "positive")]
+PositiveDensity = Annotated[float, InUnits((units.DENSITY,), "positive")]
+PositiveMass = Annotated[float, InUnits((units.MASS,), "positive")]
+PositiveFrequency = Annotated[float, InUnits((units.FREQUENCY,), "positive")]
+Frequency = Annotated[float, InUnits((units.FREQUENCY,), "not negative")]
+PositiveTime = Annotated[float, InUnits((units.TIME,), "positive")]
+NotNegativeTime = Annotated[float, InUnits((units.TIME,), "not negative")]
+PositiveMemory = Annotated[float, InUnits((units.MEMORY,), "positive")]
+PositiveForce = Annotated[float, InUnits((units.FORCE,), "positive")]
+PositiveStiffness = Annotated[float, InUnits((units.STIFFNESS,), "positive")]
+PositiveStiffnessPerArea = Annotated[float, InUnits((units.STIFFNESS_PER_AREA,), "positive")]
+PositiveRotationalStiffness = Annotated[float, InUnits((units.ROTATIONAL_STIFFNESS,), "positive")]
+Force = Annotated[float, InUnits((units.FORCE,))]
+Speed = Annotated[float, InUnits((units.SPEED,))]
+PositiveSpeed = Annotated[float, InUnits((units.SPEED,), "positive")]
+PositiveAngularSpeed = Annotated[float, InUnits((units.ANGULAR_SPEED,), "positive")]
+Moment = Annotated[float, InUnits((units.MOMENT,))]
+PositiveMoment = Annotated[float, InUnits((units.MOMENT,), "positive")]
+Acceleration = Annotated[float, InUnits((units.ACCELERATION,))]
+PositiveInertia = Annotated[float, InUnits((units.INERTIA,), "positive")]
+NotNegativeInertia = Annotated[float, InUnits((units.INERTIA,), "not negative")]
+NotNegativeDamping = Annotated[float, InUnits((units.DAMPING,), "not negative")]
+PositiveRate = Annotated[float, InUnits((units.RATE,), "positive")]
+NotNegativeRate = Annotated[float, InUnits((units.RATE,), "not negative")]
+NotNegativeForce = Annotated[float, InUnits((units.FORCE,), "not negative")]
+SpecificForce = Annotated[float, InUnits((units.SPECIFIC_FORCE,))]
+PositiveSpecificForce = Annotated[float, InUnits((units.SPECIFIC_FORCE,), "positive")]
+EdgeForce = Annotated[float, InUnits((units.EDGE_FORCE,))]
+NotNegativeEdgeForce = Annotated[float, InUnits((units.EDGE_FORCE,), "not negative")]
 TimedLoadSize = Annotated[
     Quantity,
-    _Measured((units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE)),
+    QuantityOf((units.FORCE, units.MOMENT, units.IMPULSE, units.ANGULAR_IMPULSE)),
 ]
-PathFeed = Annotated[Quantity, _Measured((units.SPEED, units.ANGULAR_SPEED), "positive")]
-AxisPosition = Annotated[Quantity, _Measured((units.LENGTH, units.ANGLE))]
-PositiveAxisPosition = Annotated[Quantity, _Measured((units.LENGTH, units.ANGLE), "positive")]
-VelocityGain = Annotated[Quantity, _Measured((units.DAMPING, units.ROTATIONAL_DAMPING), "positive")]
-FrictionSlope = Annotated[Quantity, _Measured((units.DAMPING,), "not negative")]
-JointDamping = Annotated[Quantity, _Measured((units.DAMPING, units.ROTATIONAL_DAMPING))]
+PathFeed = Annotated[Quantity, QuantityOf((units.SPEED, units.ANGULAR_SPEED), "positive")]
+AxisPosition = Annotated[Quantity, QuantityOf((units.LENGTH, units.ANGLE))]
+PositiveAxisPosition = Annotated[Quantity, QuantityOf((units.LENGTH, units.ANGLE), "positive")]
+VelocityGain = Annotated[
+    Quantity, QuantityOf((units.DAMPING, units.ROTATIONAL_DAMPING), "positive")
+]
+FrictionSlope = Annotated[Quantity, QuantityOf((units.DAMPING,), "not negative")]
+JointDamping = Annotated[Quantity, QuantityOf((units.DAMPING, units.ROTATIONAL_DAMPING))]
 
 
 @dataclass(frozen=True)
-class _MeasuredOrRigid(_Measured):
+class _StiffnessOf(QuantityOf):
     """The same, or ``rigid``."""
 
     def _read(self, value: object) -> Any:
@@ -355,7 +338,7 @@ class _MeasuredOrRigid(_Measured):
 
 JointStiffness = Annotated[
     Quantity | str,
-    _MeasuredOrRigid((units.STIFFNESS, units.ROTATIONAL_STIFFNESS)),
+    _StiffnessOf((units.STIFFNESS, units.ROTATIONAL_STIFFNESS)),
     OrForm({"const": "rigid"}),
 ]
 
@@ -408,7 +391,7 @@ Flag = StrictBool
 
 
 # a number, or a text with a number and perhaps a per cent sign
-RATIO_FORM: Form = {"type": ["number", "string"], "pattern": QuantityPattern((units.RATIO,))}
+RATIO_FORM: Form = {"type": ["number", "string"], "pattern": quantity_pattern(units.RATIO)}
 
 
 def _read_ratio(value: object) -> float:
@@ -526,7 +509,7 @@ class RequestTable(StrictTable):
     ) -> JsonSchemaValue:
         """Return the description with the meaning of each key; ``on_request`` names the analysis."""
         reference = super().__get_pydantic_json_schema__(core, handler)
-        name = cls.__name__.removesuffix("Table").lower()
+        name = table_name(cls).lower()
         rule = handler.resolve_ref_schema(reference)["properties"]["on_request"]
         rule[MEANING] = f"run only when named: `--analysis {name}`"
         return reference
@@ -655,9 +638,7 @@ End = Annotated[
 ]
 
 
-def describe_span(
-    dimensions: tuple[Dimension, ...], example: list[FormValue], low: int
-) -> JsonForm:
+def describe_span(dimensions: tuple[Dimension, ...], example: list[Any], low: int) -> JsonForm:
     """Describe a span of the lowest and the highest value and their number for the JSON schema.
 
     Args:
@@ -668,7 +649,7 @@ def describe_span(
             "type": "array",
             "examples": [example],
             "prefixItems": [
-                *2 * [{"type": "string", "pattern": QuantityPattern(dimensions)}],
+                *2 * [{"type": "string", "pattern": quantity_pattern(*dimensions)}],
                 {"type": "integer", "minimum": low},
             ],
             "minItems": 3,

@@ -19,6 +19,7 @@ from headstock.scene.reading.names import REMOVED_KEYS, SCENE_KEYS
 from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import quote_value
 from headstock.scene.schema.scene import SceneTable, complete_scene
+from headstock.scene.schema.types import table_name
 
 # what pydantic puts among the keys: a faulty key, and which kind of value was taken
 _TAG = re.compile(r"(|literal|function-\w+)\[.*\]")
@@ -98,13 +99,13 @@ def known_keys(path: KeyPath, root: type[BaseModel] | None = None) -> list[str] 
 
 
 def is_list(path: KeyPath) -> bool:
-    """Whether the scene's schema has a list at a path."""
+    """Return whether the scene's schema has a list at a path."""
     model = _resolve_model(complete_scene(), path[:-1])
     return model is not None and get_origin(_field_kind(model, str(path[-1]))) is list
 
 
 def unknown_key(path: KeyPath) -> str:
-    """What is wrong with the last key of a path that the scene's schema does not know, or no longer
+    """Return what is wrong with the last key of a path that the scene's schema does not know, or no longer
     by this name.
     """
     return _unknown_key(complete_scene(), path)
@@ -112,7 +113,7 @@ def unknown_key(path: KeyPath) -> str:
 
 def _unknown_key(root: type[BaseModel], path: KeyPath) -> str:
     model, key = _resolve_model(root, path[:-1]), str(path[-1])
-    label = "" if model is None else model.__name__.removesuffix("Table")
+    label = "" if model is None else table_name(model)
     if renamed := SCENE_KEYS.get(f"{label}.{key}"):
         return f"{key!r} is now called {renamed!r}; write {renamed}"
     if reason := REMOVED_KEYS.get(f"{label}.{key}"):
@@ -164,10 +165,10 @@ def _example_of(model: type[BaseModel], key: str) -> str:
 
 def _length_message(detail: ErrorDetails) -> str:
     context = detail.get("ctx", {})
-    found = context.get("actual_length")
+    length = context.get("actual_length")
     low, high = context.get("min_length"), context.get("max_length")
     wanted = f"at least {low}" if low is not None else f"at most {high}"
-    return f"has {found} entries but needs {wanted}"
+    return f"has {length} entries but needs {wanted}"
 
 
 def _closest(value: object, expected: str) -> str:

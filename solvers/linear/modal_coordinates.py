@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest, solve_modal
-from headstock.solvers.linear.static_response import solve_static
+from headstock.solvers.linear.static_response import solve_pinned, solve_static
 from headstock.solvers.linear.symmetric_matrices import find_null_space, is_symmetric
 from headstock.solvers.second_order import (
     Channel,
@@ -254,12 +254,7 @@ def _elastic_displacements(
         return solve_static(system, loads).displacements
     rigid = modes.shapes[:, : modes.rigid_count]
     balanced = loads - system.mass @ (rigid @ (rigid.T @ loads))
-    free = find_null_space(system.stiffness).free
-    fixed = np.ix_(free, free)
-    labels = tuple(system.labels[int(i)] for i in free)
-    inner = SecondOrderSystem(system.mass[fixed], None, system.stiffness[fixed], {}, {}, labels)
-    displacements = np.zeros_like(balanced)
-    displacements[free] = solve_static(inner, balanced[free]).displacements
+    displacements = solve_pinned(system, find_null_space(system.stiffness).free, balanced)
     return np.asarray(displacements - rigid @ (rigid.T @ (system.mass @ displacements)))
 
 

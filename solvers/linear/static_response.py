@@ -14,6 +14,7 @@ from headstock.solvers.linear.symmetric_matrices import (
     DEAD_DIAGONAL,
     EPS,
     PIVOT_FACTOR,
+    IntArray,
     NullSpace,
     absolute_product,
     find_null_space,
@@ -63,6 +64,16 @@ def solve_static(system: SecondOrderSystem, loads: FloatArray) -> StaticResult:
             "look for joint stiffnesses that differ by more than 14 decades"
         )
     return StaticResult(displacements.reshape(loads.shape), residual)
+
+
+def solve_pinned(system: SecondOrderSystem, free: IntArray, loads: FloatArray) -> FloatArray:
+    """Return the displacements ``(n, m)`` under loads ``(n, m)`` with all but some dofs at rest."""
+    fixed = np.ix_(free, free)
+    labels = tuple(system.labels[int(dof)] for dof in free)
+    inner = SecondOrderSystem(system.mass[fixed], None, system.stiffness[fixed], {}, {}, labels)
+    displacements = np.zeros_like(loads)
+    displacements[free] = solve_static(inner, loads[free]).displacements
+    return displacements
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,20 +134,9 @@ def solve_balanced(system: SecondOrderSystem, loads: FloatArray) -> BalancedResu
         weights > 0.0, weights, np.median(weights[weights > 0.0]) if (weights > 0.0).any() else 1.0
     )
     balanced = _does_no_work(loads, null.vectors, weights)
-    fixed = np.ix_(null.free, null.free)
-    inner = SecondOrderSystem(
-        system.mass[fixed],
-        None,
-        system.stiffness[fixed],
-        {},
-        {},
-        tuple(system.labels[int(dof)] for dof in null.free),
-    )
     displacements = np.zeros(loads.shape)
     if balanced.any():
-        displacements[np.ix_(null.free, np.flatnonzero(balanced))] = solve_static(
-            inner, loads[null.free][:, balanced]
-        ).displacements
+        displacements[:, balanced] = solve_pinned(system, null.free, loads[:, balanced])
     return BalancedResult(displacements, balanced, null, weights)
 
 

@@ -30,7 +30,6 @@ from headstock.solvers.motion.deviation import PathDeviation
 from headstock.solvers.motion.driven_motion import DrivenMotion, integrate_track, solve_motion
 from headstock.solvers.motion.exact import (
     StepTable,
-    integrate_steps,
     join_ends,
     observe_along,
     respond_exactly,
@@ -400,7 +399,7 @@ def make_loop_table(loop: VaryingLoop, size: float) -> LoopTable:
     """
     _require_mounted(close_loops_along(loop, 0.5 * float(loop.plant.positions[-1])))
     steps = tabulate_steps(
-        lambda place: _exact_step(loop, place, size), float(loop.plant.positions[-1]), size
+        functools.partial(_exact_step, loop), float(loop.plant.positions[-1]), size
     )
     inputs = [_drive_inputs(loop, float(place)) for place in steps.spline.x]
     parting = _part_poles([space.a for space, _, _ in inputs], loop.low_frequency_limit_hz)
@@ -430,14 +429,8 @@ def solve_varying_control(
     steps = step_move(loop.loads, move, samples)
     table = table or make_loop_table(loop, float(cut_times(samples, loop.loads)[0][1]))
     motion = path_inputs(loop.loads, move, steps.times)[:-1, :2]
-    states = integrate_steps(
-        table.steps,
-        lambda place, step: _exact_step(loop, place, step),
-        move,
-        steps.times,
-        np.hstack([motion, steps.ends.reshape(len(motion), -1)]),
-        size=table.rows.c.shape[3],
-    )[steps.wanted]
+    given = np.hstack([motion, steps.ends.reshape(len(motion), -1)])
+    states = table.steps.integrate(move, steps.times, given)[steps.wanted]
     now = path_inputs(loop.loads, move, samples)
     positions, count = now[:, 0], len(loop.outputs)
     total = observe_along(table.rows, positions, states)

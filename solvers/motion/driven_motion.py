@@ -210,8 +210,7 @@ def integrate_track(
         if not track.still:
             ends = grid[start : part.stop + 1]
             posed[after] = _posed_work(track, ends, middles, begun, ended)
-    left[-1] = state
-    right[-1] = state + outset.jumps[-1]
+    left[-1], right[-1] = state, state + outset.jumps[-1]
     positions = track.positions(times)
     friction_forces, outputs = _observe(track, positions, right, given(times))
     return DrivenMotion(

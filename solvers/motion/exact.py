@@ -282,38 +282,68 @@ def slow_modes(frequencies_hz: Sequence[float] | FloatArray, low_frequency_limit
 
 @dataclass(frozen=True, eq=False)
 class StepTable:
-    """Exact steps of one size along a path, interpolated.
+    """Exact steps along a path, those of one size interpolated.
 
     Attributes:
-        size: [s].
-        spline: Position to the matrix of a step: the state after it from the state and what is
-            given at its beginning and end.
+        step: Position [m] and size [s] to the matrix of a step: the state after it from the state
+            and what is given at its beginning and end.
+        size: The most frequent one [s].
+        spline: Position to the matrix of a step of this size.
     """
 
+    step: Callable[[float, float], FloatArray]
     size: float
     spline: CubicSpline
 
+    def integrate(self, move: SetPoint, times: FloatArray, given: FloatArray) -> FloatArray:
+        """Return the states at all times ``(n, size)``, from rest.
+
+        Args:
+            move: Where the system stands.
+            times: ``(n,)`` [s].
+            given: ``(n - 1, k)`` what the matrix of each step takes besides the state.
+        """
+        steps = np.diff(times)
+        middles = sample_move(move, 0.5 * (times[1:] + times[:-1])).positions
+        knots, coefficients = self.spline.x, self.spline.c
+        intervals = np.clip(np.searchsorted(knots, middles, side="right") - 1, 0, len(knots) - 2)
+        offsets = middles - knots[intervals]
+        regular = np.abs(steps - self.size) <= SAME_STEP * self.size
+        states = np.zeros((len(times), coefficients.shape[2]))
+        for number, offset in enumerate(offsets):
+            known = np.concatenate([states[number], given[number]])
+            if regular[number]:
+                cubic, square, slope, value = coefficients[:, intervals[number]] @ known
+                states[number + 1] = ((cubic * offset + square) * offset + slope) * offset + value
+            else:
+                step = self.step(float(middles[number]), float(steps[number]))
+                states[number + 1] = step @ known
+        return states
+
 
 def make_step_table(system: VaryingSystem, size: float) -> StepTable:
-    """Steps of one size at so many places that those between are known.
+    """Return steps of one size at so many places that those between are known.
 
     Raises:
         AccuracyError: The greatest number of places does not suffice.
     """
-    return tabulate_steps(
-        lambda place: step_pose(system.at(place), system.scales, size),
-        float(system.positions[-1]),
-        size,
-    )
+
+    def step(position: float, size: float) -> FloatArray:
+        return step_pose(system.at(position), system.scales, size)
+
+    return tabulate_steps(step, float(system.positions[-1]), size)
 
 
-def tabulate_steps(step: Callable[[float], FloatArray], length: float, size: float) -> StepTable:
+def tabulate_steps(
+    step: Callable[[float, float], FloatArray], length: float, size: float
+) -> StepTable:
     """The same of any steps.
 
     Args:
-        step: The matrix of a step in the middle of which the system stands at a position [m].
+        step: The matrix of a step in the middle of which the system stands at a position [m], by its
+            size [s].
         length: Of the path [m].
-        size: Of the steps [s].
+        size: The most frequent one [s].
 
     Raises:
         AccuracyError: The greatest number of places does not suffice.
@@ -329,14 +359,15 @@ def tabulate_steps(step: Callable[[float], FloatArray], length: float, size: flo
         )
         missed = 0.0
         for place in (float(value) for value in places if float(value) not in known):
-            known[place] = step(place)
+            known[place] = step(place, size)
             if before is not None:
                 missed = max(
                     missed,
                     float(np.abs(before(place) - known[place]).max() / np.abs(known[place]).max()),
                 )
         if before is not None and missed <= STEP_TOLERANCE:
-            return StepTable(size, CubicSpline(places, np.array([known[float(s)] for s in places])))
+            spline = CubicSpline(places, np.array([known[float(s)] for s in places]))
+            return StepTable(step, size, spline)
         count = 2 * count - 1
     raise AccuracyError(
         f"{MOST_KNOTS} places along the path leave an error of {missed:.2g} of a step between them; shorten the path, or sample it faster"
@@ -379,14 +410,9 @@ def solve_varying_path(
         table: Steps of the size of those of ``cut_times``, where they are already known.
     """
     steps = step_move(model.loads, move, samples)
-    states = integrate_steps(
-        table or make_step_table(system, float(cut_times(samples, model.loads)[0][1])),
-        lambda place, size: step_pose(system.at(place), system.scales, size),
-        move,
-        steps.times,
-        steps.ends.reshape(len(steps.ends), -1),
-        size=2 * len(system.scales),
-    )[steps.wanted]
+    table = table or make_step_table(system, float(cut_times(samples, model.loads)[0][1]))
+    given = steps.ends.reshape(len(steps.ends), -1)
+    states = table.integrate(move, steps.times, given)[steps.wanted]
     positions, now = sample_move(move, samples).positions, steps.now
     displacements = states[:, : len(system.scales)] / system.scales
     quasi_static = now[:, :1] * system.splines["quasi_static"](positions)
@@ -398,44 +424,6 @@ def solve_varying_path(
     return PathDeviation(
         samples, total, quasi_static, low_frequency, total - quasi_static - low_frequency
     )
-
-
-def integrate_steps(
-    table: StepTable,
-    step: Callable[[float, float], FloatArray],
-    move: SetPoint,
-    times: FloatArray,
-    given: FloatArray,
-    *,
-    size: int,
-) -> FloatArray:
-    """States ``(n, size)`` at all times, from rest.
-
-    Args:
-        table: Steps of the most frequent size.
-        step: The matrix of a step about a position [m], of a size [s]: the others.
-        move: Where the system stands.
-        times: ``(n,)`` [s].
-        given: ``(n - 1, k)`` what the matrix of each step takes beside the state.
-    """
-    steps = np.diff(times)
-    middles = sample_move(move, 0.5 * (times[1:] + times[:-1])).positions
-    knots, coefficients = table.spline.x, table.spline.c
-    intervals = np.clip(np.searchsorted(knots, middles, side="right") - 1, 0, len(knots) - 2)
-    offsets = middles - knots[intervals]
-    regular = np.abs(steps - table.size) <= SAME_STEP * table.size
-    state, found = np.zeros(size), np.zeros((len(times), size))
-    for number in range(len(steps)):
-        known = np.concatenate([state, given[number]])
-        if regular[number]:
-            cubic, square, slope, value = coefficients[:, intervals[number]] @ known
-            state = ((cubic * offsets[number] + square) * offsets[number] + slope) * offsets[
-                number
-            ] + value
-        else:
-            state = step(float(middles[number]), float(steps[number])) @ known
-        found[number + 1] = state
-    return found
 
 
 def observe_along(

@@ -293,11 +293,8 @@ def sample_motion(
         transported = {
             time: _transport(pose, turns[time], channels) for time, pose in poses.items()
         }
-        pairs = zip(grids, finer, strict=True)
-        misses = [_miss(grid, fine, transported, channels) for grid, fine in pairs]
-        rotations = [_find_rotation_error(fine, transported) for fine in finer]
-        missed = np.array(misses) > MISS_TOLERANCE
-        rotated = np.array(rotations) > TURN_TOLERANCE / len(spans)
+        misses, rotations = _find_errors(grids, finer, transported, channels)
+        missed, rotated = misses > MISS_TOLERANCE, rotations > TURN_TOLERANCE / len(spans)
         wide = set(np.flatnonzero(missed | rotated).tolist())
     return SampledMotion(
         channels=channels,
@@ -305,8 +302,8 @@ def sample_motion(
         pieces=tuple(_join(grid, transported) for grid in finer),
         poses=len(poses),
         modes=kept,
-        error=max(misses),
-        rotation_error=sum(rotations),
+        error=float(misses.max()),
+        rotation_error=sum(rotations.tolist()),
         highest_hz=highest_hz,
         complete=all(pose.coordinates.complete for pose in poses.values()),
         anchors={time: transported[time].momenta for grid in finer for time in _pick(grid)},
@@ -427,6 +424,18 @@ def _count_fading_modes(poses: Collection[PoseModes], up_to_hz: float) -> tuple[
     kept = min(max(1, *(np.count_nonzero(share) for _, share in shares)), known)
     highest = max(float(omega[share >= 0.5].max(initial=0.0)) for omega, share in shares)
     return int(kept), highest / (2.0 * np.pi)
+
+
+def _find_errors(
+    grids: Sequence[Sequence[float]],
+    finer: Sequence[Sequence[float]],
+    transported: Mapping[float, _TransportedPose],
+    channels: PlantChannels,
+) -> tuple[FloatArray, FloatArray]:
+    """Return what splines of each piece ``(n,)`` miss, and by how much its modes are rotated [rad]."""
+    pairs = zip(grids, finer, strict=True)
+    misses = [_miss(grid, fine, transported, channels) for grid, fine in pairs]
+    return np.array(misses), np.array([_find_rotation_error(fine, transported) for fine in finer])
 
 
 def _pick(grid: Sequence[float]) -> Sequence[float]:

@@ -2,10 +2,11 @@
 fitted to it, and what is made of them, in SI units.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from headstock.reduction.coupling.slopes import ObservedDof
 from headstock.scene.reading import units
@@ -17,6 +18,7 @@ from headstock.scene.schema.types import (
     Count,
     CountFromZero,
     Flag,
+    InUnits,
     JsonForm,
     Name,
     Names,
@@ -24,25 +26,16 @@ from headstock.scene.schema.types import (
     OrForm,
     PositiveFrequency,
     PositiveNumber,
-    QuantityPattern,
+    QuantityOf,
     StrictTable,
     Text,
-    describe_quantity,
     problem,
     read_quantity,
 )
 
 MAX_STARTS = 4096
-Measured = Annotated[
-    Quantity,
-    BeforeValidator(lambda value: read_quantity(value, units.FREQUENCY, COMPLIANCE)),
-    describe_quantity(units.FREQUENCY, COMPLIANCE),
-]
-Compliance = Annotated[
-    float,
-    BeforeValidator(lambda value: read_quantity(value, COMPLIANCE).value),
-    describe_quantity(COMPLIANCE),
-]
+Measured = Annotated[Quantity, QuantityOf((units.FREQUENCY, COMPLIANCE))]
+Compliance = Annotated[float, InUnits((COMPLIANCE,))]
 Letter = Literal["x", "y", "z", "-x", "-y", "-z"]
 _ALONE = OrForm({"type": "string", "description": "scene key"})
 
@@ -62,26 +55,15 @@ def _require_spread(found: Quantity) -> Quantity:
 AnyQuantity = Annotated[
     Quantity,
     BeforeValidator(_read_any),
-    JsonForm({"type": ["string", "number"], "pattern": QuantityPattern(DIMENSIONS)}),
+    JsonForm({"type": ["string", "number"], "pattern": units.quantity_pattern(*DIMENSIONS)}),
 ]
 FrequencySpread = Annotated[
-    Quantity,
-    BeforeValidator(lambda value: read_quantity(value, units.RATIO, units.FREQUENCY)),
-    AfterValidator(_require_spread),
-    describe_quantity(units.RATIO, units.FREQUENCY),
+    Quantity, QuantityOf((units.RATIO, units.FREQUENCY)), AfterValidator(_require_spread)
 ]
 ComplianceSpread = Annotated[
-    Quantity,
-    BeforeValidator(lambda value: read_quantity(value, units.RATIO, COMPLIANCE)),
-    AfterValidator(_require_spread),
-    describe_quantity(units.RATIO, COMPLIANCE),
+    Quantity, QuantityOf((units.RATIO, COMPLIANCE)), AfterValidator(_require_spread)
 ]
-RatioSpread = Annotated[
-    Quantity,
-    BeforeValidator(lambda value: read_quantity(value, units.RATIO)),
-    AfterValidator(_require_spread),
-    describe_quantity(units.RATIO),
-]
+RatioSpread = Annotated[Quantity, QuantityOf((units.RATIO,)), AfterValidator(_require_spread)]
 
 
 class BodyMoveTable(StrictTable):
@@ -96,11 +78,9 @@ class BodyMoveTable(StrictTable):
     translation: Letter | None = None
     """axis they move along; `-` for the opposite sense of the first motion"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if (self.rotation is None) == (self.translation is None):
-            raise problem('needs either rotation = "y" or translation = "x"')
-        return self
+            yield 'needs either rotation = "y" or translation = "x"'
 
 
 class ModeTargetTable(StrictTable):
@@ -131,13 +111,11 @@ class ModeTargetTable(StrictTable):
     hold_out: Flag = False
     """compared, but not fitted"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.moves is not None and self.vectors is not None:
-            raise problem("gives both moves and vectors; keep one description of the shape")
+            yield "gives both moves and vectors; keep one description of the shape"
         if self.ignore is not None and self.moves is None:
-            raise problem("`ignore` names bodies that moves says nothing about; it goes with moves")
-        return self
+            yield "`ignore` names bodies that moves says nothing about; it goes with moves"
 
 
 class ComplianceTargetTable(StrictTable):
@@ -164,13 +142,9 @@ class ComplianceTargetTable(StrictTable):
     hold_out: Flag = False
     """compared, but not fitted"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if self.value == 0.0:
-            raise problem(
-                "is zero; leave an entry that should vanish out, or give what was measured"
-            )
-        return self
+            yield "is zero; leave an entry that should vanish out, or give what was measured"
 
 
 class AtMostTable(StrictTable):
@@ -212,13 +186,9 @@ class CaseTable(StrictTable):
     hold_out: Flag = False
     """compared, but not fitted"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if not (self.frequencies or self.modes or self.compliances or self.numbers):
-            raise problem(
-                'holds no target; write frequencies = ["80 Hz"], modes = [{ ... }] or compliances = [{ ... }]'
-            )
-        return self
+            yield 'holds no target; write frequencies = ["80 Hz"], modes = [{ ... }] or compliances = [{ ... }]'
 
 
 def _read_rule(value: object) -> object:
@@ -280,11 +250,9 @@ class ParameterTable(StrictTable):
     scale: Literal["log", "linear"] = "log"
     """whether steps are relative or absolute"""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _faults(self) -> Iterator[str]:
         if not (self.keys or self.multiplies or self.shifts):
-            raise problem('moves nothing; write keys = ["joints.NAME.stiffness.normal"]')
-        return self
+            yield 'moves nothing; write keys = ["joints.NAME.stiffness.normal"]'
 
 
 class FitTable(StrictTable):

@@ -12,10 +12,21 @@ from common import approx
 from fixture_machines import machine
 from headstock.app.command_line import main
 from headstock.pipeline.numbers.folders import read_run_numbers
-from headstock.studies.kind_changes import compare_kinds
+from headstock.pipeline.numbers.numbers import make_key
+from headstock.scene.building.loader import load_scene
+from headstock.studies.effects import EffectTrial
+from headstock.studies.good_enough import (
+    Drop,
+    append_variant,
+    choose_drops,
+    keep_within,
+    name_variant,
+)
+from headstock.studies.kind_changes import Change, compare_kinds
+from headstock.studies.model_trials import ModelTrial
+from headstock.studies.model_worth import ModelFinding, RunPrice
 
 pytestmark = pytest.mark.fem
-
 DATA = Path(__file__).resolve().parents[1] / "data"
 # a stiff block on soft springs, whose mesh matters little, and a column of few linear elements,
 # whose mesh matters much
@@ -146,3 +157,138 @@ def test_a_pose_that_matters_stays(
     told = capsys.readouterr().out
     assert "keep pose_dependent" in told and "no file is written" in told
     assert not (tmp_path / "scene_good_enough.toml").exists()
+
+
+MACHINES = Path(__file__).resolve().parents[2] / "machines"
+BLOCK = """# a comment of the user
+name = "Mass on a stiff block"
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+[components.block]   # odd   spacing stays
+solid = { box = ["300 mm", "300 mm", "150 mm"] }
+material = "steel"
+fidelity = "elastic"
+mesh = { size = "75 mm", cells = "hex" }
+[components.block.interfaces]
+bottom = { face = "z-" }
+top = { face = "z+" }
+[joints.feet]
+between = ["block.bottom", "ground"]
+kind = "spring"
+stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
+[points]
+tcp = { tool = "block.top", work = "ground" }
+[analyses.static]
+at = "tcp"
+[analyses.modal]
+count = 2
+"""
+
+
+def finding(
+    tried: str, saved: float, kind: str = "elasticity", moved: float = 5e-4
+) -> ModelFinding:
+    trial = ModelTrial(
+        "modes" if kind == "modes" else "elasticity",
+        ("block",),
+        "elastic",
+        tried,
+        (f"components.block.{kind}={tried}",),
+        "simpler",
+    )
+    key = make_key("frequency", pose="reference", mode=1)
+    change = Change(key, moved, 50.0, 50.0 * (1.0 + moved), "Hz")
+    return ModelFinding(
+        trial, (change,), written=RunPrice(10.0, 1.0), tried=RunPrice(10.0 * (1.0 - saved), 1.0)
+    )
+
+
+def test_of_what_may_be_dropped_of_a_body_the_one_that_saves_most_is_taken() -> None:
+    scene = load_scene(MACHINES / "tripteor.toml")
+    key = make_key("drive_force", face=1, drive="leg_1", figure="mean")
+    little, nothing = (Change(key, share, 1.0, 1.0, "N") for share in (5e-4, 1e-13))
+    trials = [EffectTrial("coriolis", True, (little,)), EffectTrial("damping", True, (nothing,))]
+    found = [finding("segmented", 0.5), finding("rigid", 0.9), finding("5", 0.95, "modes")]
+    drops = choose_drops(scene, trials, found)
+    assert [drop.settings for drop in drops] == [
+        ("effects.coriolis=false",),
+        ("components.block.elasticity=rigid",),
+    ]
+
+
+def test_of_models_that_save_as_much_the_one_that_moves_least_is_taken() -> None:
+    scene = load_scene(MACHINES / "tripteor.toml")
+    found = [
+        finding("segmented", 0.9, moved=1e-4),
+        finding("rigid", 0.92),
+        finding("polynomial", 0.5, moved=1e-6),
+    ]
+    (drop,) = choose_drops(scene, [], found)
+    assert drop.settings == ("components.block.elasticity=segmented",)
+
+
+def test_what_is_too_much_together_is_given_up_from_the_largest_on() -> None:
+    drops = [Drop((f"a{number}=1",), "", worth) for number, worth in enumerate((4.0, 1.0, 2.0))]
+    kept = keep_within(drops, 3.5, lambda some: sum(drop.worth for drop in some))
+    assert [drop.worth for drop in kept] == [1.0, 2.0]
+    assert not keep_within(drops, 0.5, lambda some: sum(drop.worth for drop in some))
+
+
+def test_a_variant_keeps_every_letter_before_it_and_has_a_name_of_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "block.toml"
+    drop = Drop(('components.block.fidelity="rigid"',), "moves little", 1e-4)
+    once = append_variant(BLOCK, [drop], name="good_enough", overrides=["materials.steel.nu=0.29"])
+    assert once.startswith(BLOCK)
+    path.write_text(once)
+    scene = load_scene(path, variant="good_enough")
+    assert scene.machine.components["block"].fidelity == "rigid"
+    assert scene.raw["materials"] == {"steel": {"E": "210 GPa", "nu": 0.29, "rho": "7850 kg/m^3"}}
+    assert name_variant(scene) == "good_enough_2"
+    windows = append_variant(BLOCK.replace("\n", "\r\n"), [drop], name="x")
+    assert windows.count("\n") == windows.count("\r\n")
+
+
+def test_words_of_an_option_given_twice_are_all_taken(capsys: pytest.CaptureFixture[str]) -> None:
+    listed = []
+    for only in (["--only", "modes,mesh"], ["--only", "modes", "--only", "mesh"]):
+        assert main(["effects", str(MACHINES / "three_axis.toml"), "--list", *only]) == 0
+        listed.append(capsys.readouterr().out)
+    assert listed[0] == listed[1] and "mesh" in listed[0] and "modes" in listed[0]
+
+
+def test_the_command_writes_a_scene_that_checks_and_runs_and_overwrites_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    path, target = tmp_path / "block.toml", tmp_path / "block_good_enough.toml"
+    path.write_text(BLOCK)
+    page = tmp_path / "effects.html"
+    command = ["effects", str(path), "--only", "elasticity", "--write", "--page", str(page)]
+    assert main(command) == 0
+    assert "together they move" in capsys.readouterr().out
+    assert "data:image/png;base64" in page.read_text()
+    assert target.read_text().startswith(BLOCK) and path.read_text() == BLOCK
+    variant = ["--variant", "good_enough"]
+    assert main(["check", str(target), *variant]) == 0
+    output = ["-o", str(tmp_path / "out"), "--no-figures"]
+    assert main(["run", str(target), *variant, *output]) == 0
+    # which of the simpler models is taken depends on what each costs here
+    assert (
+        load_scene(target, variant="good_enough").machine.components["block"].fidelity != "elastic"
+    )
+    results = str(tmp_path / "out")
+    report = ["effects", str(target), *variant, "--only", "elasticity", "--report", results]
+    assert main(report) == 0
+    assert 'id="effects"' in (tmp_path / "out" / "report.html").read_text()
+    assert main(["report", results]) == 0
+    assert 'id="effects"' in (tmp_path / "out" / "report.html").read_text()
+    assert main([*report, "--set", "materials.steel.nu=0.25"]) == 2
+    assert "results of another scene" in capsys.readouterr().err
+    assert main(["run", str(target), *output]) == 0  # without the variant
+    assert 'id="effects"' not in (tmp_path / "out" / "report.html").read_text()
+    written = target.read_bytes()
+    assert main(command) == 2 and "add --force" in capsys.readouterr().err
+    assert main(["effects", str(path), "--write", "-o", str(path), "--force"]) == 2
+    assert target.read_bytes() == written and path.read_text() == BLOCK

@@ -1,5 +1,6 @@
 """Charts: every series is drawn and named, axes hold numbers with units, labels do not touch."""
 
+import dataclasses
 import itertools
 from typing import Any
 
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 
 from common import approx, sketch
 from headstock.app.charts import charts, comparison, study, sweep
+from headstock.app.charts.axis_kit import FIGURE_NAME, draw_axis_kit
 from headstock.app.charts.charts import draw_responses, label_decades, new_figure
 from headstock.app.charts.comparison import draw_comparison, spread_labels
 from headstock.app.charts.study import describe_column, draw_study
@@ -24,6 +26,14 @@ from headstock.studies.comparison_summary import ComparisonSummary, LinkSummary
 from headstock.studies.parameters.records import StudyRecord
 from headstock.studies.parameters.tables import StudyTable, tabulate_study, varied_numbers
 from headstock.studies.sweeps.files import SweepSummary
+from headstock.validation.machines.axis_kit_cases import (
+    CASE,
+    FIDELITIES,
+    MEASURED_COMPLIANCE,
+    VARIANTS,
+    compliance_name,
+)
+from headstock.validation.references.rows import Target, ValidationRow, compare_value
 
 YOUNG, COUNT = "materials.steel.E", "components.a_component_with_a_long_name.segments.count"
 
@@ -312,3 +322,29 @@ def test_the_responses_of_all_poses_are_drawn_over_each_other(figures: list[Figu
 
 def test_compliances_are_shown_in_one_unit_everywhere() -> None:
     assert response_unit("receptance", ("tcp", "x"), ("tcp", "y")) == ("µm/kN", 1e9)
+
+
+def make_rows(factor: float) -> list[ValidationRow]:
+    return [
+        dataclasses.replace(
+            compare_value(
+                compliance_name(variant, fidelity, axis),
+                factor * right,
+                Target(right, "um/kN", float("nan"), "shown only"),
+            ),
+            case=CASE,
+        )
+        for variant in VARIANTS
+        for fidelity in FIDELITIES
+        for axis, right in MEASURED_COMPLIANCE.items()
+    ]
+
+
+def test_the_figure_shows_the_deviations_of_the_rows() -> None:
+    twice, thrice = (draw_axis_kit(make_rows(factor))[FIGURE_NAME] for factor in (2.0, 3.0))
+    assert twice.startswith(b"\x89PNG") and thrice.startswith(b"\x89PNG")
+    assert twice != thrice
+
+
+def test_other_cases_have_no_such_figure() -> None:
+    assert draw_axis_kit([]) == {}

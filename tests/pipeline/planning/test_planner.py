@@ -20,7 +20,15 @@ from headstock.geometry.parts.components import (
     ReductionSettings,
 )
 from headstock.geometry.parts.solids import Box, SuperelementFile, Tube
-from headstock.pipeline.planning.analyses import FRF_MARGIN, MODE_MARGIN
+from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.planning.analyses import (
+    FRF_MARGIN,
+    MODE_MARGIN,
+    RECORDS,
+    AnalysisRecord,
+    load_answer_types,
+    load_named,
+)
 from headstock.pipeline.planning.budgets import BudgetError, check_elapsed, reduced_dofs
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import plan_scene
@@ -507,3 +515,15 @@ def test_modes_of_plates_up_to_a_frequency_are_guessed_within_half_and_twice_the
         component.interfaces
     )
     assert 0.5 * modes < guessed < 2.0 * modes
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=lambda record: str(record.kind))
+def test_a_record_names_a_function_and_an_answer(record: AnalysisRecord) -> None:
+    assert callable(load_named(record.solve))
+    answer = load_named(record.answer)
+    assert issubclass(answer, Answer) and answer.entry
+
+
+def test_every_answer_has_an_entry_of_its_own() -> None:
+    entries = [kind.entry for kind in load_answer_types()]
+    assert len(set(entries)) == len(entries) > len(RECORDS)

@@ -1,16 +1,25 @@
+"""Factorisations, their orders by METIS, and direct solvers of PETSc."""
+
+import ctypes
 import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.sparse
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from common import make_box, make_component
 from headstock.geometry.errors import OutOfMemoryError
-from headstock.geometry.frames import BoolArray
+from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.geometry.parts.components import Component, Material, MeshSettings
+from headstock.geometry.parts.solids import Box
+from headstock.meshing.component_mesh import IntArray
+from headstock.meshing.components.meshing import mesh_component
 from headstock.solvers.elastic import factorization
 from headstock.solvers.elastic.elasticity import ElasticOperators, assemble_elasticity
-from headstock.solvers.elastic.factorization import Factorization
+from headstock.solvers.elastic.factorization import Factorization, IntArray32, _dissect_nodes
 from headstock.solvers.errors import HeadstockError
 
 COMM = MPI.COMM_SELF
@@ -86,3 +95,97 @@ def test_a_single_element_whose_dofs_all_meet_is_factorised() -> None:
     fixed = np.repeat(operators.points[:, 2] < 1e-9, 3)
     with Factorization(operators, fixed) as factorization:
         assert np.isfinite(factorization.solve(np.ones((len(fixed), 1)))).all()
+
+
+def grid(side: int) -> scipy.sparse.csr_matrix:
+    line = scipy.sparse.diags([1.0, 2.0, 1.0], [-1, 0, 1], shape=(side, side))
+    eye = scipy.sparse.identity(side)
+    planes = scipy.sparse.kron(scipy.sparse.kron(line, eye), eye) + scipy.sparse.kron(
+        scipy.sparse.kron(eye, line), eye
+    )
+    return scipy.sparse.csr_matrix(planes + scipy.sparse.kron(scipy.sparse.kron(eye, eye), line))
+
+
+def fill(pattern: scipy.sparse.csr_matrix, order: IntArray32 | IntArray) -> int:
+    """Entries of the Cholesky factor of a pattern under an order."""
+    dense = pattern[order][:, order].toarray() != 0.0
+    for row in range(len(dense)):
+        below = row + 1 + np.flatnonzero(dense[row + 1 :, row])
+        dense[np.ix_(below, below)] = True
+    return int(np.tril(dense).sum())
+
+
+def test_an_order_holds_every_node_once_and_halves_the_fill_of_a_grid() -> None:
+    pattern = grid(8)
+    order = _dissect_nodes(pattern)
+    assert order is not None
+    assert np.array_equal(np.sort(order), np.arange(512))
+    assert fill(pattern, order) < 0.6 * float(fill(pattern, np.arange(512, dtype=np.int64)))
+
+
+def test_nodes_without_neighbours_are_ordered_too() -> None:
+    order = _dissect_nodes(scipy.sparse.csr_matrix(np.eye(5)))
+    assert order is not None
+    assert np.array_equal(np.sort(order), np.arange(5))
+
+
+def test_without_metis_there_is_no_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(name: str) -> None:
+        raise OSError(name)
+
+    monkeypatch.setattr(ctypes, "CDLL", refuse)
+    assert _dissect_nodes(grid(3)) is None
+
+
+STEEL = Material("steel", 210e9, 0.3, 7850.0)
+
+
+@pytest.fixture(scope="module")
+def operators() -> ElasticOperators:
+    component = Component("block", Box((0.1, 0.05, 0.2)), STEEL, mesh=MeshSettings(size=0.03))
+    return assemble_elasticity(
+        mesh_component(component), STEEL, comm=MPI.COMM_SELF, with_mass=False
+    )
+
+
+def some_fixed(operators: ElasticOperators) -> BoolArray:
+    """A clamped face, and single directions elsewhere, so that nodes are fixed in part."""
+    fixed = np.repeat(operators.points[:, 2] < 1e-9, 3)
+    fixed[7::31] = True
+    return fixed
+
+
+def residual(
+    operators: ElasticOperators, fixed: BoolArray, loads: FloatArray, found: FloatArray
+) -> float:
+    forces = operators.apply_stiffness(found)
+    return float(np.abs((forces - loads)[~fixed]).max() / np.abs(loads).max())
+
+
+def solve(operators: ElasticOperators, fixed: BoolArray) -> tuple[FloatArray, FloatArray, str]:
+    loads = np.random.default_rng(3).standard_normal((operators.owned_dofs, 5))
+    with Factorization(operators, fixed) as factors:
+        kind = str(factors.factors.getPC().getFactorMatrix().getType())
+        return loads, factors.solve(loads), kind
+
+
+def test_displacements_balance_the_loads_and_fixed_dofs_stay(operators: ElasticOperators) -> None:
+    fixed = some_fixed(operators)
+    loads, found, _ = solve(operators, fixed)
+    assert residual(operators, fixed, loads, found) < 1e-9
+    assert not found[fixed].any()
+
+
+@pytest.mark.skipif(not PETSc.Sys.hasExternalPackage("cholmod"), reason="PETSc without CHOLMOD")
+def test_cholmod_with_and_without_metis_and_mumps_agree(
+    operators: ElasticOperators, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fixed = some_fixed(operators)
+    _, ordered, first = solve(operators, fixed)
+    monkeypatch.setattr(factorization, "_dissect_nodes", lambda pattern: None)
+    _, default, second = solve(operators, fixed)
+    monkeypatch.setattr(factorization, "_has_cholmod", lambda: False)
+    _, other, third = solve(operators, fixed)
+    assert (first, second, third) == ("cholmod", "cholmod", "mumps")
+    assert np.abs(ordered - other).max() < 1e-10 * np.abs(other).max()
+    assert np.abs(default - other).max() < 1e-10 * np.abs(other).max()

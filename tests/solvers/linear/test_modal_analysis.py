@@ -1,4 +1,4 @@
-"""Modal analysis of second-order systems against closed forms."""
+"""Modal analysis of second-order systems against closed forms; their lowest modes; null spaces."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,8 @@ import scipy.linalg
 from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.linear.modal_analysis import solve_lowest_modes, solve_modal
+from headstock.solvers.linear.symmetric_matrices import find_null_space
 from headstock.solvers.second_order import SecondOrderSystem
 
 
@@ -183,3 +184,94 @@ def test_a_rougher_solve_keeps_low_frequencies_exact_and_all_shapes_orthogonal()
     np.testing.assert_allclose(rough.frequencies_hz, fine.frequencies_hz, rtol=1e-3)
     assert np.abs(rough.shapes.T @ mass @ rough.shapes - np.eye(40)).max() < 1e-12
     assert (rough.frequencies_hz != fine.frequencies_hz).any()  # it took another path
+
+
+def make_system(size: int, *, free: bool = False, massless: bool = False) -> SecondOrderSystem:
+    """A chain of masses on springs of every size, fixed at one end or free."""
+    random = np.random.default_rng(size)
+    springs = 10.0 ** random.uniform(4.0, 7.0, size)
+    stretch = np.eye(size) - np.eye(size, k=-1)
+    stretch = stretch[1:] if free else stretch
+    stiffness = stretch.T @ (springs[: len(stretch), None] * stretch)
+    masses = random.uniform(1.0, 5.0, size)
+    masses[size // 2] = 0.0 if massless else masses[size // 2]
+    return SecondOrderSystem(np.diag(masses), None, stiffness, {}, {}, tuple(map(str, range(size))))
+
+
+@pytest.mark.parametrize("size", [8, 30, 200])
+def test_few_modes_are_the_first_of_all(size: int) -> None:
+    system = make_system(size)
+    few, every = solve_lowest_modes(system, count=4), solve_modal(system)
+    np.testing.assert_allclose(few.frequencies_hz, every.frequencies_hz[:4], rtol=1e-10)
+    np.testing.assert_allclose(
+        few.shapes, every.shapes[:, :4], atol=1e-6 * np.abs(every.shapes).max()
+    )
+    np.testing.assert_allclose(few.shapes.T @ system.mass @ few.shapes, np.eye(4), atol=1e-10)
+
+
+def test_modes_up_to_a_frequency_are_all_of_them_and_no_others() -> None:
+    system = make_system(60)
+    every = solve_modal(system).frequencies_hz
+    limit = 0.5 * (every[6] + every[7])
+    np.testing.assert_allclose(
+        solve_lowest_modes(system, up_to_hz=limit).frequencies_hz, every[:7], rtol=1e-10
+    )
+    assert len(solve_lowest_modes(system, up_to_hz=0.5 * every[0]).frequencies_hz) == 0
+    assert len(solve_lowest_modes(system, up_to_hz=limit, count=3).frequencies_hz) == 3
+
+
+def test_a_free_body_keeps_its_rigid_mode() -> None:
+    system = make_system(20, free=True)
+    few, every = solve_lowest_modes(system, count=5), solve_modal(system, count=5)
+    assert few.rigid_count == every.rigid_count == 1
+    np.testing.assert_allclose(few.frequencies_hz[1:], every.frequencies_hz[1:], rtol=1e-10)
+
+
+def test_a_dof_without_mass_does_not_disturb_low_modes() -> None:
+    system = make_system(20, massless=True)
+    np.testing.assert_allclose(
+        solve_lowest_modes(system, count=5).frequencies_hz,
+        solve_modal(system, count=5).frequencies_hz,
+        rtol=1e-9,
+    )
+
+
+def test_an_indefinite_system_is_refused() -> None:
+    system = make_system(20)
+    system.stiffness[0, 0] = -1e9
+    with pytest.raises(ModelError):
+        solve_lowest_modes(system, count=3)
+
+
+@pytest.mark.parametrize("dimension", [0, 1, 6])
+@pytest.mark.parametrize("units", [1e-9, 1.0, 1e12])
+def test_the_dimension_is_found_in_any_units_and_the_vectors_vanish(
+    dimension: int, units: float
+) -> None:
+    generator = np.random.default_rng(dimension)
+    factor = generator.normal(size=(14, 14 - dimension))
+    scales = np.logspace(-4, 4, 14)
+    matrix = units * (factor @ factor.T) * scales * scales[:, None]
+    null = find_null_space(matrix)
+    assert null.dimension == dimension
+    np.testing.assert_allclose(
+        matrix @ null.vectors / (np.abs(matrix) @ np.abs(null.vectors) + 1e-300), 0.0, atol=1e-11
+    )
+    np.testing.assert_array_equal(null.vectors[null.pinned], np.eye(dimension))
+    assert sorted([*null.pinned, *null.free]) == list(range(14))
+
+
+def test_a_spring_fourteen_decades_softer_in_its_own_coordinate_is_seen() -> None:
+    assert find_null_space(np.diag([1e14, 1e7, 1.0])).dimension == 0
+
+
+def test_zero_rows_and_an_all_zero_matrix_are_free() -> None:
+    assert find_null_space(np.diag([2.0, 0.0, 1.0])).pinned.tolist() == [1]
+    assert find_null_space(np.zeros((4, 4))).dimension == 4
+
+
+def test_negative_directions_are_refused_even_when_no_diagonal_entry_is_negative() -> None:
+    with pytest.raises(ModelError, match="unstable"):
+        find_null_space(np.array([[1.0, 2.0], [2.0, 1.0]]))
+    with pytest.raises(ModelError, match="mass matrix"):
+        find_null_space(np.diag([1.0, -1.0]), what="mass")
