@@ -298,7 +298,9 @@ def _find_bound_faults(table: ParameterTable, dimension: Dimension) -> Iterator[
     """Yield values of another dimension with their places in the table; where there are none, bounds
     that leave no room.
     """
-    given = {("bounds", 0): table.bounds[0], ("bounds", 1): table.bounds[1]}
+    given: dict[KeyPath, Quantity | None] = {
+        ("bounds", number): bound for number, bound in enumerate(table.bounds)
+    }
     given |= {("start",): table.start, ("prior",): table.prior}
     wrong = {
         where: value

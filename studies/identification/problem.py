@@ -122,9 +122,7 @@ def _list_blocks(state: CaseState, pairing: Pairing) -> Iterator[_Block]:
             continue
         gap = np.log(state.frequencies_hz[mode] / target.frequency_hz) / target.sigma
         scale = 2.0 * state.eigenvalues[mode] * target.sigma
-        slopes = partial(
-            _spread_slopes, state, lambda slope, mode=mode: slope.eigenvalues[mode], scale
-        )
+        slopes = partial(_spread_slopes, state, _read_eigenvalue(mode), scale)
         yield _Block(np.array([gap]), slopes, frequency=True)
         if (shape := target.shape) is not None:
             yield _Block(
@@ -134,9 +132,7 @@ def _list_blocks(state: CaseState, pairing: Pairing) -> Iterator[_Block]:
         if not compliance.hold_out:
             value = float(state.compliances[number])
             scale = (value if compliance.logarithmic else compliance.value) * compliance.sigma
-            slopes = partial(
-                _spread_slopes, state, lambda slope, number=number: slope.compliances[number], scale
-            )
+            slopes = partial(_spread_slopes, state, _read_compliance(number), scale)
             yield _Block(np.array([compliance_gap(compliance, value)]), slopes)
     if case.limit is not None:
         gap = max(0.0, _limit_gap(state) / case.limit.sigma)
@@ -163,6 +159,14 @@ def _case_jacobian(state: CaseState, pairing: Pairing) -> FloatArray:
     """Return derivatives ``(r, p)`` of the residuals by the parameters' values."""
     rows = [block.find_slopes() for block in _list_blocks(state, pairing)]
     return np.vstack([np.zeros((0, len(state.model.parameters))), *rows])
+
+
+def _read_eigenvalue(mode: int) -> Callable[[CaseSlope], float]:
+    return lambda slope: float(slope.eigenvalues[mode])
+
+
+def _read_compliance(number: int) -> Callable[[CaseSlope], float]:
+    return lambda slope: float(slope.compliances[number])
 
 
 def _spread_slopes(
@@ -242,7 +246,7 @@ def _limit_slopes(state: CaseState) -> FloatArray:
     if limit is None or not _limit_gap(state) > 0.0:
         return np.zeros((1, len(state.model.parameters)))
     scale = -2.0 * state.eigenvalues[limit.modes] * limit.sigma
-    return _spread_slopes(state, lambda slope: slope.eigenvalues[limit.modes], scale)
+    return _spread_slopes(state, _read_eigenvalue(limit.modes), scale)
 
 
 @dataclass(frozen=True, eq=False)

@@ -229,7 +229,7 @@ def _follow_list(steps: Sequence[Step], hint: Any, label: str, poses: Collection
     return f"{label} is a list; write {label}[0]"
 
 
-_FOLLOWERS = {dict: _follow_entries, list: _follow_list}
+_FOLLOWERS: Mapping[object, Callable[..., str]] = {dict: _follow_entries, list: _follow_list}
 
 
 def run_study(

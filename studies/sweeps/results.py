@@ -229,7 +229,9 @@ def collect_results(
     shapes = _stack_shapes(found)
     weighed = {} if scene.is_lumped else superelements
     modes = _stack_modes(found, shapes, weighed) if shapes.shape[2] else None
-    tracked = modes and track_modes(modes, sweep_neighbours(sweep, modes.present))
+    tracked = None
+    if modes is not None:
+        tracked = track_modes(modes, sweep_neighbours(sweep, modes.present))
     static, frf = scene.analyses.get(StaticRequest), scene.analyses.get(FrfRequest)
     channels = (
         () if frf is None else tuple(channel for channel in frf.inputs if channel in frf.outputs)

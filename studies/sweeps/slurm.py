@@ -177,22 +177,22 @@ def render_script(job: SlurmJob) -> str:
     exports = dict(job.environment)
     if job.sweep:
         exports = {"HEADSTOCK_THREADS": "1", **exports}
-        remarks = (
+        remarks = [
             f"# Sweep {job.sweep} in {options.tasks} array tasks, each with a journal of its own in poses/. Task {COMPONENTS_TASK} only",
             "# reduces the components; it comes first. Written by `headstock sweep --on slurm`, which submits and collects.",
-        )
-        run = (
+        ]
+        run = [
             f'exec {shlex.join([*command, "--key", job.key])} --part "$SLURM_ARRAY_TASK_ID/{options.tasks}"',
-        )
+        ]
     else:
-        remarks = (
+        remarks = [
             f"# Written by `headstock {job.words[0]} --on slurm`, which submits, waits and shows the log.",
-        )
-        run = (
+        ]
+        run = [
             f"code=0; {shlex.join(command)} || code=$?",
             f"echo $code >{shlex.quote(str(job.folder / FOLDER / CODE_FILE))}",
             "exit $code",
-        )
+        ]
     log = f"{job.folder / FOLDER}".replace("\\", "\\\\").replace("%", "%%") + f"/{LOG_PATTERN}"
     settings = [
         f"--job-name=headstock-{job.sweep or job.words[0]}",
