@@ -511,7 +511,7 @@ def choose_variants(
         for choice, scene in scenes
         for made in _with_fidelities(choice, scene, fidelities, alone=len(scenes) == 1)
     ]
-    refused = [_find_problems(path, choice) if choice.fidelity else [] for choice in choices]
+    refused = [_list_problems(path, choice) for choice in choices]
     if refused.count([]) < min(2, len(choices)):
         problems += itertools.chain.from_iterable(refused)
     if problems:
@@ -532,10 +532,11 @@ def _load_variants(
     problems: list[Problem] = []
     for name in names:
         choice = VariantChoice(name, None if name == AS_WRITTEN else name, tuple(overrides))
-        try:
-            scenes.append((choice, load_scene(path, variant=choice.variant, overrides=overrides)))
-        except SceneError as error:
-            problems += error.problems
+        loaded = _try_to_load(path, choice)
+        if isinstance(loaded, Scene):
+            scenes.append((choice, loaded))
+        else:
+            problems += loaded
     return scenes, problems
 
 
@@ -563,9 +564,14 @@ def _with_fidelities(
     ]
 
 
-def _find_problems(path: Path, choice: VariantChoice) -> list[Problem]:
+def _list_problems(path: Path, choice: VariantChoice) -> list[Problem]:
+    """Return why a variant cannot have its fidelity."""
+    loaded = _try_to_load(path, choice) if choice.fidelity else []
+    return loaded if isinstance(loaded, list) else []
+
+
+def _try_to_load(path: Path, choice: VariantChoice) -> Scene | list[Problem]:
     try:
-        load_scene(path, variant=choice.variant, overrides=choice.overrides)
+        return load_scene(path, variant=choice.variant, overrides=choice.overrides)
     except SceneError as error:
         return list(error.problems)
-    return []

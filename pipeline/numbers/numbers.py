@@ -387,6 +387,17 @@ def _check_columns(columns: Mapping[str, NDArray[Any]], texts: object) -> None:
         codes = columns[name]
         if len(codes) and not 0 <= codes.min() <= codes.max() < len(texts):
             raise ValueError(f"numbers/{name} names a text that is not there")
+    _check_rows(columns)
+    for code in columns["name"]:
+        parse_key(texts[code])
+
+
+def _check_rows(columns: Mapping[str, NDArray[Any]]) -> None:
+    """Refuse columns that do not belong together.
+
+    Raises:
+        ValueError: They do not.
+    """
     for begin, others in _BEGINS.items():
         ends = np.append(columns[begin], len(columns[others[0]]))
         if (np.diff(ends) < 0).any() or ends[0] != 0:
@@ -396,8 +407,6 @@ def _check_columns(columns: Mapping[str, NDArray[Any]], texts: object) -> None:
     inside = {name for others in _BEGINS.values() for name in others}
     if len({len(columns[name]) for name in _COLUMNS.keys() - inside}) > 1:
         raise ValueError("columns of numbers differ in length")
-    for code in columns["name"]:
-        parse_key(texts[code])
 
 
 def _list_alternatives(name: str, names: Iterable[str]) -> str:

@@ -22,7 +22,6 @@ from headstock.studies.identification.parameters import read_parameters
 from headstock.studies.identification.targets import (
     CaseTable,
     ComplianceTarget,
-    ComplianceTargetTable,
     FitTable,
     IdentificationTask,
     ModeLimit,
@@ -56,24 +55,13 @@ def _read_case(
             f"unknown pose {pose[:80]!r}; {suggest_names(pose, scene.poses, what='poses')}",
         )
     spread = _relative(table.tolerance, 1.0) or DEFAULT_TOLERANCE
-    modes = [
-        ModeTarget(f"{name} {frequency:g} Hz", frequency, spread, None, table.hold_out)
-        for frequency in table.frequencies or ()
+    targets = [
+        *_read_modes(name, table, spread, scene, findings),
+        *_read_compliances(name, table, spread, scene, findings),
+        *_read_numbers(name, table, spread, pose, scene, findings),
     ]
-    for index, entry in enumerate(table.modes or ()):
-        modes.append(_read_mode(name, entry, spread, table.hold_out))
-        _check_shape((*key, "modes", index), entry, scene, findings)
-    compliances = []
-    for index, target in enumerate(table.compliances or ()):
-        compliances.append(_read_compliance(name, target, spread, table.hold_out))
-        _check_place((*key, "compliances", index, "point"), target.point, scene, findings)
-        if target.force_at is not None:
-            _check_place((*key, "compliances", index, "force_at"), target.force_at, scene, findings)
-    for number in _read_numbers(name, table, spread, pose, scene, findings):
-        if isinstance(number, ModeTarget):
-            modes.append(number)
-        else:
-            compliances.append(number)
+    modes = [target for target in targets if isinstance(target, ModeTarget)]
+    compliances = [target for target in targets if isinstance(target, ComplianceTarget)]
     modes.sort(key=lambda mode: mode.frequency_hz)
     floor = (table.modes_above if table.modes_above is not None else fit.modes_above) or 0.0
     for mode in modes:
@@ -89,6 +77,41 @@ def _read_case(
         _relative(table.at_most.tolerance, 1.0) or LIMIT_TOLERANCE,
     )
     return TargetCase(name, table.variant, pose, floor, shaped, tuple(compliances), limit)
+
+
+def _read_modes(
+    case: str, table: CaseTable, spread: float, scene: Scene, findings: Findings
+) -> Iterator[ModeTarget]:
+    """Yield the targets of frequencies, with and without shapes."""
+    for frequency in table.frequencies or ():
+        yield ModeTarget(f"{case} {frequency:g} Hz", frequency, spread, None, table.hold_out)
+    for index, entry in enumerate(table.modes or ()):
+        _check_shape(("cases", case, "modes", index), entry, scene, findings)
+        hz, hold_out = entry.frequency, entry.hold_out or table.hold_out
+        sigma = (_relative(entry.tolerance, hz) or spread) / entry.weight**0.5
+        name = f"{case} {hz:g} Hz" + (f" {entry.name}" if entry.name else "")
+        yield ModeTarget(name, hz, sigma, _read_shape(entry), hold_out)
+
+
+def _read_compliances(
+    case: str, table: CaseTable, spread: float, scene: Scene, findings: Findings
+) -> Iterator[ComplianceTarget]:
+    """Yield the targets of compliances."""
+    for index, entry in enumerate(table.compliances or ()):
+        key: KeyPath = ("cases", case, "compliances", index)
+        _check_place((*key, "point"), entry.point, scene, findings)
+        if entry.force_at is not None:
+            _check_place((*key, "force_at"), entry.force_at, scene, findings)
+        yield ComplianceTarget(
+            name=f"{case} {entry.point} d{entry.motion}/F{entry.force}"
+            + (f" at {entry.force_at}" if entry.force_at else ""),
+            motion=ObservedDof(entry.point, "xyz".index(entry.motion)),
+            force=ObservedDof(entry.force_at or entry.point, "xyz".index(entry.force)),
+            value=entry.value,
+            sigma=(_relative(entry.tolerance, entry.value) or spread) / entry.weight**0.5,
+            either_sign=entry.either_sign,
+            hold_out=entry.hold_out or table.hold_out,
+        )
 
 
 def _read_numbers(
@@ -156,12 +179,6 @@ def _relative(spread: Quantity | None, size: float) -> float | None:
     if spread is None:
         return None
     return spread.value if spread.dimension == RATIO else spread.value / abs(size)
-
-
-def _read_mode(case: str, table: ModeTargetTable, spread: float, hold_out: bool) -> ModeTarget:
-    sigma = (_relative(table.tolerance, table.frequency) or spread) / table.weight**0.5
-    name = f"{case} {table.frequency:g} Hz" + (f" {table.name}" if table.name else "")
-    return ModeTarget(name, table.frequency, sigma, _read_shape(table), table.hold_out or hold_out)
 
 
 def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
@@ -249,20 +266,6 @@ def _check_place(key: KeyPath, place: str, scene: Scene, findings: Findings) -> 
     findings.add(
         key,
         f"unknown point {place[:80]!r}; {suggest_names(place, observers, what='points and interfaces')}",
-    )
-
-
-def _read_compliance(
-    case: str, table: ComplianceTargetTable, spread: float, hold_out: bool
-) -> ComplianceTarget:
-    sigma = (_relative(table.tolerance, table.value) or spread) / table.weight**0.5
-    motion = ObservedDof(table.point, "xyz".index(table.motion))
-    force = ObservedDof(table.force_at or table.point, "xyz".index(table.force))
-    name = f"{case} {table.point} d{table.motion}/F{table.force}" + (
-        f" at {table.force_at}" if table.force_at else ""
-    )
-    return ComplianceTarget(
-        name, motion, force, table.value, sigma, table.either_sign, table.hold_out or hold_out
     )
 
 

@@ -420,14 +420,11 @@ def _compute_point(
         runs = _repeat_point(job, point, comm, warm, announce)
     except (HeadstockError, SceneError, MemoryError, SharedFailure) as error:
         cause = error.__cause__ if isinstance(error, SharedFailure) else error
-        # what is no property of this point is computed when the study is started again; and what
-        # other ranks do not know of ends them all
-        if (
-            isinstance(cause, StudyError)
-            or blames_surroundings(error)
-            or (cause is error and comm.size > 1)
-        ):
+        # what is no property of this point is computed when the study is started again
+        if isinstance(cause, StudyError) or blames_surroundings(error):
             raise
+        if cause is error and comm.size > 1:
+            raise  # what other ranks do not know of ends them all
         return replace(record, status="failed", error=f"{type(cause).__name__}: {cause}")
     if comm.rank > 0:
         return record

@@ -208,14 +208,11 @@ class StudyTable(Displayed):
         if any(row.record.family for row in self.rows):
             columns["family"] = [row.record.family for row in self.rows]
         for key in self.varied:
-            numbers = varied_numbers(self, key)
-            if numbers is None:
-                columns[key] = [
-                    show_setting(row.record.varied[key]) if key in row.record.varied else None
-                    for row in self.rows
-                ]
-            else:
+            if (numbers := varied_numbers(self, key)) is not None:
                 columns[_with_unit(key, numbers.unit)] = list(numbers.values)
+                continue
+            settings = (row.record.varied.get(key) for row in self.rows)
+            columns[key] = [None if each is None else show_setting(each) for each in settings]
         for name in self.columns:
             unit = self.unit_of(name)
             columns[_with_unit(name, unit)] = [row.values.get(name) for row in self.rows]
