@@ -1,17 +1,15 @@
 """Journals of a sweep: finished poses, each appended whole, so that a sweep that was killed goes on
 where it was.
 
-Every process writes a journal of its own and reads those of all. A result is a line of JSON about
-arrays, then the arrays; no pickle.
+Every process writes a journal of its own and reads those of all. A result is a line of JSON, then its
+large arrays; no pickle.
 """
 
 import contextlib
-import dataclasses
 import fcntl
 import json
 import math
 import struct
-import typing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -23,6 +21,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.tool_travel import NO_FEED
 from headstock.pipeline.storage.journals import Journal, JournalForm, read_journal
 from headstock.pipeline.storage.outputs import TakenOutputError, make_part, read_growing_file
+from headstock.pipeline.storage.records import RecordError
+from headstock.pipeline.storage.typed_json import decode_value, dump_coded, encode_value
 
 PoseState = Literal["done", "failed", "unreachable"]
 SingleArray = NDArray[np.float32]
@@ -107,51 +107,44 @@ def identify_pose(positions: FloatArray, feed: FloatArray) -> bytes:
 
 
 def encode_result(result: PoseResult) -> bytes:
-    """A result as bytes that ``decode_result`` reads back bit by bit."""
-    head: dict[str, Any] = {}
+    """Return a result as bytes that ``decode_result`` reads back bit by bit: text, then large arrays."""
     blocks: list[bytes] = []
-    for item in dataclasses.fields(result):
-        value = getattr(result, item.name)
-        if isinstance(value, np.ndarray):
-            kind = "<f4" if value.dtype == np.float32 else "<f8"
-            blocks.append(np.ascontiguousarray(value, dtype=kind).tobytes())
-            value = [kind, *value.shape]
-        head[item.name] = value
-    text = json.dumps(head, ensure_ascii=False, separators=(",", ":")).encode()
+
+    def keep(array: NDArray[Any]) -> str:
+        words = (array.dtype.str, sum(map(len, blocks)), *array.shape)
+        blocks.append(array.tobytes())
+        return " ".join(map(str, words))
+
+    text = dump_coded(encode_value(result, keep))
     return b"".join([_HEAD.pack(len(text)), text, *blocks])
 
 
 def decode_result(content: bytes) -> PoseResult:
-    """A result from its bytes.
+    """Return a result from its bytes.
 
     Raises:
         ValueError: They are no result, or one of another version.
     """
+
+    def fetch(words: str) -> NDArray[Any]:
+        kind, *numbers = words.split()
+        place, *shape = map(int, numbers)
+        if kind not in KINDS:
+            raise ValueError(f"an array of {kind[:20]!r}")
+        return np.frombuffer(content, kind, math.prod(shape), begin + place).reshape(shape)
+
     try:
         (length,) = _HEAD.unpack_from(content)
+        begin = _HEAD.size + length
         if length > min(LARGEST_HEAD, len(content)):
             raise ValueError("its head is too long")
-        head = json.loads(content[_HEAD.size : _HEAD.size + length])
-        offset = _HEAD.size + length
-        values: dict[str, Any] = {}
-        for name, hint in typing.get_type_hints(PoseResult).items():
-            value = head[name]
-            if (
-                isinstance(value, list)
-                and value[:1]
-                and value[0] in KINDS
-                and hint is not tuple[str, ...]
-            ):
-                kind, *shape = value
-                count = math.prod(shape)
-                value = np.frombuffer(content, dtype=kind, count=count, offset=offset).reshape(
-                    shape
-                )
-                offset += count * np.dtype(kind).itemsize
-            values[name] = tuple(value) if isinstance(value, list) else value
-        return PoseResult(**values)
-    except (struct.error, KeyError, TypeError, AttributeError, UnicodeDecodeError) as error:
+        coded = json.loads(content[_HEAD.size : begin])
+        result = decode_value(coded, {PoseResult.__name__: PoseResult}, fetch)
+    except (struct.error, RecordError) as error:
         raise ValueError(f"no pose result: {error}") from error
+    if not isinstance(result, PoseResult):
+        raise ValueError("no pose result")
+    return result
 
 
 def pose_form(key: str) -> JournalForm:

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.modal import PoseModes
-from headstock.pipeline.answers.static import StaticAnswer
+from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Key, Number, Numbers, make_key
 from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
@@ -171,13 +171,11 @@ class SweepResults(Displayed):
         for mode, hz in enumerate(tracked):
             key = make_key("frequency", pose=pose, mode=mode + 1)
             yield Number(key, float(hz), "Hz", errors.get(key))
-        for point, each in self.points.items():
-            for row, output in enumerate(DIRECTIONS):
-                for column, given in enumerate(DIRECTIONS):
-                    direction = output if row == column else output + given
-                    key = make_key("compliance", pose=pose, point=point, direction=direction)
-                    value = float(each.compliance[place, row, column])
-                    yield Number(key, value, "m/N", errors.get(key))
+        points = {
+            name: PointCompliance(point.compliance[place], {})
+            for name, point in self.points.items()
+        }
+        yield from StaticAnswer(pose, points, errors=errors).list_numbers()
         if self.condition is not None:
             key = make_key("condition_number", pose=pose)
             yield Number(key, float(self.condition[place]), "1")
