@@ -7,7 +7,7 @@ travels as its set points say, and its inertia is a load. Motors follow their se
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,12 +45,6 @@ from headstock.pipeline.motion.motors import (
     drive_assumptions,
     plan_motors,
 )
-from headstock.pipeline.motion.observers import (
-    join_probes,
-    observe_probes,
-    probe_channels,
-    probe_kinds,
-)
 from headstock.pipeline.motion.posed_machine import (
     FORCE,
     build_along,
@@ -59,7 +53,14 @@ from headstock.pipeline.motion.posed_machine import (
     report_gyroscopic_shift,
     shared_rows,
 )
-from headstock.pipeline.motion.probe_motions import place_probes, read_probes
+from headstock.pipeline.motion.probe_motions import (
+    join_probes,
+    observe_probes,
+    place_probes,
+    probe_channels,
+    probe_kinds,
+    read_probes,
+)
 from headstock.pipeline.motion.trajectory import (
     AxesTrajectory,
     FollowedTrajectory,
@@ -406,36 +407,31 @@ def _motor_torques(
     drives: dict[str, Drive] = {drive.axis: drive for drive in state.scene.drives.values()}
     screws = find_screws(machine)
     shafts = {name: machine.joints[screws[name][0]].screw for name in names}
-    leads = {
-        name: drives[name].lead if name in drives else (shaft.lead if shaft else 0.0)
+    leads = [
+        drives[name].lead if name in drives else (shaft.lead if shaft else 0.0)
         for name, shaft in shafts.items()
-    }
-    if not names or not all(leads.values()):
+    ]
+    if not names or not all(leads):
         return None, ()
 
     def torques(some: NDArray[np.intp], forces: FloatArray) -> FloatArray:
-        found = forces * (np.array([leads[name] for name in names]) / (2.0 * math.pi))
+        total = forces * (np.array(leads) / (2.0 * math.pi))
         for number, name in enumerate(names):
-            drive = drives.get(name)
-            if drive is not None and isinstance(trajectory, AxesTrajectory):
+            if name in drives and isinstance(trajectory, AxesTrajectory):
                 motion = trajectory.axis_motion(name, follow_time(times[some]))
-                found[:, number] += drive_torque(drive, *motion)
-        return found
+                total[:, number] += drive_torque(drives[name], *motion)
+        return total
 
-    left_out = [
-        what
-        for what, known in (
-            ("inertia of motor and screw", bool(drives)),
-            ("friction", any(drive.friction is not None for drive in drives.values())),
-        )
-        if not known
-    ]
-    text = f", plus the drives' own inertia{' and friction' if 'friction' not in left_out else ''}"
-    return torques, (
-        OF_SCREWS
-        + (text if drives else "")
-        + (f": no {', no '.join(left_out)}" if left_out else ""),
-    )
+    return torques, (_describe_torques(drives.values()),)
+
+
+def _describe_torques(drives: Collection[Drive]) -> str:
+    """Say what torques of the motors of axes are made of, and what is left out."""
+    if not drives:
+        return f"{OF_SCREWS}: no inertia of motor and screw, no friction"
+    if any(drive.friction is not None for drive in drives):
+        return f"{OF_SCREWS}, plus the drives' own inertia and friction"
+    return f"{OF_SCREWS}, plus the drives' own inertia: no friction"
 
 
 def drive_torque(drive: Drive, speed: FloatArray, acceleration: FloatArray) -> FloatArray:

@@ -85,22 +85,19 @@ def run_lumped_contour(
         LENGTHS,
         lambda lengths, near: find_tool_positions(mechanism.mounted, lengths, near, mechanism.tool),
     )
-    path = plan.path
-    times, end = request_times(request, plan, until), min(path.span[1], until)
+    times, end = request_times(request, plan, until), min(plan.path.span[1], until)
     nodes: FloatArray = np.asarray(
         np.linspace(0.0, end, max(8, round(end / NODE_SPACING))), dtype=float
     )
-    drive = follow_path(mechanism.mounted, nodes, path.at(nodes), mechanism.tool)
+    drive = follow_path(mechanism.mounted, nodes, plan.path.at(nodes), mechanism.tool)
     turn = mechanism.mounted.mounting.rotation
-    damping = request.damping
     names = tuple(each.axis for each in drives)
-    free = linear_motion(model, drive, times, damping, names)
+    free = linear_motion(model, drive, times, request.damping, names)
     pushed = None
     if mechanism.leg_errors:
         pushed = _push_springs(mechanism, model, drive, times)
-        load = np.array(free.load)
-        load[:, : pushed.shape[1]] += pushed
-        free = dataclasses.replace(free, load=load)
+        extra = ((0, 0), (0, free.load.shape[1] - pushed.shape[1]))
+        free = dataclasses.replace(free, load=free.load + np.pad(pushed, extra))
     friction: FrictionSpeeds = "true" if request.model == "nonlinear" else "set"
     servo = _close_legs(model, drive, free, drives, friction) if drives else None
     motion = free if servo is None else servo.motion
@@ -112,7 +109,7 @@ def run_lumped_contour(
         return np.asarray(gaps - motion.tool_motion(history.compliant))
 
     def cut_under(extra: FloatArray, before: CutMotion | None) -> CutMotion:
-        """What is cut under a load beside that of the linear model; chips are those of the motion
+        """Cut under a load in addition to that of the linear model; chips are those of the motion
         before it where that differs from the linear one.
         """
         rest = None
@@ -127,10 +124,8 @@ def run_lumped_contour(
     else:
         cut = cut_contour(request, motion, plan, rotation=turn, record=record)
         moved = cut.tip
-    history = cut.history
     gravity_deflection = motion.tool_motion(motion.deflect()) @ turn.T
     modes = solve_lumped_modes(linearise_poses(model, drive.states[:: max(1, len(nodes) // 20)]))
-    highest = float(modes.frequencies_hz.max())
     return ContourRun(
         times=times,
         gap=moved @ turn.T - gravity_deflection,
@@ -139,11 +134,11 @@ def run_lumped_contour(
         plan=plan,
         fit=fit,
         motion=motion,
-        history=history,
-        drives=_leg_drives(mechanism, model, drive, times, history, cut.carried)
+        history=cut.history,
+        drives=_leg_drives(mechanism, model, drive, times, cut)
         if servo is None
-        else controlled_drives(servo, drives, history),
-        highest_hz=highest,
+        else controlled_drives(servo, drives, cut.history),
+        highest_hz=float(modes.frequencies_hz.max()),
         coriolis=model.velocity_terms,
         assumed=drive_assumptions(drives, friction)
         if drives
@@ -199,8 +194,7 @@ def _leg_drives(
     model: CompliantMechanism,
     drive: PathDrive,
     times: FloatArray,
-    history: CompliantHistory,
-    force: FloatArray,
+    cut: CutMotion,
 ) -> ContourDrives:
     """Forces of the legs' drives (eq. 14 of Bonnemains et al. 2010, with the work of springs that
     soften as a leg grows).
@@ -208,8 +202,8 @@ def _leg_drives(
     lead = mechanism.screw_lead
 
     def forces(some: NDArray[np.intp]) -> FloatArray:
-        thin = thin_history(history, some)
-        return drive_forces(model, drive, times[some], thin, force[some])[:, : len(LENGTHS)]
+        thin = thin_history(cut.history, some)
+        return drive_forces(model, drive, times[some], thin, cut.carried[some])[:, : len(LENGTHS)]
 
     return ContourDrives(
         LEGS,

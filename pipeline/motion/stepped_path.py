@@ -33,12 +33,6 @@ from headstock.pipeline.motion.motors import (
     TrajectoryMotors,
     plan_motors,
 )
-from headstock.pipeline.motion.observers import (
-    drive_bodies,
-    join_probes,
-    observe_probes,
-    probe_channels,
-)
 from headstock.pipeline.motion.path_model import (
     PosedMoves,
     SolvedMove,
@@ -52,7 +46,15 @@ from headstock.pipeline.motion.posed_machine import (
     model_builder,
     report_gyroscopic_shift,
 )
-from headstock.pipeline.motion.probe_motions import place_probes, read_probes, smoothing_channels
+from headstock.pipeline.motion.probe_motions import (
+    drive_bodies,
+    join_probes,
+    observe_probes,
+    place_probes,
+    probe_channels,
+    read_probes,
+    smoothing_channels,
+)
 from headstock.pipeline.motion.trajectory import (
     FollowedTrajectory,
     Law,
