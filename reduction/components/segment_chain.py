@@ -296,48 +296,41 @@ def attach_interfaces(
     spans = {
         name: [patch_span(bar, patch) for patch in item.patches] for name, item in fixed.items()
     }
-    firm = {
-        name
-        for name, item in fixed.items()
-        if item.coupling == "rigid"
-        or all(low == high and (low, high) == spans[name][0] for low, high in spans[name])
-    }
-    rigid_spans = [span for name in spans if name in firm for span in spans[name]]
+    firm = [name for name, item in fixed.items() if _is_firm(item, spans[name])]
+    rigid_spans = [span for name in firm for span in spans[name]]
     chain = lay_out_chain(bar, component.material, component.segments.count, rigid_spans)
-    frames = [Frame(position) for position in chain.places]
-    names = [f"segment_{number}" for number in range(1, chain.count + 1)] + [""] * (
-        len(frames) - chain.count
-    )
-    interface_maps: dict[str, InterfaceMap] = {}
+    ends = {(bar.low, bar.low): "low_end", (bar.high, bar.high): "high_end"}
+    names = [f"segment_{number}" for number in range(1, chain.count + 1)]
+    names += [""] * (len(chain.places) - chain.count)
+    nodes: dict[str, int] = {}
     ties = list(chain.coupled)
-    means: list[Interface] = []
-    for name, interface in fixed.items():
-        frame = Frame(properties.patch_centroids[name])
-        node = len(chain.places) + len(means)
-        if name in firm:
-            nodes = list(
-                dict.fromkeys(node_at(chain, 0.5 * sum(span)).node for span in spans[name])
-            )
-            node = nodes[0]
-            ties += [(other, node) for other in nodes[1:]]
-            ends = {(bar.low, bar.low): "low_end", (bar.high, bar.high): "high_end"}
-            names[node] = names[node] or ends.get(spans[name][0], name)
-        else:
-            means.append(interface)
-            frames.append(frame)
-            names.append(name)
-        interface_maps[name] = InterfaceMap(node, frame)
-    rows = [_tie_rows(chain, segment=segment, node=node) for segment, node in ties] + [
-        _mean_rows(chain, solid, item, interface_maps[item.name].frame) for item in means
-    ]
+    for name in firm:
+        covered = [node_at(chain, 0.5 * sum(span)).node for span in spans[name]]
+        node, *others = dict.fromkeys(covered)
+        nodes[name] = node
+        ties += [(other, node) for other in others]
+        names[node] = names[node] or ends.get(spans[name][0], name)
+    means = [name for name in fixed if name not in nodes]
+    nodes |= {name: len(chain.places) + number for number, name in enumerate(means)}
+    origins = {name: Frame(properties.patch_centroids[name]) for name in fixed}
+    rows = [_tie_rows(chain, segment=segment, node=node) for segment, node in ties]
+    rows += [_mean_rows(chain, solid, fixed[name], origins[name]) for name in means]
     return SegmentedBar(
         chain,
         solid,
-        tuple(frames),
-        tuple(names),
-        interface_maps,
+        (*map(Frame, chain.places), *(origins[name] for name in means)),
+        (*names, *means),
+        {name: InterfaceMap(nodes[name], origin) for name, origin in origins.items()},
         _join_rows(rows, len(chain.places), len(means)),
     )
+
+
+def _is_firm(interface: Interface, spans: Sequence[tuple[float, float]]) -> bool:
+    """Return whether the bar moves rigidly under an interface: as it says, or since its patches lie
+    in one section.
+    """
+    (low, high), *_ = spans
+    return interface.coupling == "rigid" or (low == high and set(spans) == {(low, high)})
 
 
 def surface_motion(chain: SegmentChain, points: FloatArray) -> FloatArray:
