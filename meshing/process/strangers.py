@@ -49,7 +49,7 @@ class FileKind:
         """Return what is wrong with a file of a size; None for nothing."""
         if size <= self.most_bytes:
             return None
-        return f"{name} has {format_bytes(size)}; {self.name} may have {format_bytes(self.most_bytes)}: {self.advice}"
+        return f"{name} has {_format_bytes(size)}; {self.name} may have {_format_bytes(self.most_bytes)}: {self.advice}"
 
 
 PART = FileKind("a file of a part", 4_000_000_000, "export it coarser")
@@ -65,7 +65,7 @@ RESULTS = FileKind("a file of results", 16_000_000_000, "no run writes one as la
 _known: dict[tuple[object, ...], Arrays] = {}
 
 
-def format_bytes(size: int) -> str:
+def _format_bytes(size: int) -> str:
     """Return a number of bytes as a message has it."""
     return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"
 

@@ -187,14 +187,14 @@ def find_fault(value: object, hint: Any, where: str = "") -> str | None:
     return _find_in_scalar(value, origin or hint, where)
 
 
-def _accept(value: object, hint: Any, where: str) -> str | None:
-    return None
-
-
 def _find_in_union(value: object, hint: Any, where: str) -> str | None:
     faults = [find_fault(value, option, where) for option in typing.get_args(hint)]
-    # of several the last is that of what is no None
-    return None if None in faults else _deepest(faults)
+    # of several that which is found furthest inside, the last that of what is no None
+    return max(
+        filter(None, faults if None not in faults else ()),
+        key=lambda fault: len(fault.partition(" is ")[0]),
+        default=None,
+    )
 
 
 def _find_in_literal(value: object, hint: Any, where: str) -> str | None:
@@ -205,11 +205,6 @@ def _find_in_literal(value: object, hint: Any, where: str) -> str | None:
 def _find_in_array(value: object, hint: Any, where: str) -> str | None:
     fits = isinstance(value, np.ndarray) and value.dtype.kind in "biufcUS"
     return None if fits else f"{where} is {_show(value)}, not an array of numbers"
-
-
-def _deepest(faults: Iterable[str | None]) -> str:
-    """Of the faults of the options of a union the one that is found furthest inside."""
-    return max(filter(None, faults), key=lambda fault: len(fault.partition(" is ")[0]))
 
 
 def _find_in_mapping(value: object, hint: Any, where: str) -> str | None:
@@ -275,7 +270,8 @@ def _find_in_scalar(value: object, kind: Any, where: str) -> str | None:
         fits = isinstance(value, int) and abs(value) < LARGEST_WHOLE
         return None if fits else f"{where} is {_show(value)}, not a whole number"
     if kind is str and isinstance(value, str):
-        odd = next((sign for sign in value if _is_control(sign)), None)
+        control = (sign for sign in value if unicodedata.category(sign) in ("Cc", "Cs"))
+        odd = next((sign for sign in control if sign not in "\n\t"), None)
         return None if odd is None else f"{where} holds the control character {odd!r}"
     if isinstance(kind, type) and not isinstance(value, kind):
         return f"{where} is {_show(value)}, not {'empty' if kind is types.NoneType else f'a {kind.__name__}'}"
@@ -285,7 +281,7 @@ def _find_in_scalar(value: object, kind: Any, where: str) -> str | None:
 type Finder = Callable[[object, Any, str], str | None]
 # what looks at a value, by which hints it is for; scalars come last
 FINDERS: tuple[tuple[Callable[[Any, Any], bool], Finder], ...] = (
-    (lambda hint, origin: hint in (Any, object) or origin in CALLABLES, _accept),
+    (lambda hint, origin: hint in (Any, object) or origin in CALLABLES, lambda *_: None),
     (lambda hint, origin: origin in (types.UnionType, typing.Union), _find_in_union),
     (lambda hint, origin: origin is Literal, _find_in_literal),
     (lambda hint, origin: origin is not None and issubclass(origin, Mapping), _find_in_mapping),
@@ -294,10 +290,6 @@ FINDERS: tuple[tuple[Callable[[Any, Any], bool], Finder], ...] = (
     (lambda hint, origin: typing.is_typeddict(hint), _find_in_table),
     (lambda hint, origin: dataclasses.is_dataclass(hint), _find_in_record),
 )
-
-
-def _is_control(sign: str) -> bool:
-    return sign not in "\n\t" and unicodedata.category(sign) in ("Cc", "Cs")
 
 
 @functools.cache

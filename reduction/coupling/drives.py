@@ -127,7 +127,10 @@ def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> C
     size = len(coupled.system.mass)
     counts = [count_coordinates(train) for train in trains]
     added = sum(counts)
-    springs = {spring.name: _pad_spring(spring, added) for spring in coupled.joint_springs}
+    springs = {
+        spring.name: dataclasses.replace(spring, rows=np.pad(spring.rows, ((0, 0), (0, added))))
+        for spring in coupled.joint_springs
+    }
     ends = np.cumsum(counts) - 1
     for train, last in zip(trains, ends, strict=True):
         if is_rigid(train):
@@ -459,9 +462,3 @@ def _scale_row(coupled: CoupledMachine, machine: Machine, point: str, axis: str)
     row = carrier.direction @ point_rows(coupled.layout, machine.points[point])[:3]
     carries_tool = machine.points[point].tool.component in carrier.moves
     return np.asarray(row if carries_tool else -row)
-
-
-def _pad_spring(spring: PlacedJoint, added: int) -> PlacedJoint:
-    return dataclasses.replace(
-        spring, rows=np.hstack([spring.rows, np.zeros((len(spring.rows), added))])
-    )
