@@ -29,7 +29,7 @@ SECONDS = 5.0
 SECONDS_PER_MB = 0.3
 WALL_FACTOR = 6.0  # a busy machine gives little of its processors
 KEPT = 4  # results that a process remembers
-READ_PATH = "headstock.meshing.process.strangers:read_path"
+READ_PATH = "headstock.meshing.process.strangers:serve_reader"
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def _read_in_worker(
     return arrays
 
 
-def read_path(reader: Reader, path: str, *arguments: str) -> Arrays:
+def serve_reader(reader: Reader, path: str, *arguments: str) -> Arrays:
     """Read a file in the worker process."""
     return reader(Path(path), *arguments)
 

@@ -10,9 +10,9 @@ import dataclasses
 import functools
 import json
 import math
+import re
 import types
 import typing
-import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal
 
@@ -26,6 +26,8 @@ AnyArray = NDArray[Any]
 type Coded = str | float | bool | None | list[Coded] | dict[str, Coded]
 LARGEST_WHOLE = 2**63
 _SHOWN = 80
+# of the categories Cc and Cs, but for what parts lines and columns
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
 CALLABLES = (Callable, typing.get_origin(Callable[[], None]))
 
 
@@ -270,9 +272,8 @@ def _find_in_scalar(value: object, kind: Any, where: str) -> str | None:
         fits = isinstance(value, int) and abs(value) < LARGEST_WHOLE
         return None if fits else f"{where} is {_show(value)}, not a whole number"
     if kind is str and isinstance(value, str):
-        control = (sign for sign in value if unicodedata.category(sign) in ("Cc", "Cs"))
-        odd = next((sign for sign in control if sign not in "\n\t"), None)
-        return None if odd is None else f"{where} holds the control character {odd!r}"
+        odd = CONTROL.search(value)
+        return None if odd is None else f"{where} holds the control character {odd[0]!r}"
     if isinstance(kind, type) and not isinstance(value, kind):
         return f"{where} is {_show(value)}, not {'empty' if kind is types.NoneType else f'a {kind.__name__}'}"
     return None
