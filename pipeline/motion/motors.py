@@ -33,7 +33,7 @@ from headstock.pipeline.stages.mechanism import LumpedPose
 from headstock.pipeline.stages.run_state import PoseModel
 from headstock.reduction.coupling.drives import find_linear_scales, scale_rows
 from headstock.reduction.coupling.error_travel import move_rows
-from headstock.reduction.coupling.path_loads import momentum_rows
+from headstock.reduction.coupling.path_loads import find_momenta
 from headstock.solvers.control.drive_trains import SCALE
 from headstock.solvers.motion.alpha import (
     CompliantHistory,
@@ -213,7 +213,7 @@ class TrajectoryMotors:
                 bodies = trajectory.travels(model.coupled)[
                     :, Index(trajectory.bodies).of(self.bodies)
                 ]
-                carried = momentum_rows(model.coupled, bodies @ travels)
+                carried = find_momenta(model.coupled, bodies @ travels).T
                 moved = move_rows(np.vstack([read, carried]), errors.moved)
                 direct |= {
                     (output, offset): float(value)

@@ -305,15 +305,16 @@ def _place_drive(
     pitch = drive.lead / (2.0 * math.pi)
     turned = motion_rows(coupled.layout, slide.housing, spring.frame.origin)[3:]
     stator = slide.thread * pitch * (spring.frame.rotation[:, slide.row] @ turned @ coupled.basis)
+    rigid = make_rigid_train(
+        drive,
+        slide=slide.motion,
+        scale=slide.scale,
+        stator=stator,
+        moved_mass=moved_mass,
+        beta=machine.rayleigh.beta,
+    )
     if joint.kind != "ball_screw":
-        return make_rigid_train(
-            drive,
-            slide=slide.motion,
-            scale=slide.scale,
-            stator=stator,
-            moved_mass=moved_mass,
-            beta=machine.rayleigh.beta,
-        )
+        return rigid
     stiffness = float(spring.stiffness[0, 0])
     if 0 in spring.fixed or not stiffness > 0.0:
         raise ModelError(
@@ -321,30 +322,15 @@ def _place_drive(
             'write stiffness = { axial = "100 N/um" }'
         )
     # a coupling of the joint's own is part of its stiffness already
-    coupling_stiffness = math.inf if joint.screw is None else joint.screw.coupling
-    return DriveTrain(
-        name=drive.name,
-        axis=drive.axis,
-        joint=drive.joint,
-        control=_feed_inertia(drive, moved_mass),
+    coupling = math.inf if joint.screw is None else joint.screw.coupling
+    return dataclasses.replace(
+        rigid,
         stretch=slide.sign * _thread_row(spring),
         stiffness=stiffness,
-        thread=1.0
-        / (
-            1.0 / stiffness
-            - (pitch**2 / coupling_stiffness if math.isfinite(coupling_stiffness) else 0.0)
-        ),
-        slide=slide.motion,
-        scale=slide.scale,
-        stator=stator,
-        motor_mass=drive.motor_inertia / pitch**2,
+        thread=1.0 / (1.0 / stiffness - pitch**2 / coupling),
         damping=float(joint.damping[0, 0]),
-        beta=machine.rayleigh.beta,
         loss=joint.loss_factor * stiffness,
-        screw_mass=drive.screw_inertia / pitch**2,
-        coupling=min(coupling_stiffness, drive.coupling) / pitch**2,
-        friction=drive.friction,
-        cycle=drive.cycle,
+        coupling=min(coupling, drive.coupling) / pitch**2,
     )
 
 
