@@ -76,7 +76,6 @@ def _assemble_mesh(path: Path, raw: RawMesh, solid: str | None = None) -> MeshDa
     """Make one solid of what a file holds.
 
     Args:
-        raw: What its reader found.
         solid: Name of the set of cells to take; None for all of one material, ``*`` for all of whatever
             material.
 

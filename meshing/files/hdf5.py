@@ -251,7 +251,6 @@ def _add_tags(
 
     Args:
         blocks: Kind and nodes of its cells.
-        raw: What takes the sets.
         cells: What the cells of each block count as among the solid ones; none of surface elements.
     """
     for name, tags in _read_tags(reader, grid, [len(nodes) for _, nodes in blocks]):

@@ -119,12 +119,7 @@ _VALUES = ("kind", "size", "estimate", "nodes", "remarks")
 
 
 def perform_job(perform: Callable[[MeshJob], MeshData], text: bytes) -> Arrays:
-    """Perform a job in the worker process.
-
-    Args:
-        perform: Does what the job says.
-        text: The job as JSON.
-    """
+    """Perform a job in the worker process."""
     return pack_data(perform(parse_job(text.decode())))
 
 

@@ -96,11 +96,7 @@ def read_apart(
 
 
 def require_size(path: Path, kind: FileKind, error: type[HeadstockError]) -> os.stat_result:
-    """Refuse what is no regular file, or is larger than its kind.
-
-    Args:
-        error: Raised where it is not.
-    """
+    """Refuse what is no regular file, or is larger than its kind."""
     try:
         status = path.stat()
     except OSError as fault:

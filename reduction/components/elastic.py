@@ -269,7 +269,6 @@ def _recover_fields(
     """Recover motions of the mesh from displacement fields of dofs, loads and probes.
 
     Args:
-        places: Of the probes.
         estimated: Estimate the errors of the mesh.
     """
     comm = operators.comm
@@ -375,7 +374,6 @@ def find_cell_errors(
     errors in each cell, times the factor that covers 95 % of true errors.
 
     Args:
-        component: What was meshed.
         motions: ``(n, k)`` of the superelement's dofs.
 
     Raises:

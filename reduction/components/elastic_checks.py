@@ -31,7 +31,6 @@ def without_rigid_stiffness(
 
     Args:
         points: ``(n_points, 3)`` mesh points [m].
-        held: What supports fix.
         scale: Largest entry of the stiffness it was reduced from [N/m].
 
     Raises:

@@ -273,7 +273,6 @@ def measure_truncation(
     Args:
         solver: With the interfaces fixed; collective.
         psi: ``(3 n_owned, n_b)`` constraint modes.
-        modes: Fixed-interface modes kept.
 
     Source: Kim and Lee (2015), residual substructural modes as the error of a Craig-Bampton basis.
     """

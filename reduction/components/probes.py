@@ -190,7 +190,6 @@ def watch_dofs(
 
     Args:
         solver: With the interfaces fixed; collective.
-        places: Of the probes, on every rank.
         basis: Constraint modes ``(3 n_owned, n_b)`` and fixed-interface modes ``(3 n_owned, m)``.
         eigenvalues: ``(m,)`` of the modes [rad^2/s^2].
         particular: ``(3 n_owned, k)`` responses to loads with boundary and modal dofs fixed.
@@ -260,7 +259,6 @@ def gather_probes(
     """Return the probes of a superelement of ``n`` dofs and ``k`` loads.
 
     Args:
-        watched: What they see.
         smoothing: By probe, ``(s, 6, n + k)`` what recovery changes in the stresses of dofs and
             loads; None where nobody knows.
         missing: ``(9 p, n + k)`` energy products of the errors of unit responses at the probes with

@@ -367,7 +367,6 @@ def traction_load(
 
     Args:
         chain: The segmented bar with ``n`` nodes.
-        patches: Where the traction acts.
 
     Returns:
         ``(6 n, 3)``, a column per direction: forces [N/Pa = m^2] and moments [N m/Pa = m^3] on the

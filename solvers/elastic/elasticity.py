@@ -202,7 +202,6 @@ def assemble_elasticity(
     Args:
         mesh: On rank 0; what others hand in is not looked at.
         comm: Communicator to distribute over; collective.
-        with_corners: Assemble the corner level, too.
 
     Raises:
         AccuracyError: The assembled operators fail their symmetry or mass check.
