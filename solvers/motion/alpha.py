@@ -17,7 +17,6 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl
 from headstock.solvers.control.drive_loops import LinearBlock, make_controller, stack_blocks
 from headstock.solvers.errors import ConvergenceError
-from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
 from headstock.solvers.motion.friction import CoordinateFriction
 
 INVERSE_TOLERANCE = 1e-10  # of what an interpolated inverse leaves of the identity
@@ -25,6 +24,37 @@ MOST_PARTS = 64  # of the trajectory between two nodes
 CHUNK = 512  # states evaluated together: more would leave the cache
 INPUTS = 5  # of a controller: set position, speed, acceleration, measured position, motor speed
 SPEED, ACCELERATION, POSITION, MOTOR_SPEED = 1, 2, 3, 4
+
+
+@dataclass(frozen=True)
+class AlphaScheme:
+    """Parameters of generalised-α time integration for a spectral radius at infinite frequency: 1
+    keeps high frequencies, 0 kills them in one step.
+
+    Source: Chung and Hulbert (1993); Arnold and Brüls (2007).
+    """
+
+    rho: float = 0.9
+
+    @property
+    def alpha_m(self) -> float:
+        """Share of the old auxiliary acceleration."""
+        return (2.0 * self.rho - 1.0) / (self.rho + 1.0)
+
+    @property
+    def alpha_f(self) -> float:
+        """Share of the old acceleration."""
+        return self.rho / (self.rho + 1.0)
+
+    @property
+    def gamma(self) -> float:
+        """Newmark's gamma, for second order."""
+        return 0.5 + self.alpha_f - self.alpha_m
+
+    @property
+    def beta(self) -> float:
+        """Newmark's beta, for the most damping of high frequencies."""
+        return 0.25 * (self.gamma + 0.5) ** 2
 
 
 @dataclass(frozen=True, eq=False)

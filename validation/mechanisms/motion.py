@@ -22,7 +22,6 @@ from headstock.solvers.mechanisms.dynamics import (
     gravity_energy,
     kinetic_energy,
 )
-from headstock.solvers.mechanisms.generalized_alpha import Linearisation, MotionState
 from headstock.solvers.mechanisms.partitioning import (
     Drive,
     PartitionedDynamics,
@@ -30,6 +29,7 @@ from headstock.solvers.mechanisms.partitioning import (
     driven_forces,
     partition_dynamics,
 )
+from headstock.validation.mechanisms.generalized_alpha import Linearisation, MotionState
 
 DriveLaw = Callable[[float], Drive]
 ForceLaw = Callable[[float], FloatArray]

@@ -13,7 +13,6 @@ from headstock.geometry.mechanisms.exechon import LENGTHS, survey_tool_poses
 from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.solvers.errors import ConvergenceError, ModelError
-from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_constrained
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
 from headstock.solvers.milling.contouring import (
     drive_forces,
@@ -45,6 +44,7 @@ from headstock.solvers.motion.alpha import (
     Regeneration,
     integrate_linear,
 )
+from headstock.validation.mechanisms.generalized_alpha import MotionState, integrate_constrained
 from headstock.validation.mechanisms.motion import PartitionedMotion
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
