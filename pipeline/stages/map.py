@@ -213,10 +213,7 @@ def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     first = found.quantities["f1_hz"]
     taken = int(np.isfinite(found.quantities["condition_number"]).sum())
     shared = f" on {state.comm.size} ranks" if state.comm.size > 1 else ""
-    detail = f"{taken} of {first.size} poses{shared}, f1 {_span(first)} Hz"
+    known = first[np.isfinite(first)]
+    span = f"{known.min():.4g} .. {known.max():.4g}" if len(known) else "nowhere"
+    detail = f"{taken} of {first.size} poses{shared}, f1 {span} Hz"
     return Outcome(detail=detail, answers=(found,))
-
-
-def _span(values: FloatArray) -> str:
-    known = values[np.isfinite(values)]
-    return f"{known.min():.4g} .. {known.max():.4g}" if len(known) else "nowhere"

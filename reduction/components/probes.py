@@ -28,7 +28,6 @@ from headstock.meshing.elements.surface import (
 from headstock.reduction.components.nodal_loads import scatter_rows
 from headstock.reduction.superelement import ProbeLoad, ProbeRows
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
-from headstock.solvers.elastic.elasticity import ElasticOperators
 from headstock.solvers.elastic.stress_recovery import PointRows, find_point_rows
 from headstock.solvers.errors import ModelError
 from headstock.solvers.recovery.discretisation_error import cut_neighbourhood, recover_at_nodes
@@ -199,7 +198,12 @@ def watch_dofs(
     """
     psi, shapes = basis
     operators = solver.operators
-    blocks = [_spread(probe_place.rows, operators) for probe_place in places.values()]
+    rows_of = [probe_place.rows for probe_place in places.values()]
+    by_node = [one.rows.reshape(SEEN, len(one.nodes), 3).transpose(1, 2, 0) for one in rows_of]
+    blocks = [
+        scatter_rows(values, one.nodes, operators).reshape(-1, SEEN)
+        for values, one in zip(by_node, rows_of, strict=True)
+    ]
     loads = np.hstack([np.zeros((len(psi), 0)), *blocks])
     observed = [solver.product(loads, fields) for fields in (psi, shapes, particular)]
     inertia: FloatArray = np.zeros((loads.shape[1], psi.shape[1]))
@@ -209,12 +213,6 @@ def watch_dofs(
         if operators.scalar_mass is not None:
             inertia = solver.product(responses, operators.apply_mass(psi))
     return _WatchedDofs(np.hstack(observed[:2]), inertia, observed[2], responses)
-
-
-def _spread(rows: PointRows, operators: ElasticOperators) -> FloatArray:
-    """Return the rows over the nodes of this rank ``(3 n_owned, 9)``."""
-    by_node = rows.rows.reshape(SEEN, len(rows.nodes), 3).transpose(1, 2, 0)
-    return scatter_rows(by_node, rows.nodes, operators).reshape(-1, SEEN)
 
 
 def read_smoothing(
