@@ -158,7 +158,7 @@ def pack_data(data: MeshData) -> Arrays:
     for name in _RECORDS:
         if getattr(data, name) is not None:
             arrays |= {f"{name}_{key}": array for key, array in vars(getattr(data, name)).items()}
-    meta = {name: list(getattr(data, name)) for name in _NAMED_ARRAYS}
+    meta: dict[str, Any] = {name: list(getattr(data, name)) for name in _NAMED_ARRAYS}
     meta |= {name: getattr(data, name) for name in _VALUES}
     meta["faces"] = [dataclasses.asdict(face) for face in data.faces]
     if data.properties is not None:

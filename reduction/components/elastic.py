@@ -272,7 +272,8 @@ def _recover_fields(
         estimated: Estimate the errors of the mesh.
     """
     comm = operators.comm
-    errors, missing, warnings, smoothing = ErrorEstimates(), None, (), None
+    errors, missing, smoothing = ErrorEstimates(), None, None
+    warnings: tuple[str, ...] = ()
     shown = estimated and make_of_mesh(comm, mesh, detects_errors)
     if estimated:
         errors, missing = _estimate_errors(
