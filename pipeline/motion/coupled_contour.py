@@ -65,7 +65,7 @@ from headstock.pipeline.motion.trajectory import (
     AxesTrajectory,
     FollowedTrajectory,
     Trajectory,
-    find_screws,
+    find_ball_screws,
     follow_time,
 )
 from headstock.pipeline.stages.run_state import RunState
@@ -267,7 +267,7 @@ def _sample_contour(
     end: float,
 ) -> SampledMotion:
     """The machine in poses up to a time [s]; what it differs by where the course was sampled already."""
-    names, screws = tuple(state.scene.machine.probes), find_screws(state.scene.machine)
+    names, screws = tuple(state.scene.machine.probes), find_ball_screws(state.scene.machine)
     trajectory, probes = driven.followed.trajectory, probe_channels(names)
     channels = PlantChannels(
         inputs=driven.inputs,
@@ -301,7 +301,7 @@ def _drive_screws(
     Args:
         times: ``(n,)`` steps [s].
     """
-    followed, names = driven.followed, tuple(find_screws(state.scene.machine))
+    followed, names = driven.followed, tuple(find_ball_screws(state.scene.machine))
     loads, trajectory = followed.acting, followed.trajectory
 
     def forces(some: NDArray[np.intp]) -> FloatArray:
@@ -352,7 +352,7 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
         2.0 * RESIDUAL_DAMPING * omega * np.eye(kept + 3),
     )
     stiffness[:kept, :kept], damping[:kept, :kept] = now.stiffness[0], now.damping[0]
-    found = mount_modes(
+    mounted = mount_modes(
         np.eye(kept + 3),
         damping,
         stiffness,
@@ -360,7 +360,7 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
         turned_modes(request.tool_modes, frame.T),
     )
     return tip_dynamics(
-        found.mass, found.damping, found.stiffness, forced=found.tip, seen=found.tip[:2]
+        mounted.mass, mounted.damping, mounted.stiffness, forced=mounted.tip, seen=mounted.tip[:2]
     )
 
 
@@ -405,7 +405,7 @@ def _motor_torques(
         text = f"{OF_SCREWS}: no friction, no inertia of motor and screw"
         return lambda some, forces: forces * (lead / (2.0 * math.pi)), (text,)
     drives: dict[str, Drive] = {drive.axis: drive for drive in state.scene.drives.values()}
-    screws = find_screws(machine)
+    screws = find_ball_screws(machine)
     shafts = {name: machine.joints[screws[name][0]].screw for name in names}
     leads = [
         drives[name].lead if name in drives else (shaft.lead if shaft else 0.0)

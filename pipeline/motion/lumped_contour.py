@@ -91,13 +91,8 @@ def run_lumped_contour(
     )
     drive = follow_path(mechanism.mounted, nodes, plan.path.at(nodes), mechanism.tool)
     turn = mechanism.mounted.mounting.rotation
-    names = tuple(each.axis for each in drives)
-    free = linear_motion(model, drive, times, request.damping, names)
-    pushed = None
-    if mechanism.leg_errors:
-        pushed = _push_springs(mechanism, model, drive, times)
-        extra = ((0, 0), (0, free.load.shape[1] - pushed.shape[1]))
-        free = dataclasses.replace(free, load=free.load + np.pad(pushed, extra))
+    names = tuple(leg.axis for leg in drives)
+    free, pushed = _free_motion(mechanism, model, request, drive, times, names)
     friction: FrictionSpeeds = "true" if request.model == "nonlinear" else "set"
     servo = _close_legs(model, drive, free, drives, friction) if drives else None
     motion = free if servo is None else servo.motion
@@ -146,10 +141,20 @@ def run_lumped_contour(
     )
 
 
-def _push_springs(
-    mechanism: SceneMechanism, model: CompliantMechanism, drive: PathDrive, times: FloatArray
-) -> FloatArray:
-    """Loads ``(n, c)`` of springs that are at rest where legs are longer than commanded [N]."""
+def _free_motion(
+    mechanism: SceneMechanism,
+    model: CompliantMechanism,
+    request: ContouringRequest,
+    drive: PathDrive,
+    times: FloatArray,
+    names: Sequence[str],
+) -> tuple[LinearMotion, FloatArray | None]:
+    """The linear model with free motors of some legs, and the loads ``(n, c)`` in it of springs that are at
+    rest where legs are longer than commanded [N]; None where none is.
+    """
+    free = linear_motion(model, drive, times, request.damping, names)
+    if not mechanism.leg_errors:
+        return free, None
     columns = [model.mechanism.driven.index(LENGTHS[leg]) for leg in mechanism.leg_errors]
     springs = [2 * leg + 1 for leg in mechanism.leg_errors]
     position = drive.at(times).position
@@ -157,7 +162,8 @@ def _push_springs(
     pushed[:, springs] = model.springs.stiffness(position)[:, springs] * sample_leg_errors(
         mechanism.leg_errors, position[:, columns]
     )
-    return pushed
+    extra = ((0, 0), (0, free.load.shape[1] - pushed.shape[1]))
+    return dataclasses.replace(free, load=free.load + np.pad(pushed, extra)), pushed
 
 
 def _close_legs(
@@ -168,7 +174,7 @@ def _close_legs(
     friction: FrictionSpeeds,
 ) -> ServoMotion:
     """A linear model with free motors with the loops of its legs closed."""
-    legs = [each.axis for each in drives]
+    legs = [leg.axis for leg in drives]
     columns = [model.mechanism.driven.index(name) for name in legs]
     now = drive.at(free.times)
     size = free.mass.shape[-1]
@@ -226,17 +232,17 @@ def lumped_face_dynamics(
         PoseError: The tool cannot get there.
     """
     cut = plan_contour(request.contour).cuts[face]
-    place = cut.start + 0.5 * cut.length * cut.travel + request.contour.offset * cut.outward
-    state = solve_tool_pose(mechanism.mounted, place, mechanism.tool)
+    point = cut.start + 0.5 * cut.length * cut.travel + request.contour.offset * cut.outward
+    state = solve_tool_pose(mechanism.mounted, point, mechanism.tool)
     motions = linearise_poses(model, state)
     turn = mechanism.mounted.mounting.rotation
     frame: FloatArray = travel_frames(cut.travel[None], cut.part)[0] @ turn
-    found = mount_modes(
+    mounted = mount_modes(
         motions.mass,
         request.damping.matrix(motions),
         np.diag(motions.stiffness),
         marker_motion(model, motions, model.tool)[:3],
         turned_modes(request.tool_modes, turn),
     )
-    tip = frame @ found.tip
-    return tip_dynamics(found.mass, found.damping, found.stiffness, forced=tip, seen=tip[:2])
+    tip = frame @ mounted.tip
+    return tip_dynamics(mounted.mass, mounted.damping, mounted.stiffness, forced=tip, seen=tip[:2])

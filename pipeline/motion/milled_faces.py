@@ -39,16 +39,16 @@ def mill_faces(
     Args:
         request: Tool, cut and cut-off.
     """
-    found, reasons = list[MilledFace](), list[str]()
+    faces, reasons = list[MilledFace](), list[str]()
     for number, cut in enumerate(run.plan.cuts, 1):
         if run.times[-1] < cut.begins + cut.length / cut.feed:
             reasons.append(f"face {number} has no profile: the tool did not reach its end")
             continue
         try:
-            found.append(_mill_face(request, run, number, cut))
+            faces.append(_mill_face(request, run, number, cut))
         except ModelError as error:
             reasons.append(f"face {number} has no profile: {error}")
-    return tuple(found), tuple(reasons)
+    return tuple(faces), tuple(reasons)
 
 
 @dataclass(frozen=True, eq=False)

@@ -110,11 +110,11 @@ def trace_motion(
     """
     motions = {}
     for name, probe in probes.items():
-        own = _observe(name, probe, model, loads)
-        samples = model.motion.at_times(own.values)[sampled]
-        motion, rows = _describe(name, probe, model.motion.instants, own.values, samples)
+        observed = _observe(name, probe, model, loads)
+        samples = model.motion.at_times(observed.values)[sampled]
+        motion, rows = _describe(name, probe, model.motion.instants, observed.values, samples)
         if others:
-            sizes = _size(own.values)
+            sizes = _size(observed.values)
             changed = {}
             for source, other in others.items():
                 there = _size(_observe(name, probe, other, loads).values)
@@ -130,7 +130,7 @@ def trace_motion(
                 silent = change <= SILENT_SHARE * sizes.max(axis=1)
                 changed[source] = np.where(silent, change, np.nan)
             motion = _estimate_errors(
-                motion, probe, own, rows, changed, loads, up_to_hz=up_to_hz, left_out=left_out
+                motion, probe, observed, rows, changed, loads, up_to_hz=up_to_hz, left_out=left_out
             )
         motions[name] = motion
     return motions
@@ -208,7 +208,7 @@ def watch_path_probes(probes: Mapping[str, PlacedProbe]) -> Watch:
 
 
 def smoothing_channels(probes: Mapping[str, PlacedProbe]) -> tuple[Channel, ...]:
-    """What recovery changes in the stresses at probes and around, where that is known."""
+    """Channels of what recovery changes in the stresses at probes and around, where that is known."""
     return tuple(
         (name, f"smoothing {number}")
         for name, probe in probes.items()
@@ -264,8 +264,8 @@ def _change_locally(
 
 
 def _observe(name: str, probe: PlacedProbe, model: MovingModel, loads: Sequence[str]) -> _Observed:
-    own = watch_probes([name])
-    whole, early = model.space.watch(own), model.space.watch(Watch(own.channels, own.rates))
+    watch = watch_probes([name])
+    whole, early = model.space.watch(watch), model.space.watch(Watch(watch.channels, watch.rates))
     late = WatchedOutputs(whole.states - early.states, whole.inputs - early.inputs)
     inputs = whole.inputs.copy()
     for column, load in enumerate(loads):
@@ -331,8 +331,8 @@ def _estimate_errors(
             (DISCRETISATION, local[kind]),
             (REDUCTION, None if beyond is None else beyond * float(late[kind])),
         ):
-            known = shares.get(source, 0.0)
-            shares[source] = None if size is None or known is None else known + size
+            others = shares.get(source, 0.0)
+            shares[source] = None if size is None or others is None else others + size
         estimates.append(Estimate(shares, left_out))
     return dataclasses.replace(
         motion, von_mises_error=estimates[0], displacement_error=estimates[1]
@@ -373,8 +373,8 @@ def probe_kinds(channels: Iterable[Channel], names: Collection[str]) -> dict[Cha
     kinds = {}
     for name, kind in channels:
         if name in names:
-            words, place = kind.split()
-            still = place in DIRECTIONS or int(place) < MOVED
+            words, number = kind.split()
+            still = number in DIRECTIONS or int(number) < MOVED
             kinds[name, kind] = (name, f"{words} {'displacement' if still else 'stress'}")
     return kinds
 
@@ -390,10 +390,10 @@ def join_probes(parts: MachineParts, trajectory: Trajectory) -> Join:
         travels, none = trajectory.travels(coupled), np.zeros(len(model.system.mass))
         rows, taken = probe_outputs(parts, placed), Feedthrough()
         for name, probe in placed.items():
-            own = machine.probes[name]
+            named = machine.probes[name]
             # what modes that the component leaves out add follows its acceleration at once
-            late = -moved_inertia(coupled, own, travels[coupled.offsets[probe.component]])
-            ridden = carry_probe(coupled, own, travels)[:MOVED]
+            late = -moved_inertia(coupled, named, travels[coupled.offsets[probe.component]])
+            ridden = carry_probe(coupled, named, travels)[:MOVED]
             rides = _ride_channels([name])
             rows |= dict.fromkeys(rides, none)
             outputs = [*watch_probes([name]).channels, *rides]
