@@ -10,7 +10,7 @@ from headstock.geometry.parts.components import Component, Load, Patch, Support
 from headstock.scene.building.components import bounding_box, build_patch, find_patch_fault
 from headstock.scene.building.draft import Draft, list_records
 from headstock.scene.building.joints import KINDS
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import KeyPath
 from headstock.scene.schema.axes import PointTable
 from headstock.scene.schema.components import ComponentTable, PatchTable
 from headstock.scene.schema.loads import LoadTable, SupportTable
