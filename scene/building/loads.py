@@ -146,7 +146,7 @@ def _check_displacement(key: KeyPath, table: LoadTable, draft: Draft) -> None:
         )
 
 
-def check_probes(draft: Draft) -> None:
+def check_scene_probes(draft: Draft) -> None:
     """Report probes in components that are not meshed, and probes of a machine that nothing
     loads.
     """
@@ -170,8 +170,14 @@ def check_probes(draft: Draft) -> None:
                 ("probes", name, "at"),
                 f"lies outside {probe.component}, which reaches over x, y, z from {ends} in its own frame",
             )
+    if scene.probes:
+        _check_probe_loads(draft)
+
+
+def _check_probe_loads(draft: Draft) -> None:
+    scene = draft.table
     loaded = {table.loads_probes for table in scene.analyses.requested.values()}
-    if not scene.probes or "by itself" in loaded:
+    if "by itself" in loaded:
         return
     if "by the scene" not in loaded:
         *first, last = [

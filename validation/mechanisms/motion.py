@@ -11,7 +11,7 @@ import numpy as np
 from headstock.geometry.errors import ClosureError, SingularPoseError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import (
-    close_loops,
+    close_chains,
     closure_residual,
     evaluate_kinematics,
 )
@@ -357,7 +357,7 @@ def project_start(
     """
     mechanism, drive = problem.model.mechanism, problem.drive(time)
     given = np.concatenate([drive.position, position])
-    closed = close_loops(mechanism, given)
+    closed = close_chains(mechanism, given)
     kinematics = evaluate_kinematics(mechanism, closed)
     inner = kinematics.closure_jacobian[:, problem.free]
     rates = inner @ velocity + kinematics.closure_jacobian[:, mechanism.driven_slice] @ drive.speed
