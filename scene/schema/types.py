@@ -11,7 +11,7 @@ import itertools
 import math
 import re
 import textwrap
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, Self, cast
 
@@ -92,7 +92,8 @@ class StrictTable(BaseModel):
         names = {field.name for field in dataclasses.fields(cast(type[Any], kind))}
         values = self.given((names & type(self).model_fields.keys()) - others.keys())
         tuples = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
-        return kind(**values | tuples, **others)
+        build = cast(Callable[..., Built], kind)
+        return build(**values | tuples, **others)
 
     @classmethod
     def __get_pydantic_json_schema__(
