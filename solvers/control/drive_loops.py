@@ -356,13 +356,9 @@ def _spread_set_points(trains: tuple[DriveTrain, ...]) -> FloatArray:
     """From set points of the axes to the inputs of the controllers ``(5 n_drives, 3 n_axes)``: one
     axis may have two drives.
     """
-    axes = list(dict.fromkeys(train.axis for train in trains))
-    spread = np.zeros((5 * len(trains), 3 * len(axes)))
-    for number, train in enumerate(trains):
-        spread[
-            5 * number : 5 * number + 3, 3 * axes.index(train.axis) : 3 * axes.index(train.axis) + 3
-        ] = np.eye(3)
-    return spread
+    axes = dict.fromkeys(train.axis for train in trains)
+    driven = np.array([[float(train.axis == axis) for axis in axes] for train in trains])
+    return np.kron(driven.reshape(len(trains), len(axes)), np.eye(5, 3))
 
 
 def find_velocity_lag(loop: ClosedLoop, axis: str) -> tuple[float, dict[Channel, float]]:

@@ -81,13 +81,13 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
     mass, stiffness = _pad(system.mass, total), _pad(system.stiffness, total)
     damping = None if system.damping is None else _pad(system.damping, total)
     hysteretic = None if system.hysteretic is None else _pad(system.hysteretic, total)
-    inputs = {channel: _pad_row(row, total) for channel, row in system.inputs.items()}
-    outputs = {channel: _pad_row(row, total) for channel, row in system.outputs.items()}
+    inputs = {channel: _pad(row, total) for channel, row in system.inputs.items()}
+    outputs = {channel: _pad(row, total) for channel, row in system.outputs.items()}
     labels = list(system.labels)
     for train, turns in zip(trains, find_turns(trains, total), strict=True):
         motor, screw = turns.motor, turns.screw
-        stretch, stator = _pad_row(train.stretch, total), _pad_row(train.stator, total)
-        slide, scale = _pad_row(train.slide, total), _pad_row(train.scale, total)
+        stretch, stator = _pad(train.stretch, total), _pad(train.stator, total)
+        slide, scale = _pad(train.slide, total), _pad(train.scale, total)
         freed = np.zeros((total, total))
         if turns.apart:
             freed += train.coupling * np.outer(motor - screw, motor - screw)
@@ -143,7 +143,7 @@ def find_turns(trains: Sequence[DriveTrain], total: int) -> list[Turns]:
         count = count_coordinates(train)
         own = [*np.eye(total)[place : place + count]]
         if is_rigid(train):
-            own.append(_pad_row(train.slide, total))
+            own.append(_pad(train.slide, total))
         found.append(Turns(own[0], own[-1], len(own) == 2))
         place += count
     return found
@@ -185,13 +185,6 @@ def _join(row: FloatArray, coordinate: FloatArray, stiffness: float) -> FloatArr
     return np.asarray(stiffness * (np.outer(coordinate, coordinate) - cross - cross.T))
 
 
-def _pad(matrix: FloatArray, total: int) -> FloatArray:
-    padded = np.zeros((total, total))
-    padded[: len(matrix), : len(matrix)] = matrix
-    return padded
-
-
-def _pad_row(row: FloatArray, total: int) -> FloatArray:
-    padded = np.zeros(total)
-    padded[: len(row)] = row
-    return padded
+def _pad(values: FloatArray, total: int) -> FloatArray:
+    """Return a row or a square matrix with zeros for further coordinates."""
+    return np.pad(values, (0, total - len(values)))
