@@ -137,16 +137,16 @@ def find_turns(trains: Sequence[DriveTrain], total: int) -> list[Turns]:
         trains: As the motors were let go.
         total: Coordinates ``n`` of that system, those of motors and screws at its end.
     """
-    found = []
-    place = total - sum(map(count_coordinates, trains))
+    turns = []
+    start = total - sum(map(count_coordinates, trains))
     for train in trains:
         count = count_coordinates(train)
-        own = [*np.eye(total)[place : place + count]]
+        coordinates = [*np.eye(total)[start : start + count]]
         if is_rigid(train):
-            own.append(_pad(train.slide, total))
-        found.append(Turns(own[0], own[-1], len(own) == 2))
-        place += count
-    return found
+            coordinates.append(_pad(train.slide, total))
+        turns.append(Turns(coordinates[0], coordinates[-1], len(coordinates) == 2))
+        start += count
+    return turns
 
 
 def measured_channel(train: DriveTrain) -> Channel:
