@@ -23,8 +23,8 @@ from pydantic import BaseModel
 
 from headstock.scene.building.joints import KINDS
 from headstock.scene.reading.files import TomlTable, TomlValue
+from headstock.scene.reading.findings import KeyPath
 from headstock.scene.reading.keys import write_number
-from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import (
     ANGLE,
     LENGTH,

@@ -24,9 +24,6 @@ class PatchError(PartFileError):
     def __init__(self, message: str, group: str = "", patch: int | None = None) -> None:
         """Keep where the patch is described (an error that ranks share is made of its text
         first).
-
-        Args:
-            message: What is wrong and what there is.
         """
         super().__init__(message)
         self.group = group

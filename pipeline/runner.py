@@ -49,12 +49,12 @@ from headstock.pipeline.stages.run_state import (
     run_stage,
 )
 from headstock.pipeline.stages.shared_components import find_ranks, make_superelements, start_run
-from headstock.pipeline.stages.volume_files import volume_grid, write_volumes
 from headstock.pipeline.stages.warnings import find_warnings
 from headstock.pipeline.storage.content_keys import library_versions
 from headstock.pipeline.storage.outputs import PendingOutputs, prepare_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.pipeline.volume_files import volume_grid, write_volumes
 from headstock.scene.analyses.lobes import require_feed_of_run
 from headstock.scene.scene import Scene, acting_assumptions
 from headstock.solvers.mpi import MPI

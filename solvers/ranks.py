@@ -45,21 +45,19 @@ def sum_over_ranks(comm: MPI.Comm, values: FloatArray) -> FloatArray:
     """Return the entry-wise sum of an array over the ranks; collective, the same shape
     everywhere.
     """
-    if comm.size == 1:
-        return values
-    result = np.array(values, dtype=float, order="C")
-    comm.Allreduce(MPI.IN_PLACE, result, op=MPI.SUM)
-    return result
+    return values if comm.size == 1 else _reduce(comm, values, MPI.SUM)
 
 
 def max_over_ranks(comm: MPI.Comm, values: FloatArray) -> FloatArray:
     """Return the entry-wise maximum of an array over the ranks; collective, the same shape
     everywhere.
     """
-    if comm.size == 1:
-        return values
+    return values if comm.size == 1 else _reduce(comm, values, MPI.MAX)
+
+
+def _reduce(comm: MPI.Comm, values: FloatArray, operation: "MPI.Op") -> FloatArray:
     result = np.array(values, dtype=float, order="C")
-    comm.Allreduce(MPI.IN_PLACE, result, op=MPI.MAX)
+    comm.Allreduce(MPI.IN_PLACE, result, op=operation)
     return result
 
 

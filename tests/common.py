@@ -245,7 +245,7 @@ def work_here(
         patch.setattr(worker, "accept_limits", lambda arguments: arguments[1:])
         patch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
         arguments = [json.dumps(functions), json.dumps(words), str(os.dup(result.fileno()))]
-        code = worker.run_worker(["", *arguments])
+        code = worker._run_worker(["", *arguments])
     return WorkerEnd(code, said.getvalue(), limits, limits)
 
 

@@ -178,31 +178,28 @@ def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> Floa
     return _pick(layout, met, aligned, balanced)
 
 
-def close_loops(
-    mechanism: Mechanism, state: FloatArray, *, unknown: slice | IndexArray | None = None
-) -> FloatArray:
+def close_chains(mechanism: Mechanism, state: FloatArray) -> FloatArray:
     """Return the coordinates that close the loops, by Newton's method from a state.
 
     Args:
-        mechanism: Its closures must be as many as the unknowns, and regular.
-        state: ``(..., n)`` start; the unknowns are changed, the others fixed.
-        unknown: Which coordinates are changed; by default the passive ones.
+        mechanism: Its closures must be as many as its passive coordinates, and regular.
+        state: ``(..., n)`` start; the passive coordinates are changed, the others fixed.
 
     Returns:
         ``(..., n)``.
 
     Raises:
-        ClosureError: The pose cannot be reached from there, or the unknowns are singular in a
-            pose whose loops are open. A singular pose whose loops are closed but for rounding is
-            given back as it is.
+        ClosureError: The pose cannot be reached from there, or the passive coordinates are singular
+            in a pose whose loops are open. A singular pose whose loops are closed but for rounding
+            is given back as it is.
     """
-    return close_kinematics(mechanism, state, unknown=unknown)[0]
+    return close_kinematics(mechanism, state)[0]
 
 
 def close_kinematics(
     mechanism: Mechanism, state: FloatArray, *, unknown: slice | IndexArray | None = None
 ) -> tuple[FloatArray, Kinematics]:
-    """Close loops as :func:`close_loops`, and return the kinematics there too, right to the last
+    """Close loops as :func:`close_chains`, and return the kinematics there too, right to the last
     correction of Newton's method.
 
     Args:

@@ -128,13 +128,12 @@ class Mechanism:
         object.__setattr__(
             self, "passive", tuple(name for name in dict.fromkeys(used) if name not in named)
         )
-        markers = [item.name for chain in self.chains for item in chain if isinstance(item, Marker)]
-        if len(set(markers)) < len(markers):
-            raise ValueError(f"{self.name}: a marker is named twice among {markers}")
+        if len(set(self.markers)) < len(self.markers):
+            raise ValueError(f"{self.name}: a marker is named twice among {[*self.markers]}")
         for closure in self.closures:
             wrong = sorted(
                 _names_in(closure)
-                - (set(used) if isinstance(closure, CoordinateConstraint) else set(markers))
+                - set(used if isinstance(closure, CoordinateConstraint) else self.markers)
             )
             if wrong:
                 raise ValueError(

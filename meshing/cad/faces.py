@@ -77,7 +77,11 @@ def _describe_face(number: int, tag: int, points: FloatArray, facets: IntArray) 
     face = dataclasses.replace(face, normal=_vector(normals[largest]))
     if face.kind != "cylinder":
         return face
-    axis, place, radius = fit_cylinder(points[np.unique(facets)], _exact_normals(tag))
+    _, _, parameters = gmsh.model.mesh.getNodes(
+        2, tag, includeBoundary=True, returnParametricCoord=True
+    )
+    exact = np.array(gmsh.model.getNormal(tag, parameters)).reshape(-1, 3)  # either way round
+    axis, place, radius = fit_cylinder(points[np.unique(facets)], exact)
     outwards = corners[sound][largest].mean(axis=0) - place
     along = points[np.unique(facets)] @ axis
     return dataclasses.replace(
@@ -88,14 +92,6 @@ def _describe_face(number: int, tag: int, points: FloatArray, facets: IntArray) 
         span=(float(along.min()), float(along.max())),
         hollow=bool(outwards @ normals[largest] < 0.0),
     )
-
-
-def _exact_normals(tag: int) -> FloatArray:
-    """Return the unit normals ``(n, 3)`` of a surface at its mesh nodes, in either direction."""
-    _, _, parameters = gmsh.model.mesh.getNodes(
-        2, tag, includeBoundary=True, returnParametricCoord=True
-    )
-    return np.array(gmsh.model.getNormal(tag, parameters)).reshape(-1, 3)
 
 
 def _vector(values: FloatArray) -> Vector:

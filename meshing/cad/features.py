@@ -102,7 +102,7 @@ def radius_of(curvature: float) -> float:
     return 1.0 / curvature if curvature > 0.0 and np.isfinite(curvature) else float("inf")
 
 
-def know_face(face: int) -> _Face:
+def _know_face(face: int) -> _Face:
     """Return what the face with a tag of the open gmsh model is known by."""
     return _Face(
         str(gmsh.model.getType(2, face)),
@@ -112,11 +112,11 @@ def know_face(face: int) -> _Face:
     )
 
 
-def follow_faces(before: Sequence[_Face], now: Sequence[int]) -> list[int]:
+def _follow_faces(before: Sequence[_Face], now: Sequence[int]) -> list[int]:
     """Return the new tags in the old order: faces that stayed as they were, then those that only
     grew or shrank; the rest at the end.
     """
-    left = {tag: know_face(tag) for tag in now}
+    left = {tag: _know_face(tag) for tag in now}
     matches: dict[int, int] = {}
     for fits in (_is_same, _is_changed):
         for number, face in enumerate(before):
@@ -159,17 +159,6 @@ class _Sliver:
     length: float
 
 
-def _find_slivers(faces: Sequence[int], size: float) -> list[_Sliver]:
-    """Find the faces of the open gmsh model that are narrower than a thousandth of the elements
-    that must lie along them.
-    """
-    return [
-        sliver
-        for sliver in _measure_faces(faces)
-        if sliver.width < NARROWEST * min(size, sliver.length)
-    ]
-
-
 def remove_narrow_features(
     shape: PlainShape,
     *,
@@ -199,13 +188,13 @@ def remove_narrow_features(
     gone = sorted(numbers[face] for face in feature)
     if len(feature) > len(faces) / 2 or set(gone) & set(named):
         return shape
-    faces_before = [know_face(face) for face in faces]
+    faces_before = [_know_face(face) for face in faces]
     before = float(gmsh.model.occ.getMass(3, shape.volume))
     left = _take_off(shape.volume, feature)
     change = np.inf if left is None else float(gmsh.model.occ.getMass(3, left)) / before - 1.0
     if left is None or not abs(change) <= NARROW_CHANGE:
         return None
-    now = shape.followed(left, follow_faces(faces_before, boundary_faces(left)))
+    now = shape.followed(left, _follow_faces(faces_before, boundary_faces(left)))
     if not now.keeps(named, len(shape.faces)):
         return None
     what = f"{len(gone)} of {len(shape.faces)} faces{quote_faces(gone)}, narrower than {width * unit:.2g} m or surrounded by such faces"
@@ -237,10 +226,14 @@ def refuse_slivers(
         MeshError: Names the faces, their width and their length.
     """
     numbers = [number for number, face in enumerate(faces, 1) if face in left]
-    narrow = _find_slivers([faces[number - 1] for number in numbers], size)
+    measured = _measure_faces([faces[number - 1] for number in numbers])
     slivers = sorted(
-        (_Sliver(numbers[each.number - 1], each.width, each.length) for each in narrow),
-        key=lambda each: each.width,
+        (
+            dataclasses.replace(one, number=numbers[one.number - 1])
+            for one in measured
+            if one.width < NARROWEST * min(size, one.length)
+        ),
+        key=lambda one: one.width,
     )
     if not slivers:
         return
@@ -293,7 +286,7 @@ def leave_out_features(
     """
     numbers, volume = shape.numbers, shape.volume
     faces = list(numbers)
-    before = [know_face(face) for face in faces]
+    before = [_know_face(face) for face in faces]
     whole = float(gmsh.model.occ.getMass(3, volume))
     kept = {shape.faces[number - 1] for number in named if 0 < number <= len(shape.faces)}
     features = [group for group in _find_features(faces, radius) if not group & kept]
@@ -302,7 +295,7 @@ def leave_out_features(
         gone = set().union(*features)
         left = _take_off(volume, gone) if len(gone) <= LARGEST_SHARE * len(faces) else None
         if _is_sound(left, whole):
-            now = shape.followed(left, follow_faces(before, boundary_faces(left)))
+            now = shape.followed(left, _follow_faces(before, boundary_faces(left)))
             if now.keeps(named, len(shape.faces)):
                 change = _volume_share(left, whole) - 1.0
                 counted = [numbers[face] for face in gone]

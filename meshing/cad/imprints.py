@@ -149,18 +149,12 @@ def _choose_faces(shape: OpenShape, face: str) -> list[int]:
     else:
         faces = []
     if not faces:
-        raise PartFileError(
-            f"face {face!r} selects nothing; available: {', '.join(_available_faces(shape))}"
-        )
+        names = [name for name in FACE_DIRECTIONS if _end_faces(shape, name)]
+        if isinstance(shape.solid, Tube):
+            names += ["outer", "inner"] if shape.solid.inner_diameter > 0.0 else ["outer"]
+        names.append(f"face:1 .. face:{len(shape.faces)}")
+        raise PartFileError(f"face {face!r} selects nothing; available: {', '.join(names)}")
     return faces
-
-
-def _available_faces(shape: OpenShape) -> list[str]:
-    """Return the names of the faces that a patch may lie on."""
-    names = [name for name in FACE_DIRECTIONS if _end_faces(shape, name)]
-    if isinstance(shape.solid, Tube):
-        names += ["outer", "inner"] if shape.solid.inner_diameter > 0.0 else ["outer"]
-    return [*names, f"face:1 .. face:{len(shape.faces)}"]
 
 
 def _plane_normal(face: int) -> FloatArray | None:

@@ -40,6 +40,11 @@ class _Loop:
         """Sides of its bounding box, the shortest, which is 0 for planes along the axes, first."""
         return np.sort(self.high - self.low)
 
+    @property
+    def extent(self) -> float:
+        """Diagonal of its bounding box."""
+        return float(np.linalg.norm(self.high - self.low))
+
 
 @dataclass(frozen=True, eq=False)
 class _Feature:
@@ -88,7 +93,10 @@ def close_planes(
         return PlainShape(volume, faces, [])
     before = float(gmsh.model.occ.getMass(3, volume))
     try:
-        solids = [_fill(feature) for feature in features]
+        solids = [
+            _bound([*sorted(one.faces), *(_plane(loop.curves) for loop in one.loops)])
+            for one in features
+        ]
         closed = _close(faces, features)
         left = _bound(closed.values())
     except Exception:  # gmsh raises the bare class
@@ -190,7 +198,7 @@ def _inner_loops(face: int, curves: set[int], width: float) -> list[_Loop]:
     if len(curve_loops) < 2:
         return []
     loops = [_measure_loop(face, tuple(abs(int(tag)) for tag in tags)) for tags in curve_loops]
-    outer = max(loops, key=lambda loop: float(np.linalg.norm(loop.high - loop.low)))
+    outer = max(loops, key=lambda loop: loop.extent)
     return [
         loop
         for loop in loops
@@ -228,12 +236,6 @@ def _lies_in(face: int, ends: Collection[tuple[int, float]]) -> bool:
     )
 
 
-def _fill(feature: _Feature) -> int:
-    """Return the volume between a feature's faces and its loops."""
-    caps = [_plane(loop.curves) for loop in feature.loops]
-    return _bound([*sorted(feature.faces), *caps])
-
-
 def _plane(*loops: Sequence[int]) -> int:
     occ = gmsh.model.occ
     return int(occ.addPlaneSurface([occ.addCurveLoop(list(curves)) for curves in loops]))
@@ -261,14 +263,9 @@ def _close(faces: Sequence[int], features: Sequence[_Feature]) -> dict[int, int]
             curves = [tuple(abs(int(tag)) for tag in tags) for tags in loops]
             left = [tags for tags in curves if tags not in lost[face]]
             # the outer loop comes first
-            left.sort(key=lambda tags: -_span(tags))
+            left.sort(key=lambda tags: -_measure_loop(face, tags).extent)
             replaced[face] = _plane(*left)
     return replaced
-
-
-def _span(curves: tuple[int, ...]) -> float:
-    loop = _measure_loop(0, curves)
-    return float(np.linalg.norm(loop.high - loop.low))
 
 
 def _describe_features(features: Sequence[_Feature], solids: Sequence[int]) -> LeftOut:

@@ -156,8 +156,8 @@ def add_size_fields(plan: SizePlan) -> list[int]:
     needs no telling.
     """
     rims = plan.curved.rims[:, 0].astype(np.int64)
-    faces = _size_classes(plan.curved.tags, plan.faces, plan.elsewhere)
-    curves = _size_classes(rims, plan.rims, plan.elsewhere)
+    faces = _size_classes(plan.curved.tags, plan.faces, plan.elsewhere, CLASSES_PER_OCTAVE)
+    curves = _size_classes(rims, plan.rims, plan.elsewhere, CLASSES_PER_OCTAVE)
     fields = [_add_field("SurfacesList", size, tags) for size, tags in faces]
     return fields + [_add_field("CurvesList", size, tags) for size, tags in curves]
 
@@ -175,13 +175,15 @@ def add_sizes_view(sizes: SizeField) -> int:
     return field
 
 
-def _size_classes(tags: IntArray, sizes: FloatArray, size: float) -> list[tuple[float, list[int]]]:
-    """Return the tags grouped by size, rounded down to a quarter of an octave below the size
+def _size_classes(
+    tags: IntArray, sizes: FloatArray, size: float, per_octave: int
+) -> list[tuple[float, list[int]]]:
+    """Return the tags grouped by size, rounded down to a part of an octave below the size
     elsewhere.
     """
-    steps = np.ceil(CLASSES_PER_OCTAVE * np.log2(size / sizes) - 1e-9).astype(np.int64)
+    steps = np.ceil(per_octave * np.log2(size / sizes) - 1e-9).astype(np.int64)
     return [
-        (size * 2.0 ** (-step / CLASSES_PER_OCTAVE), tags[steps == step].tolist())
+        (size * 2.0 ** (-step / per_octave), tags[steps == step].tolist())
         for step in np.unique(steps)
         if step > 0
     ]
@@ -235,12 +237,15 @@ def add_grading_fields(rims: Mapping[int, float], *, growth: float, size: float)
     Source: Babuska, Kellogg and Pitkaranta (1979), Numer. Math. 33, 447-471, graded meshes at
     singular corners.
     """
-    sizes = sorted({smallest for smallest in rims.values() if smallest < size})
     return [
-        _add_grading(
-            sorted(curve for curve in rims if rims[curve] == smallest), smallest, growth, size
+        _grow(
+            sorted(curve for curve in rims if rims[curve] == smallest),
+            smallest,
+            size,
+            growth=growth,
+            samples=RIM_SAMPLES,
         )
-        for smallest in sizes
+        for smallest in sorted({smallest for smallest in rims.values() if smallest < size})
     ]
 
 
@@ -262,11 +267,11 @@ def count_graded_cells(rims: Mapping[int, float], *, growth: float, size: float)
     )
 
 
-def _add_grading(curves: list[int], smallest: float, growth: float, size: float) -> int:
+def _grow(curves: list[int], smallest: float, size: float, *, growth: float, samples: int) -> int:
     fields = gmsh.model.mesh.field
     distance = int(fields.add("Distance"))
     fields.setNumbers(distance, "CurvesList", curves)
-    fields.setNumber(distance, "Sampling", RIM_SAMPLES)
+    fields.setNumber(distance, "Sampling", samples)
     grown = int(fields.add("Threshold"))
     fields.setNumber(grown, "InField", distance)
     fields.setNumber(grown, "SizeMin", smallest)
@@ -341,15 +346,11 @@ def add_growth_fields(edges: _EdgeSizes, *, size: float, smallest: float) -> lis
         smallest: Where growth begins at edges that are shorter still.
     """
     starts = np.maximum(edges.sizes, smallest)
-    steps = np.ceil(CROWDED_PER_OCTAVE * np.log2(size / starts) - 1e-9).astype(np.int64)
-    classes = [
-        (edges.curves[steps == step].tolist(), size * 2.0 ** (-step / CROWDED_PER_OCTAVE))
-        for step in np.unique(steps)
-        if step > 0
+    classes = _size_classes(edges.curves, starts, size, CROWDED_PER_OCTAVE)
+    grown = [
+        _grow(curves, start, size, growth=GROWTH, samples=SAMPLES) for start, curves in classes
     ]
-    return [_grow(curves, start, size) for curves, start in classes] + _round_fields(
-        edges.faces, size
-    )
+    return grown + _round_fields(edges.faces, size)
 
 
 def describe_short_edges(
@@ -388,23 +389,6 @@ def name_finest_faces(numbers: Mapping[int, int]) -> str:
     )
 
 
-def _grow(curves: list[int], smallest: float, size: float) -> int:
-    fields = gmsh.model.mesh.field
-    distance = int(fields.add("Distance"))
-    fields.setNumbers(distance, "CurvesList", curves)
-    fields.setNumber(distance, "Sampling", SAMPLES)
-    grown = int(fields.add("Threshold"))
-    for name, value in (
-        ("InField", distance),
-        ("SizeMin", smallest),
-        ("SizeMax", size),
-        ("DistMin", 0.0),
-    ):
-        fields.setNumber(grown, name, value)
-    fields.setNumber(grown, "DistMax", (size - smallest) / GROWTH)
-    return grown
-
-
 def _round_fields(faces: IntArray, size: float) -> list[int]:
     """Make the size fields of the walls of holes: coarser elements than their radius would cut
     through each other.
@@ -423,10 +407,7 @@ def _round_fields(faces: IntArray, size: float) -> list[int]:
             classes.setdefault(
                 int(np.ceil(CROWDED_PER_OCTAVE * np.log2(curvature * size))), []
             ).append(face)
-    fields = []
-    for step, tags in sorted(classes.items()):
-        field = int(gmsh.model.mesh.field.add("Constant"))
-        gmsh.model.mesh.field.setNumber(field, "VIn", size * 2.0 ** (-step / CROWDED_PER_OCTAVE))
-        gmsh.model.mesh.field.setNumbers(field, "SurfacesList", tags)
-        fields.append(field)
-    return fields
+    return [
+        _add_field("SurfacesList", size * 2.0 ** (-step / CROWDED_PER_OCTAVE), tags)
+        for step, tags in sorted(classes.items())
+    ]

@@ -92,7 +92,7 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
     if from_file:
         data = _resolve_file_patches(data, surface, component, groups)
     patches = {name: _tag_facets(surface, data, name, what) for name in groups}
-    properties = _reference_properties(data, component)
+    properties = None if from_file else data.properties or closed_form_properties(component)
     affine = straight and cell_family(kind) == "tet"
     volume = (
         mesh_volume(points, cells[:, :4], "tet4") if affine else mesh_volume(points, cells, kind)
@@ -112,14 +112,18 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
     shapes = jacobians.copy()
     shapes[flat.cells] = np.maximum(jacobians[flat.cells], flat.qualities)
     worst = int(np.argmin(shapes))
-    sizes = _straight_volumes(points, cells[flat.cells])
+    a, b, c = (points[cells[flat.cells, k]] - points[cells[flat.cells, 0]] for k in (1, 2, 3))
+    sizes = np.abs(np.einsum("ci,ci->c", a, np.cross(b, c))) / 6.0  # edges taken as straight
+    poor = cells[shapes < POOR_QUALITY]
     quality = MeshQuality(
         float(shapes[worst]),
         repaired,
         volume,
         cad_volume,
         areas,
-        poor_share=_poor_share(points, cells, kind, shapes),
+        poor_share=mesh_volume(points, poor, kind) / mesh_volume(points, cells, kind)
+        if len(poor)
+        else 0.0,
         worst_place=np.asarray(points[cells[worst, : corner_count(kind)]].mean(axis=0)),
         worst_face=_face_at(data, cells[worst]),
         flatness=float(sizes @ (flat.lengths**6 / flat.thickness**4)) / volume
@@ -171,20 +175,6 @@ def _find_flat_tets(points: FloatArray, cells: IntArray, kind: CellKind) -> Flat
         return find_flat_tets(points, cells[:, :4])
     none = np.zeros(0)
     return FlatTets(np.zeros(0, dtype=np.int64), none, none, none)
-
-
-def _straight_volumes(points: FloatArray, cells: IntArray) -> FloatArray:
-    """Return the volume ``(n_cells,)`` of tets, their edges taken as straight [m^3]."""
-    a, b, c = (points[cells[:, k]] - points[cells[:, 0]] for k in (1, 2, 3))
-    return np.asarray(np.abs(np.einsum("ci,ci->c", a, np.cross(b, c))) / 6.0)
-
-
-def _poor_share(
-    points: FloatArray, cells: IntArray, kind: CellKind, jacobians: FloatArray
-) -> float:
-    """Return the share of a mesh's volume in poor elements."""
-    poor = cells[jacobians < POOR_QUALITY]
-    return mesh_volume(points, poor, kind) / mesh_volume(points, cells, kind) if len(poor) else 0.0
 
 
 def _face_at(data: MeshData, cell: IntArray) -> str:
@@ -281,12 +271,6 @@ def _tag_facets(surface: MeshSurface, data: MeshData, name: str, what: str) -> I
             f"{sorted(data.facets)}"
         )
     return surface.facets[matched]
-
-
-def _reference_properties(data: MeshData, component: Component) -> SolidProperties | None:
-    if isinstance(component.solid, MeshFile):
-        return None
-    return data.properties if data.properties is not None else closed_form_properties(component)
 
 
 def _correct_volume(

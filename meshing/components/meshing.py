@@ -1,6 +1,8 @@
 """Meshes one component, or measures its solid, in the component's own frame."""
 
 import dataclasses
+import functools
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import Literal
@@ -218,18 +220,20 @@ def estimate_mesh(
         if job not in known:
             if before_survey is not None:
                 before_survey()
-            data = _run_shape_job(component, groups, task="estimate", time_limit=SURVEY_TIME_LIMIT)
-            surveyed = None if data.properties is None else data.properties.volume
-            known[job] = MeshEstimate(data.estimate, data.nodes, surveyed)
+            known[job] = _survey(component, groups)
         return known[job]
     cells = _estimate_cells(component)
     if not isinstance(solid, StepFile) and settings.growth is None:
         across, size = settings.across_patches, element_size(component)
-        patches = [patch for group in groups.values() for patch in group]
-        cells += int(
-            sum(count_patch_cells(patch, solid, across=across, size=size) for patch in patches)
-        )
+        count = functools.partial(count_patch_cells, solid=solid, across=across, size=size)
+        cells += int(sum(map(count, itertools.chain(*groups.values()))))
     return MeshEstimate(cells, volume=volume)
+
+
+def _survey(component: Component, groups: Groups) -> MeshEstimate:
+    data = _run_shape_job(component, groups, task="estimate", time_limit=SURVEY_TIME_LIMIT)
+    volume = None if data.properties is None else data.properties.volume
+    return MeshEstimate(data.estimate, data.nodes, volume)
 
 
 def _needs_survey(component: Component, groups: Groups) -> bool:

@@ -32,7 +32,7 @@ LONGEST_IN_METRES = 3.0
 
 
 @dataclass(frozen=True)
-class NamedSet:
+class _NamedSet:
     """A set of a mesh file, where it lies on the surface.
 
     Attributes:
@@ -64,7 +64,7 @@ class CadSurvey:
     triangles: IntArray
     owners: IntArray
     unit: str | None
-    sets: tuple[NamedSet, ...] = ()
+    sets: tuple[_NamedSet, ...] = ()
 
     @property
     def size(self) -> Vector:
@@ -147,7 +147,7 @@ def survey_mesh(solid: MeshFile, unit: str | None = None) -> CadSurvey:
             x, y, z = (
                 float(value) for value in areas[chosen] @ centers[chosen] / areas[chosen].sum()
             )
-            sets.append(NamedSet(name, len(chosen), float(areas[chosen].sum()), (x, y, z)))
+            sets.append(_NamedSet(name, len(chosen), float(areas[chosen].sum()), (x, y, z)))
     triangles, sources = surface_triangles(surface)
     faces = tuple(describe_faces(points, surface, owners))
     return CadSurvey(faces, points, triangles, owners[sources], unit, tuple(sets))

@@ -104,12 +104,9 @@ def spread_error(
     crowds = np.bincount(ends, np.repeat((steps(low) * old) ** -3.0, 4)) / np.bincount(ends)
     sizes = crowds ** (-1.0 / 3.0)
     if before is not None:  # what a mesh generator makes of sizes is coarser here and there
-        sizes = np.minimum(sizes, _sizes_at(before, field.points))
+        count = min(NEIGHBOURS, len(before.points))
+        away, nearest = cKDTree(before.points).query(field.points, k=count)
+        weights = 1.0 / np.maximum(away, 1e-9 * away.max()) ** 2
+        earlier = np.sum(weights * before.sizes[nearest], axis=1) / weights.sum(axis=1)
+        sizes = np.minimum(sizes, earlier)
     return dataclasses.replace(field, sizes=np.asarray(sizes)).settled()
-
-
-def _sizes_at(field: SizeField, places: FloatArray) -> FloatArray:
-    """Return the sizes ``(n,)`` at places among the corners of a field [m]."""
-    away, nearest = cKDTree(field.points).query(places, k=min(NEIGHBOURS, len(field.points)))
-    weights = 1.0 / np.maximum(away, 1e-9 * away.max()) ** 2
-    return np.asarray(np.sum(weights * field.sizes[nearest], axis=1) / weights.sum(axis=1))

@@ -40,7 +40,9 @@ def repair_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArr
     hits = np.zeros(len(points), dtype=np.int64)
     repaired = np.zeros(len(cells), dtype=bool)
     active = np.arange(len(cells))
-    neighbours = _cells_of_nodes(cells, len(points))
+    order = np.argsort(cells.ravel(), kind="stable")
+    starts = np.searchsorted(cells.ravel()[order], np.arange(len(points) + 1))
+    owners = order // cells.shape[1]
     for _ in range(REPAIR_ROUNDS):
         bad = active[scaled_jacobians(points, cells[active], "tet10") < REPAIR_FLOOR]
         nodes, first = np.unique(cells[bad, 4:], return_index=True)
@@ -55,7 +57,7 @@ def repair_tets(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArr
         points[nodes] += share * (middles - points[nodes])
         hits[nodes] += 1
         active = np.unique(
-            np.concatenate([neighbours[1][neighbours[0][n] : neighbours[0][n + 1]] for n in nodes])
+            np.concatenate([owners[starts[node] : starts[node + 1]] for node in nodes])
         )
     return points, np.flatnonzero(repaired)
 
@@ -94,13 +96,6 @@ def straight_cells(
             middle = points[cells[:, list(group)]].mean(axis=1)
             away = np.maximum(away, np.abs(points[cells[:, first + i]] - middle).max(axis=1))
     return np.asarray(away <= tolerance * float(np.ptp(points, axis=0).max()))
-
-
-def _cells_of_nodes(cells: IntArray, n_points: int) -> tuple[IntArray, IntArray]:
-    """Return the row starts and cell numbers: which cells hold each node."""
-    order = np.argsort(cells.ravel(), kind="stable")
-    starts = np.searchsorted(cells.ravel()[order], np.arange(n_points + 1))
-    return starts, order // cells.shape[1]
 
 
 def complete_hexes(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArray]:

@@ -263,7 +263,7 @@ class _Assembly:
                         f"{block.place}: surface {name} names an unknown element set {target!r}"
                     )
                 if kind == "NODE":
-                    nodes += self._node_rows(members).tolist()
+                    nodes += map(int, self._node_rows(members))
                     continue
                 free = self._free_faces(members) if not label else set()
                 for a, number in members:

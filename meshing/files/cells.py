@@ -76,7 +76,6 @@ def _assemble_mesh(path: Path, raw: RawMesh, solid: str | None = None) -> MeshDa
     """Make one solid of what a file holds.
 
     Args:
-        raw: What its reader found.
         solid: Name of the set of cells to take; None for all of one material, ``*`` for all of whatever
             material.
 
@@ -221,16 +220,14 @@ def _make_one_kind(
     if not collapsed and families == ["hex"]:
         return points, filled[0].nodes[:, : NODE_COUNTS["hex20"]], "hex20", []
     points, tets, _ = cut_to_tets(points, filled)
-    counts = {
-        one.family + ("es" if one.family == "hex" else "s") * (len(one.index) > 1): len(one.index)
-        for one in every
-    }
-    return (
-        points,
-        tets,
-        "tet10",
-        [f"{_counted(counts)} cut into {len(tets)} second-order tets of the same shape"],
-    )
+    counts = _counted({_name_family(one): len(one.index) for one in every})
+    note = f"{counts} cut into {len(tets)} second-order tets of the same shape"
+    return points, tets, "tet10", [note]
+
+
+def _name_family(cells: SolidCells) -> str:
+    plural = "es" if cells.family == "hex" else "s"
+    return cells.family + plural * (len(cells.index) > 1)
 
 
 def _assemble_facets(raw: RawMesh, kind: CellKind, *, cut: bool) -> dict[str, IntArray]:

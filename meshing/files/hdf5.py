@@ -251,7 +251,6 @@ def _add_tags(
 
     Args:
         blocks: Kind and nodes of its cells.
-        raw: What takes the sets.
         cells: What the cells of each block count as among the solid ones; none of surface elements.
     """
     for name, tags in _read_tags(reader, grid, [len(nodes) for _, nodes in blocks]):
@@ -261,15 +260,26 @@ def _add_tags(
             chosen = np.concatenate([index[own == value] for index, own in solid])
             raw.add_section(f"{name}_{value}", chosen, "", None)
         sheets = [
-            (kind, nodes, own)
-            for (kind, nodes), own in zip(blocks, tags, strict=True)
-            if kind.startswith(tuple(MESHIO_FACETS))
+            (*block, own)
+            for block, own in zip(blocks, tags, strict=True)
+            if block[0].startswith(tuple(MESHIO_FACETS))
         ]
-        values = np.unique(np.concatenate([own for _, _, own in sheets])) if sheets else ()
-        for value in values:
-            for kind, nodes, own in sheets:
-                label = name if len(values) == 1 else f"{name}_{value}"
-                raw.add_sheets(label, kind, nodes[own == value])
+        _add_sheet_tags(raw, name, sheets)
+
+
+def _add_sheet_tags(
+    raw: RawMesh, name: str, sheets: Sequence[tuple[str, IntArray, IntArray]]
+) -> None:
+    """Add a set of surface elements per value, called by the value where there are several.
+
+    Args:
+        sheets: Kind, nodes ``(n, k)`` and values ``(n,)`` of each block of them.
+    """
+    values = np.unique(np.concatenate([own for _, _, own in sheets])) if sheets else ()
+    for value in values:
+        label = name if len(values) == 1 else f"{name}_{value}"
+        for kind, nodes, own in sheets:
+            raw.add_sheets(label, kind, nodes[own == value])
 
 
 def _read_tags(

@@ -484,8 +484,7 @@ def _add_surfaces(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[_Car
 def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[_Card]]) -> None:
     """Add solid cells, and which property and material they have."""
     properties: defaultdict[int, list[IntArray]] = defaultdict(list)
-    solids = {card.integer(0): card for card in cards.get("PSOLID", ())}
-    materials = {card.integer(0): card for card in cards.get("MAT1", ())}
+    solids = [card.integer(0) for card in cards.get("PSOLID", ())]
     for name, (family, most) in SOLIDS.items():
         elements, first = cards.get(name, ()), CORNERS[family]
         rows = np.array([_cell_nodes(nodes, card, first, most) for card in elements])
@@ -501,7 +500,16 @@ def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[_Card]
             for number in set(map(int, owners[chosen])) - unnamed:
                 properties[number].append(cells[owners[chosen] == number])
     _refuse_repeated_numbers(nodes.path, raw)
-    for number, parts in properties.items():
+    _add_materials(raw, cards, {name: np.concatenate(parts) for name, parts in properties.items()})
+
+
+def _add_materials(
+    raw: RawMesh, cards: Mapping[str, Sequence[_Card]], properties: Mapping[int, IntArray]
+) -> None:
+    """Add the material of the cells ``(n,)`` of each property."""
+    solids = {card.integer(0): card for card in cards.get("PSOLID", ())}
+    materials = {card.integer(0): card for card in cards.get("MAT1", ())}
+    for number, cells in properties.items():
         material = None if number not in solids else solids[number].integer(1)
         text = "" if material is None else f"material {material}"
         key: Hashable = material
@@ -509,7 +517,7 @@ def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[_Card]
             shown = {"E": 1, "nu": 3, "density": 4}
             text += ": " + ", ".join(f"{word} = {card.real(at):g}" for word, at in shown.items())
             key = tuple(card.real(at) for at in range(1, 5))
-        raw.add_section(f"property_{number}", np.concatenate(parts), text, key)
+        raw.add_section(f"property_{number}", cells, text, key)
 
 
 def _cell_nodes(nodes: _Nodes, card: _Card, corners: int, most: int) -> list[int]:

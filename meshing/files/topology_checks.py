@@ -203,9 +203,10 @@ def check_one_solid(
     if len(crowded):
         start, length = starts[crowded[0]], lengths[crowded[0]]
         sharing = numbers[np.sort(faces.owners[order[start : start + length]])]
+        *others, last = map(str, sharing[: NAMED + 1])
         raise MeshError(
             f"{path.name}: {len(crowded)} faces belong to more than two cells, the first to elements "
-            f"{_listed(sharing)}: cells overlap; delete what is not of the part"
+            f"{', '.join(others)} and {last}: cells overlap; delete what is not of the part"
         )
     if len(every) > 1:
         _check_cuts(path, every, numbers, faces)
@@ -260,11 +261,6 @@ def _refuse_overlaps(path: Path, numbers: IntArray, left: IntArray, right: IntAr
         f"{path.name}: {what} (elements {named}{', ...' if len(pairs) > NAMED else ''}); "
         "delete what is not of the part"
     )
-
-
-def _listed(numbers: IntArray) -> str:
-    words = [str(number) for number in numbers[: NAMED + 1]]
-    return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def _check_connected(

@@ -313,12 +313,9 @@ def _set_limits(memory_bytes: int, cpu_seconds: int) -> None:
         # the soft limit ends the process by SIGXCPU, distinct from a kill for lack of memory
         (resource.RLIMIT_CPU, cpu_seconds, cpu_seconds + GRACE_SECONDS),
     ):
-        resource.setrlimit(kind, (_at_most(kind, wanted), _below_hard(kind, hard)))
-
-
-def _below_hard(kind: int, wanted: int) -> int:
-    hard = resource.getrlimit(kind)[1]
-    return wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+        allowed = resource.getrlimit(kind)[1]
+        hard = hard if allowed == resource.RLIM_INFINITY else min(hard, allowed)
+        resource.setrlimit(kind, (_at_most(kind, wanted), hard))
 
 
 def _end_with_parent(parent: int) -> None:

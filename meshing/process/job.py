@@ -119,12 +119,7 @@ _VALUES = ("kind", "size", "estimate", "nodes", "remarks")
 
 
 def perform_job(perform: Callable[[MeshJob], MeshData], text: bytes) -> Arrays:
-    """Perform a job in the worker process.
-
-    Args:
-        perform: Does what the job says.
-        text: The job as JSON.
-    """
+    """Perform a job in the worker process."""
     return pack_data(perform(parse_job(text.decode())))
 
 
@@ -163,7 +158,7 @@ def pack_data(data: MeshData) -> Arrays:
     for name in _RECORDS:
         if getattr(data, name) is not None:
             arrays |= {f"{name}_{key}": array for key, array in vars(getattr(data, name)).items()}
-    meta = {name: list(getattr(data, name)) for name in _NAMED_ARRAYS}
+    meta: dict[str, Any] = {name: list(getattr(data, name)) for name in _NAMED_ARRAYS}
     meta |= {name: getattr(data, name) for name in _VALUES}
     meta["faces"] = [dataclasses.asdict(face) for face in data.faces]
     if data.properties is not None:

@@ -73,9 +73,6 @@ def plain_objects(
 def require_own_data(item: h5py.Dataset, where: str, error: type[HeadstockError]) -> int:
     """Refuse a data set whose values lie elsewhere or unpack to more than the file could hold.
 
-    Args:
-        error: Raised for what is refused.
-
     Returns:
         Bytes of its values in memory.
     """

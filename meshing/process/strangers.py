@@ -29,7 +29,7 @@ SECONDS = 5.0
 SECONDS_PER_MB = 0.3
 WALL_FACTOR = 6.0  # a busy machine gives little of its processors
 KEPT = 4  # results that a process remembers
-READ_PATH = "headstock.meshing.process.strangers:read_path"
+READ_PATH = "headstock.meshing.process.strangers:serve_reader"
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class FileKind:
         """Return what is wrong with a file of a size; None for nothing."""
         if size <= self.most_bytes:
             return None
-        return f"{name} has {format_bytes(size)}; {self.name} may have {format_bytes(self.most_bytes)}: {self.advice}"
+        return f"{name} has {_format_bytes(size)}; {self.name} may have {_format_bytes(self.most_bytes)}: {self.advice}"
 
 
 PART = FileKind("a file of a part", 4_000_000_000, "export it coarser")
@@ -65,7 +65,7 @@ RESULTS = FileKind("a file of results", 16_000_000_000, "no run writes one as la
 _known: dict[tuple[object, ...], Arrays] = {}
 
 
-def format_bytes(size: int) -> str:
+def _format_bytes(size: int) -> str:
     """Return a number of bytes as a message has it."""
     return f"{size / 1e9:.1f} GB" if size >= 1e9 else f"{size / 1e6:.3g} MB"
 
@@ -96,11 +96,7 @@ def read_apart(
 
 
 def require_size(path: Path, kind: FileKind, error: type[HeadstockError]) -> os.stat_result:
-    """Refuse what is no regular file, or is larger than its kind.
-
-    Args:
-        error: Raised where it is not.
-    """
+    """Refuse what is no regular file, or is larger than its kind."""
     try:
         status = path.stat()
     except OSError as fault:
@@ -154,7 +150,7 @@ def _read_in_worker(
     return arrays
 
 
-def read_path(reader: Reader, path: str, *arguments: str) -> Arrays:
+def serve_reader(reader: Reader, path: str, *arguments: str) -> Arrays:
     """Read a file in the worker process."""
     return reader(Path(path), *arguments)
 

@@ -67,7 +67,7 @@ def read_arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
         return {name: store[name] for name in store.files}
 
 
-def run_worker(arguments: list[str]) -> int:
+def _run_worker(arguments: list[str]) -> int:
     """Call a function as `call_apart` describes it; its modules are loaded before limits hold.
 
     Returns:
@@ -95,4 +95,4 @@ def _load_function(text: str) -> Callable[..., Any]:
 
 
 if __name__ == "__main__":
-    sys.exit(run_worker(sys.argv[1:]))
+    sys.exit(_run_worker(sys.argv[1:]))

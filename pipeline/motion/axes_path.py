@@ -127,7 +127,7 @@ class AxesPath(ABC):
 
     @functools.cached_property
     def model(self) -> PathModel:
-        """What a deviation is computed of."""
+        """The model that a deviation is computed with."""
         return dataclasses.replace(choose_model(self.request), loads=self.loads)
 
     @functools.cached_property
@@ -165,7 +165,7 @@ class AxesPath(ABC):
 
     @property
     def damped(self) -> bool:
-        """Whether anything damps the machine."""
+        """True where anything damps the machine."""
         return self.plant.system.damping is not None or self.plant.system.hysteretic is not None
 
     @functools.cached_property
@@ -196,13 +196,13 @@ class AxesPath(ABC):
 
     @property
     def disturbed(self) -> bool:
-        """Whether errors of guides or torque ripple are among what deviates."""
+        """True where errors of guides or torque ripple act."""
         return self.errors is not None or bool(self.rippling)
 
     @functools.cached_property
     def disturbances(self) -> dict[SetPoint, PathDeviation | None]:
-        """What errors of guides and torque ripple do on every move in the pose of the middle, from that at
-        its beginning.
+        """Deviations by errors of guides and torque ripple on every move in the pose of the middle, from that
+        at its beginning.
         """
         return {
             move: self._disturb(move) if self.disturbed else None for move in self.request.moves
@@ -225,12 +225,12 @@ class AxesPath(ABC):
 
     @abstractmethod
     def _solve_frozen(self) -> SolveDeviation:
-        """What solves a move in the pose of the middle, without disturbances."""
+        """Return what solves a move in the pose of the middle, without disturbances."""
 
     @abstractmethod
     def _solve_posed(self) -> tuple[SolveDeviation, VaryingSystem, StepTable]:
-        """What solves a move as the pose changes, without disturbances; the machine along the path, and the
-        steps in time.
+        """Return what solves a move as the pose changes, without disturbances; the machine along the path, and
+        the steps in time.
         """
 
     @abstractmethod
@@ -241,10 +241,10 @@ class AxesPath(ABC):
 
     @abstractmethod
     def _disturb(self, move: SetPoint) -> PathDeviation:
-        """What errors of guides and torque ripple do on a move in the pose of the middle."""
+        """Return the deviation by errors of guides and torque ripple on a move in the pose of the middle."""
 
     def _find_offset_motions(self, travel: ErrorTravel, system: SecondOrderSystem) -> OffsetMotions:
-        """What unit offsets move of the machine."""
+        """Return the motions of the machine by unit offsets."""
         return find_offset_motions(self.middle.coupled, travel, system)
 
     @functools.cached_property
@@ -301,12 +301,12 @@ class AxesPath(ABC):
 
     @abstractmethod
     def _observe(self, move: SetPoint, total: PathDeviation) -> Observed:
-        """What joints took at most on a move, and what probes observed."""
+        """Return the largest forces of joints on a move, and what probes observed."""
 
     def _record_drives(
         self, move: SetPoint, total: PathDeviation, *, along: bool = False
     ) -> DriveHistory:
-        """What drives did on a move that watched them, as the pose changed along the path or did not."""
+        """Return what drives did on a move that watched them, as the pose changed along the path or did not."""
         none = np.zeros((len(total.times), 0))
         return record_drives((), total.times, none, none)
 
@@ -428,7 +428,7 @@ class DrivenAxes(AxesPath):
 
     @property
     def has_friction(self) -> bool:
-        """Whether the guides have friction."""
+        """True where guides have friction."""
         return bool(friction_channels(self.driven.trains))
 
     def _close_loops(self, reach: float) -> ControlledPath:

@@ -31,7 +31,7 @@ from headstock.pipeline.motion.trajectory import (
     MovedMachine,
     Trajectory,
     coupled_machine,
-    find_screws,
+    find_ball_screws,
     follow_curve,
     gravity_vector,
 )
@@ -53,7 +53,7 @@ SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
 
 
 @dataclass(frozen=True, eq=False)
-class DriveMotion:
+class _DriveMotion:
     """What ``d`` drives of bodies do at ``n`` instants.
 
     Attributes:
@@ -84,7 +84,7 @@ class BodyTrajectory(Trajectory):
         """Bodies that move."""
 
     @abstractmethod
-    def drive(self, drives: Sequence[Drive], motion: PathMotion) -> DriveMotion:
+    def drive(self, drives: Sequence[Drive], motion: PathMotion) -> _DriveMotion:
         """Return what drives do during a motion along it."""
 
     @property
@@ -129,8 +129,8 @@ class BodyTrajectory(Trajectory):
                 weighed = np.concatenate([body.mass_kg * travel[:, :3], tensor @ travel[:, 3:]], 1)
                 mass += np.swapaxes(travel, 1, 2) @ weighed
                 weight += np.swapaxes(weighed[:, :3], 1, 2) @ gravity
-                own = pulled[:, 6 * number : 6 * number + 6, None]
-                inertia += (np.swapaxes(weighed, 1, 2) @ own)[..., 0]
+                pulls = pulled[:, 6 * number : 6 * number + 6, None]
+                inertia += (np.swapaxes(weighed, 1, 2) @ pulls)[..., 0]
                 travels.append(travel)
             return MovedMachine(
                 positions=moved.positions,
@@ -145,7 +145,7 @@ class BodyTrajectory(Trajectory):
 
         return at
 
-    def _move_output(self, channel: Channel, moved: DriveMotion) -> FloatArray:
+    def _move_output(self, channel: Channel, moved: _DriveMotion) -> FloatArray:
         """Return the motion ``(n, d)`` at an output: of the tool of a point less its work, or of an
         interface.
         """
@@ -243,12 +243,15 @@ class MechanismTrajectory(BodyTrajectory):
         moved = self._follow(motion, velocity_terms=self.coriolis)
         turn, columns = self.mechanism.mounted.mounting.rotation, []
         for name, marker in self._markers.items():
-            body, own = self.parts.superelements[name], self.parts.plan.components[name].placement
+            body, placement = (
+                self.parts.superelements[name],
+                self.parts.plan.components[name].placement,
+            )
             rotation = moved.rotations[:, marker]
-            arm = rotation @ (own.origin + own.rotation @ body.center_of_mass)
+            arm = rotation @ (placement.origin + placement.rotation @ body.center_of_mass)
             omega, alpha = moved.omega[:, marker], moved.alpha[:, marker]
             # Euler's moment of a body that turns: as if it were accelerated faster
-            axes = rotation @ own.rotation
+            axes = rotation @ placement.rotation
             inertia = axes @ body.inertia @ np.swapaxes(axes, -1, -2)
             moment = np.cross(omega, (inertia @ omega[..., None])[..., 0])
             spin = alpha + np.linalg.solve(inertia, moment[..., None])[..., 0]
@@ -270,7 +273,7 @@ class MechanismTrajectory(BodyTrajectory):
     def _find_leg_forces(self, motion: PathMotion) -> FloatArray:
         moved, accelerations = self._follow(motion), self.accelerate(motion)
         joints, gravity = self.parts.scene.machine.joints, gravity_vector(self.parts)
-        screws = find_screws(self.parts.scene.machine)
+        screws = find_ball_screws(self.parts.scene.machine)
         forces = np.zeros((len(motion.positions), len(screws)))
         for number, (joint, _) in enumerate(screws.values()):
             leg = joints[joint].ends[0].component
@@ -285,27 +288,27 @@ class MechanismTrajectory(BodyTrajectory):
             forces[:, number] = weight * ((center - gravity) * along).sum(axis=1)
         return forces
 
-    def drive(self, drives: Sequence[Drive], motion: PathMotion) -> DriveMotion:
+    def drive(self, drives: Sequence[Drive], motion: PathMotion) -> _DriveMotion:
         """Return what motors of legs do."""
         mounted, moved = self.mechanism.mounted, self._follow(motion)
-        known, turn = mounted.mechanism, mounted.mounting.rotation
-        legs = [known.driven.index(drive.axis) for drive in drives]
-        kinematics = evaluate_kinematics(known, moved.states)
-        from_legs = velocity_maps(known, kinematics.closure_jacobian)[0][..., legs]
+        chains, turn = mounted.mechanism, mounted.mounting.rotation
+        legs = [chains.driven.index(drive.axis) for drive in drives]
+        kinematics = evaluate_kinematics(chains, moved.states)
+        from_legs = velocity_maps(chains, kinematics.closure_jacobian)[0][..., legs]
 
         def travel(name: str, local: FloatArray) -> FloatArray:
-            marker, own = self._markers[name], self.parts.plan.components[name].placement
-            arm = moved.rotations[:, marker] @ (own.origin + own.rotation @ local)
+            marker, placement = self._markers[name], self.parts.plan.components[name].placement
+            arm = moved.rotations[:, marker] @ (placement.origin + placement.rotation @ local)
             turning = kinematics.of_rotation[:, marker] @ from_legs
             moving = kinematics.of_position[:, marker] @ from_legs - skew_matrices(arm) @ turning
             return np.concatenate([turn @ moving, turn @ turning], axis=1)
 
         def rotation(name: str) -> FloatArray:
-            own = self.parts.plan.components[name].placement.rotation
-            return np.asarray(turn @ moved.rotations[:, self._markers[name]] @ own)
+            home = self.parts.plan.components[name].placement.rotation
+            return np.asarray(turn @ moved.rotations[:, self._markers[name]] @ home)
 
-        driven = np.arange(known.driven_slice.start, known.driven_slice.stop)[legs]
-        return DriveMotion(
+        driven = np.arange(chains.driven_slice.start, chains.driven_slice.stop)[legs]
+        return _DriveMotion(
             positions=moved.states[:, driven],
             speeds=moved.rates[:, driven],
             accelerations=moved.growth[:, driven],
@@ -315,7 +318,7 @@ class MechanismTrajectory(BodyTrajectory):
 
 
 def has_coriolis(state: RunState) -> bool:
-    """Whether the speeds of a mechanism accelerate it: its bodies turn, those of linear axes do not."""
+    """Return True where the speeds of a mechanism accelerate it: its bodies turn, unlike those of axes."""
     return CORIOLIS in state.scene.effects and state.scene.mechanism is not None
 
 
@@ -339,7 +342,7 @@ class RotaryTrajectory(BodyTrajectory):
 
     @functools.cached_property
     def rotation_speeds(self) -> dict[str, float]:
-        """How fast each body on the rotary axes turns at most, per speed along the path."""
+        """Largest rotation speed of each body on the rotary axes, per speed along the path."""
         axes, (start, end) = self.parts.scene.machine.axes, (self.path.start, self.path.end)
         shares = {
             axis: abs(end.positions.get(axis, 0.0) - start.positions.get(axis, 0.0))
@@ -423,7 +426,7 @@ class RotaryTrajectory(BodyTrajectory):
             )
         return np.array(rows).reshape(len(rows), -1)
 
-    def drive(self, drives: Sequence[Drive], motion: PathMotion) -> DriveMotion:
+    def drive(self, drives: Sequence[Drive], motion: PathMotion) -> _DriveMotion:
         """Return what motors of linear axes do."""
         first, last = (
             np.array([end.positions.get(drive.axis, 0.0) for drive in drives])
@@ -444,7 +447,7 @@ class RotaryTrajectory(BodyTrajectory):
             ]
             return np.pad(np.array(moving), ((0, 0), (0, 3), (0, 0)))
 
-        return DriveMotion(
+        return _DriveMotion(
             positions=first + motion.positions[:, None] * shares,
             speeds=motion.speeds[:, None] * shares,
             accelerations=motion.accelerations[:, None] * shares,

@@ -81,10 +81,13 @@ def cut_contour(
     carried, after = force, history.compliant.shape[1]
     for mode in reversed(modes):
         # in its directions spring and damper pass on what its mass leaves
-        own = slice(after - mode.directions.shape[1], after)
-        passed = mode.stiffness * history.compliant[:, own] + mode.damper * history.rate[:, own]
+        part_of_mode = slice(after - mode.directions.shape[1], after)
+        passed = (
+            mode.stiffness * history.compliant[:, part_of_mode]
+            + mode.damper * history.rate[:, part_of_mode]
+        )
         carried = carried @ (np.eye(3) - mode.projector) + passed @ mode.directions.T
-        after = own.start
+        after = part_of_mode.start
     kept = slice(0, size)
     return CutMotion(
         CompliantHistory(
@@ -111,18 +114,18 @@ def _mount_tool(
     motion: LinearMotion, plan: ContourPlan, modes: Sequence[ToolMode], rotation: FloatArray
 ) -> LinearMotion:
     """A machine with the modes of its tool; their weight is left out as gravity is of the gap."""
-    found = mount_modes(motion.mass, motion.damping, motion.stiffness, motion.tool, modes)
-    extra = found.mass.shape[-1] - motion.mass.shape[-1]
+    mounted = mount_modes(motion.mass, motion.damping, motion.stiffness, motion.tool, modes)
+    extra = mounted.mass.shape[-1] - motion.mass.shape[-1]
     load = np.pad(motion.load, ((0, 0), (0, extra)))
     for part in chunk_slices(len(motion.times)):
         pull = plan.path.at(motion.times[part]).acceleration @ rotation
-        load[part] -= (motion.between(found.weighed, part) @ pull[..., None])[..., 0]
+        load[part] -= (motion.between(mounted.weighed, part) @ pull[..., None])[..., 0]
     return dataclasses.replace(
         motion,
-        mass=found.mass,
-        damping=found.damping,
-        stiffness=found.stiffness,
-        tool=found.tip,
+        mass=mounted.mass,
+        damping=mounted.damping,
+        stiffness=mounted.stiffness,
+        tool=mounted.tip,
         gravity_deflection=np.pad(motion.gravity_deflection, ((0, 0), (0, extra))),
         load=load,
     )
@@ -135,11 +138,11 @@ def _tool_force(
     its radius.
     """
     feed = np.hypot(velocity[:, 0], velocity[:, 1])
-    own = (
+    force = (
         repeated_forces(request.cut, request.steps_per_turn, feed)
         * _engagement(plan, times)[:, None]
     )
-    return np.asarray((own[:, None, :] @ travel_frames(velocity, request.contour.part))[:, 0])
+    return np.asarray((force[:, None, :] @ travel_frames(velocity, request.contour.part))[:, 0])
 
 
 def travel_frames(velocity: FloatArray, part: Side) -> FloatArray:

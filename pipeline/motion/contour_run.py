@@ -133,7 +133,7 @@ class ContourRun:
         fit: How a spline went through measured positions; None for the computed path.
         highest_hz: Highest natural frequency along the trajectory.
         coriolis: Velocity terms are in the equations of motion.
-        probes: What each saw beside what it sees of the weight; none of a lumped mechanism.
+        probes: What each observed, less what the weight does; none of a lumped mechanism.
     """
 
     times: FloatArray
@@ -152,7 +152,7 @@ class ContourRun:
 
 
 def face_instants(run: ContourRun, face: int) -> FloatArray:
-    """Which steps lie on a face, counted from zero, its ends left out."""
+    """Return the mask of the steps that lie on a face, counted from zero, its ends left out."""
     cut = run.plan.cuts[face]
     return np.asarray((run.times > cut.begins + SETTLING) & (run.times < cut.ends - SETTLING))
 

@@ -95,7 +95,7 @@ def evaluate_contour(
     stability: tuple[FaceStability, ...] = (),
     milled: tuple[MilledFace, ...] = (),
 ) -> ContourAnswer:
-    """What is kept of a contour that was run.
+    """Evaluate a contour that was run.
 
     Args:
         request: Path, tool and cut.
@@ -184,23 +184,23 @@ def _repeat_contour(
     """Return the numbers of the contour once more, on the machine with finer meshes and more modes, with
     the true curved faces, and with cutting coefficients at the ends of their ranges.
     """
-    found = repeat_with_refined(
+    repeated = repeat_with_refined(
         state,
         COMBINED_REFINEMENTS,
         lambda machine: tuple(_mill(machine, request, record, course).answer.list_numbers()),
         asked=request.estimate,
     )
     if request.cutting and record is None and request.estimate:
-        found = repeat_at_ends(
+        repeated = repeat_at_ends(
             request.cut.coefficients,
-            lambda own: tuple(
+            lambda coefficients: tuple(
                 _mill(
-                    silence(state), _with_coefficients(request, own), None, course
+                    silence(state), _with_coefficients(request, coefficients), None, course
                 ).answer.list_numbers()
             ),
-            found,
+            repeated,
         )
-    return found
+    return repeated
 
 
 def _with_coefficients(
@@ -212,7 +212,7 @@ def _with_coefficients(
 
 
 def explain_gaps(run: ContourRun) -> list[str]:
-    """Why faces that were reached have no gap."""
+    """Explain why faces that were reached have no gap."""
     return [
         f"face {number} has no gap: its cut lasts {1e3 * (cut.ends - cut.begins):.3g} ms, and {1e3 * SETTLING:g} ms at each end are left out;"
         " write a lower feed or a longer side in [analyses.contouring]"
@@ -256,15 +256,15 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
         )
     record = None if request.forces is None or not request.cutting else read_forces(request.forces)
     milled = _mill(state, request, record)
-    found, step = milled.answer, float(milled.times[1] - milled.times[0])
+    answer, step = milled.answer, float(milled.times[1] - milled.times[0])
     loss = None if record is None else resampling_loss(record, milled.times)
     if loss is not None and loss > MOST_LOST:
         state.warn(
             f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps resolve and is averaged out;"
             " raise steps_per_turn in [analyses.contouring] to resolve it"
         )
-    if found.fit is not None:
-        _judge_traces(state, found.fit)
+    if answer.fit is not None:
+        _warn_of_traces(state, answer.fit)
     for mode in request.tool_modes:
         if (steps := 1.0 / (mode.hz * step)) < STEPS_PER_PERIOD:
             state.warn(
@@ -274,22 +274,24 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
     for reason in milled.reasons:
         state.warn(reason)
     repeated = _repeat_contour(state, request, record, milled.course)
-    found = dataclasses.replace(
-        found,
+    answer = dataclasses.replace(
+        answer,
         force_loss=loss,
-        errors=repeated.estimate(tuple(found.list_numbers())),
+        errors=repeated.estimate(tuple(answer.list_numbers())),
         sources=repeated.sources,
         left_out=repeated.left_out,
     )
     reported = ", ".join(
         f"face {face.number} {1e6 * face.gap_mean[0]:+.1f} µm"
-        for face in found.faces
+        for face in answer.faces
         if face.number in (1, 3)
     )
-    return Outcome(detail=f"{len(milled.times)} steps, gap along x on {reported}", answers=(found,))
+    return Outcome(
+        detail=f"{len(milled.times)} steps, gap along x on {reported}", answers=(answer,)
+    )
 
 
-def _judge_traces(state: RunState, fit: TraceFit) -> None:
+def _warn_of_traces(state: RunState, fit: TraceFit) -> None:
     if fit.off_path > FAR_OFF:
         state.warn(
             f"measured positions lead the tool up to {1e3 * fit.off_path:.3g} mm off its planned path, on which the cut and the faces are based; does"

@@ -7,7 +7,7 @@ travels as its set points say, and its inertia is a load. Motors follow their se
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,12 +45,6 @@ from headstock.pipeline.motion.motors import (
     drive_assumptions,
     plan_motors,
 )
-from headstock.pipeline.motion.observers import (
-    join_probes,
-    observe_probes,
-    probe_channels,
-    probe_kinds,
-)
 from headstock.pipeline.motion.posed_machine import (
     FORCE,
     build_along,
@@ -59,12 +53,19 @@ from headstock.pipeline.motion.posed_machine import (
     report_gyroscopic_shift,
     shared_rows,
 )
-from headstock.pipeline.motion.probe_motions import place_probes, read_probes
+from headstock.pipeline.motion.probe_motions import (
+    join_probes,
+    observe_probes,
+    place_probes,
+    probe_channels,
+    probe_kinds,
+    read_probes,
+)
 from headstock.pipeline.motion.trajectory import (
     AxesTrajectory,
     FollowedTrajectory,
     Trajectory,
-    find_screws,
+    find_ball_screws,
     follow_time,
 )
 from headstock.pipeline.stages.run_state import RunState
@@ -266,7 +267,7 @@ def _sample_contour(
     end: float,
 ) -> SampledMotion:
     """The machine in poses up to a time [s]; what it differs by where the course was sampled already."""
-    names, screws = tuple(state.scene.machine.probes), find_screws(state.scene.machine)
+    names, screws = tuple(state.scene.machine.probes), find_ball_screws(state.scene.machine)
     trajectory, probes = driven.followed.trajectory, probe_channels(names)
     channels = PlantChannels(
         inputs=driven.inputs,
@@ -300,7 +301,7 @@ def _drive_screws(
     Args:
         times: ``(n,)`` steps [s].
     """
-    followed, names = driven.followed, tuple(find_screws(state.scene.machine))
+    followed, names = driven.followed, tuple(find_ball_screws(state.scene.machine))
     loads, trajectory = followed.acting, followed.trajectory
 
     def forces(some: NDArray[np.intp]) -> FloatArray:
@@ -351,7 +352,7 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
         2.0 * RESIDUAL_DAMPING * omega * np.eye(kept + 3),
     )
     stiffness[:kept, :kept], damping[:kept, :kept] = now.stiffness[0], now.damping[0]
-    found = mount_modes(
+    mounted = mount_modes(
         np.eye(kept + 3),
         damping,
         stiffness,
@@ -359,7 +360,7 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
         turned_modes(request.tool_modes, frame.T),
     )
     return tip_dynamics(
-        found.mass, found.damping, found.stiffness, forced=found.tip, seen=found.tip[:2]
+        mounted.mass, mounted.damping, mounted.stiffness, forced=mounted.tip, seen=mounted.tip[:2]
     )
 
 
@@ -404,38 +405,33 @@ def _motor_torques(
         text = f"{OF_SCREWS}: no friction, no inertia of motor and screw"
         return lambda some, forces: forces * (lead / (2.0 * math.pi)), (text,)
     drives: dict[str, Drive] = {drive.axis: drive for drive in state.scene.drives.values()}
-    screws = find_screws(machine)
+    screws = find_ball_screws(machine)
     shafts = {name: machine.joints[screws[name][0]].screw for name in names}
-    leads = {
-        name: drives[name].lead if name in drives else (shaft.lead if shaft else 0.0)
+    leads = [
+        drives[name].lead if name in drives else (shaft.lead if shaft else 0.0)
         for name, shaft in shafts.items()
-    }
-    if not names or not all(leads.values()):
+    ]
+    if not names or not all(leads):
         return None, ()
 
     def torques(some: NDArray[np.intp], forces: FloatArray) -> FloatArray:
-        found = forces * (np.array([leads[name] for name in names]) / (2.0 * math.pi))
+        total = forces * (np.array(leads) / (2.0 * math.pi))
         for number, name in enumerate(names):
-            drive = drives.get(name)
-            if drive is not None and isinstance(trajectory, AxesTrajectory):
+            if name in drives and isinstance(trajectory, AxesTrajectory):
                 motion = trajectory.axis_motion(name, follow_time(times[some]))
-                found[:, number] += drive_torque(drive, *motion)
-        return found
+                total[:, number] += drive_torque(drives[name], *motion)
+        return total
 
-    left_out = [
-        what
-        for what, known in (
-            ("inertia of motor and screw", bool(drives)),
-            ("friction", any(drive.friction is not None for drive in drives.values())),
-        )
-        if not known
-    ]
-    text = f", plus the drives' own inertia{' and friction' if 'friction' not in left_out else ''}"
-    return torques, (
-        OF_SCREWS
-        + (text if drives else "")
-        + (f": no {', no '.join(left_out)}" if left_out else ""),
-    )
+    return torques, (_describe_torques(drives.values()),)
+
+
+def _describe_torques(drives: Collection[Drive]) -> str:
+    """Say what torques of the motors of axes are made of, and what is left out."""
+    if not drives:
+        return f"{OF_SCREWS}: no inertia of motor and screw, no friction"
+    if any(drive.friction is not None for drive in drives):
+        return f"{OF_SCREWS}, plus the drives' own inertia and friction"
+    return f"{OF_SCREWS}, plus the drives' own inertia: no friction"
 
 
 def drive_torque(drive: Drive, speed: FloatArray, acceleration: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@ rigid guides hold: what a machine in a pose feels of a unit of each, and how lar
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import scipy  # whose interpolation, a third of a second, is loaded where it is used
@@ -19,6 +20,7 @@ from headstock.pipeline.stages.mechanism import LumpedPose
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.reduction.coupling.error_travel import (
     ACCELERATION,
+    ErrorTravel,
     check_offsets,
     find_offset_motions,
     plan_travel,
@@ -27,6 +29,7 @@ from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS, has_errors
 from headstock.reduction.coupling.joint_forces import SPRING
 from headstock.reduction.motions.path_errors import pass_offsets
 from headstock.scene.scene import SceneMechanism
+from headstock.solvers.second_order import Channel
 
 STEPS_PER_WAVE = 48
 UNIT = 1e-6  # of offsets [m, rad]: loads of all channels are then of like size
@@ -35,17 +38,16 @@ UNIT = 1e-6  # of offsets [m, rad]: loads of all channels are then of like size
 def find_trajectory_errors(
     state: RunState, pose_at: Callable[[float], Pose], nodes: FloatArray
 ) -> TrajectoryErrors | None:
-    """Errors of a machine along a trajectory; None where it has none.
+    """Find the errors of a machine along a trajectory; None where it has none.
 
     Args:
-        nodes: ``(k,)`` even places between which what errors are read by is interpolated.
+        nodes: ``(k,)`` even values of its parameter, between which what errors depend on is interpolated.
 
     Raises:
         ModelError: A rigid direction has an offset, or a place lies outside a table.
     """
     mechanism, machine = state.scene.mechanism, state.scene.machine
     poses = [pose_at(float(node)) for node in nodes]
-    ends = (float(nodes[0]), float(nodes[-1]))
     if state.scene.is_lumped and mechanism is not None:
         if not mechanism.leg_errors:
             return None
@@ -55,62 +57,85 @@ def find_trajectory_errors(
     travel = plan_travel(machine, state.parts.superelements, nodes, poses)
     if travel is None:
         return None
-    fixed = {name: joint.fixed for name, joint in machine.joints.items()}
-    numbers = range(len(travel.directions))
-    rigid = [n for n in numbers if travel.directions[n][1] in fixed[travel.directions[n][0]]]
-    if rigid:
+    offsets = _split_offsets(state, travel)
+    if offsets.rigid:
         check_offsets(coupled_machine(model_builder(state)(poses[0])), travel)
-    # motors under control feel the inertia of all that follows at once, springs that are stiff, too
-    accelerated = list(numbers) if state.scene.drives else rigid
-    damped = {name for name, joint in machine.joints.items() if np.any(joint.damping)}
-    rated = [
-        number
-        for number in numbers
-        if DAMPING in state.scene.effects
-        and (number in rigid or travel.directions[number][0] in damped)
-    ]
-    channels = (
-        *travel.channels,
-        *(travel.rates[number] for number in rated),
-        *(travel.accelerations[number] for number in accelerated),
+    return TrajectoryErrors(
+        channels=offsets.channels,
+        act_on=offsets.act_on,
+        offsets=lambda where: np.asarray(travel.sample(where) / UNIT),
+        rated=offsets.rated,
+        accelerated=offsets.accelerated,
+        ends=(float(nodes[0]), float(nodes[-1])),
+        shortest=travel.shortest,
     )
 
-    def act_on(model: PoseModel) -> PosedErrors:
-        coupled, system = coupled_machine(model), model.system
-        if rated:
-            system = damp_system(state.scene, system, model.all_modes)
-        found = find_offset_motions(coupled, travel, system)
-        columns = [found.loads, found.rates[:, rated], found.accelerations[:, accelerated]]
-        outputs = [(name, dof) for name, dof in coupled.system.outputs if dof in DOF_NAMES]
-        passed = pass_offsets(
-            coupled, travel, found, outputs, model.joints, probe_values(machine.probes)
+
+@dataclass(frozen=True, eq=False)
+class _Offsets:
+    """Offsets of joints of a machine of components.
+
+    Attributes:
+        travel: The ``k`` offsets along the trajectory.
+        rigid: Those in directions that are fixed.
+        rated: Those whose rates act: through dampers, or because all that follows moves with them.
+        accelerated: Those whose accelerations act.
+    """
+
+    state: RunState
+    travel: ErrorTravel
+    rigid: tuple[int, ...]
+    rated: tuple[int, ...]
+    accelerated: tuple[int, ...]
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Offsets, rates that act and accelerations that act."""
+        travel = self.travel
+        return (
+            *travel.channels,
+            *(travel.rates[number] for number in self.rated),
+            *(travel.accelerations[number] for number in self.accelerated),
         )
+
+    def act_on(self, model: PoseModel) -> PosedErrors:
+        """Return what a unit of each does to a machine in a pose."""
+        coupled, system, scene = coupled_machine(model), model.system, self.state.scene
+        rated, accelerated = list(self.rated), list(self.accelerated)
+        if rated:
+            system = damp_system(scene, system, model.all_modes)
+        motions = find_offset_motions(coupled, self.travel, system)
+        columns = [motions.loads, motions.rates[:, rated], motions.accelerations[:, accelerated]]
+        outputs = [(name, dof) for name, dof in coupled.system.outputs if dof in DOF_NAMES]
+        probes = probe_values(scene.machine.probes)
+        passed = pass_offsets(coupled, self.travel, motions, outputs, model.joints, probes)
         return PosedErrors(
-            loads=dict(zip(channels, UNIT * np.hstack(columns).T, strict=True)),
+            loads=dict(zip(self.channels, UNIT * np.hstack(columns).T, strict=True)),
             feedthrough={
                 (passed.outputs[row], passed.inputs[column]): UNIT * float(share)
                 for (row, column), share in np.ndenumerate(passed.shares)
                 if share
             },
-            moved=UNIT * found.moved[:, accelerated] if rigid else None,
+            moved=UNIT * motions.moved[:, accelerated] if self.rigid else None,
         )
 
-    return TrajectoryErrors(
-        channels=channels,
-        act_on=act_on,
-        offsets=lambda places: np.asarray(travel.sample(places) / UNIT),
-        rated=tuple(rated),
-        accelerated=tuple(accelerated),
-        ends=ends,
-        shortest=travel.shortest,
-    )
+
+def _split_offsets(state: RunState, travel: ErrorTravel) -> _Offsets:
+    """Find which offsets act by their rates and accelerations, too."""
+    joints, numbers = state.scene.machine.joints, range(len(travel.directions))
+    rigid = [n for n, (name, dof) in enumerate(travel.directions) if dof in joints[name].fixed]
+    damped = [n for n, (name, _) in enumerate(travel.directions) if np.any(joints[name].damping)]
+    rated = sorted({*rigid, *damped}) if DAMPING in state.scene.effects else []
+    # motors under control feel the inertia of all that follows directly, springs that are stiff, too
+    accelerated = numbers if state.scene.drives else rigid
+    return _Offsets(state, travel, tuple(rigid), tuple(rated), tuple(accelerated))
 
 
 def _leg_errors(
     mechanism: SceneMechanism, poses: list[Pose], nodes: FloatArray, *, driven: bool
 ) -> TrajectoryErrors:
-    """Legs of a lumped mechanism that are longer than commanded: nothing but their springs along
-    themselves resists. Driven ones feel the inertia of what follows at once.
+    """Errors of legs of a lumped mechanism, longer than commanded: nothing but their springs along
+    themselves resists. Driven ones feel the inertia of what follows directly.
     """
     states = np.array([solve_pose(mechanism, pose.positions) for pose in poses])
     legs = tuple(mechanism.leg_errors)

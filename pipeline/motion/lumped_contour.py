@@ -85,22 +85,14 @@ def run_lumped_contour(
         LENGTHS,
         lambda lengths, near: find_tool_positions(mechanism.mounted, lengths, near, mechanism.tool),
     )
-    path = plan.path
-    times, end = request_times(request, plan, until), min(path.span[1], until)
+    times, end = request_times(request, plan, until), min(plan.path.span[1], until)
     nodes: FloatArray = np.asarray(
         np.linspace(0.0, end, max(8, round(end / NODE_SPACING))), dtype=float
     )
-    drive = follow_path(mechanism.mounted, nodes, path.at(nodes), mechanism.tool)
+    drive = follow_path(mechanism.mounted, nodes, plan.path.at(nodes), mechanism.tool)
     turn = mechanism.mounted.mounting.rotation
-    damping = request.damping
-    names = tuple(each.axis for each in drives)
-    free = linear_motion(model, drive, times, damping, names)
-    pushed = None
-    if mechanism.leg_errors:
-        pushed = _push_springs(mechanism, model, drive, times)
-        load = np.array(free.load)
-        load[:, : pushed.shape[1]] += pushed
-        free = dataclasses.replace(free, load=load)
+    names = tuple(leg.axis for leg in drives)
+    free, pushed = _free_motion(mechanism, model, request, drive, times, names)
     friction: FrictionSpeeds = "true" if request.model == "nonlinear" else "set"
     servo = _close_legs(model, drive, free, drives, friction) if drives else None
     motion = free if servo is None else servo.motion
@@ -112,7 +104,7 @@ def run_lumped_contour(
         return np.asarray(gaps - motion.tool_motion(history.compliant))
 
     def cut_under(extra: FloatArray, before: CutMotion | None) -> CutMotion:
-        """What is cut under a load beside that of the linear model; chips are those of the motion
+        """Cut under a load in addition to that of the linear model; chips are those of the motion
         before it where that differs from the linear one.
         """
         rest = None
@@ -127,10 +119,8 @@ def run_lumped_contour(
     else:
         cut = cut_contour(request, motion, plan, rotation=turn, record=record)
         moved = cut.tip
-    history = cut.history
     gravity_deflection = motion.tool_motion(motion.deflect()) @ turn.T
     modes = solve_lumped_modes(linearise_poses(model, drive.states[:: max(1, len(nodes) // 20)]))
-    highest = float(modes.frequencies_hz.max())
     return ContourRun(
         times=times,
         gap=moved @ turn.T - gravity_deflection,
@@ -139,11 +129,11 @@ def run_lumped_contour(
         plan=plan,
         fit=fit,
         motion=motion,
-        history=history,
-        drives=_leg_drives(mechanism, model, drive, times, history, cut.carried)
+        history=cut.history,
+        drives=_leg_drives(mechanism, model, drive, times, cut)
         if servo is None
-        else controlled_drives(servo, drives, history),
-        highest_hz=highest,
+        else controlled_drives(servo, drives, cut.history),
+        highest_hz=float(modes.frequencies_hz.max()),
         coriolis=model.velocity_terms,
         assumed=drive_assumptions(drives, friction)
         if drives
@@ -151,10 +141,20 @@ def run_lumped_contour(
     )
 
 
-def _push_springs(
-    mechanism: SceneMechanism, model: CompliantMechanism, drive: PathDrive, times: FloatArray
-) -> FloatArray:
-    """Loads ``(n, c)`` of springs that are at rest where legs are longer than commanded [N]."""
+def _free_motion(
+    mechanism: SceneMechanism,
+    model: CompliantMechanism,
+    request: ContouringRequest,
+    drive: PathDrive,
+    times: FloatArray,
+    names: Sequence[str],
+) -> tuple[LinearMotion, FloatArray | None]:
+    """The linear model with free motors of some legs, and the loads ``(n, c)`` in it of springs that are at
+    rest where legs are longer than commanded [N]; None where none is.
+    """
+    free = linear_motion(model, drive, times, request.damping, names)
+    if not mechanism.leg_errors:
+        return free, None
     columns = [model.mechanism.driven.index(LENGTHS[leg]) for leg in mechanism.leg_errors]
     springs = [2 * leg + 1 for leg in mechanism.leg_errors]
     position = drive.at(times).position
@@ -162,7 +162,8 @@ def _push_springs(
     pushed[:, springs] = model.springs.stiffness(position)[:, springs] * sample_leg_errors(
         mechanism.leg_errors, position[:, columns]
     )
-    return pushed
+    extra = ((0, 0), (0, free.load.shape[1] - pushed.shape[1]))
+    return dataclasses.replace(free, load=free.load + np.pad(pushed, extra)), pushed
 
 
 def _close_legs(
@@ -173,7 +174,7 @@ def _close_legs(
     friction: FrictionSpeeds,
 ) -> ServoMotion:
     """A linear model with free motors with the loops of its legs closed."""
-    legs = [each.axis for each in drives]
+    legs = [leg.axis for leg in drives]
     columns = [model.mechanism.driven.index(name) for name in legs]
     now = drive.at(free.times)
     size = free.mass.shape[-1]
@@ -199,8 +200,7 @@ def _leg_drives(
     model: CompliantMechanism,
     drive: PathDrive,
     times: FloatArray,
-    history: CompliantHistory,
-    force: FloatArray,
+    cut: CutMotion,
 ) -> ContourDrives:
     """Forces of the legs' drives (eq. 14 of Bonnemains et al. 2010, with the work of springs that
     soften as a leg grows).
@@ -208,8 +208,8 @@ def _leg_drives(
     lead = mechanism.screw_lead
 
     def forces(some: NDArray[np.intp]) -> FloatArray:
-        thin = thin_history(history, some)
-        return drive_forces(model, drive, times[some], thin, force[some])[:, : len(LENGTHS)]
+        thin = thin_history(cut.history, some)
+        return drive_forces(model, drive, times[some], thin, cut.carried[some])[:, : len(LENGTHS)]
 
     return ContourDrives(
         LEGS,
@@ -232,17 +232,17 @@ def lumped_face_dynamics(
         PoseError: The tool cannot get there.
     """
     cut = plan_contour(request.contour).cuts[face]
-    place = cut.start + 0.5 * cut.length * cut.travel + request.contour.offset * cut.outward
-    state = solve_tool_pose(mechanism.mounted, place, mechanism.tool)
+    point = cut.start + 0.5 * cut.length * cut.travel + request.contour.offset * cut.outward
+    state = solve_tool_pose(mechanism.mounted, point, mechanism.tool)
     motions = linearise_poses(model, state)
     turn = mechanism.mounted.mounting.rotation
     frame: FloatArray = travel_frames(cut.travel[None], cut.part)[0] @ turn
-    found = mount_modes(
+    mounted = mount_modes(
         motions.mass,
         request.damping.matrix(motions),
         np.diag(motions.stiffness),
         marker_motion(model, motions, model.tool)[:3],
         turned_modes(request.tool_modes, turn),
     )
-    tip = frame @ found.tip
-    return tip_dynamics(found.mass, found.damping, found.stiffness, forced=tip, seen=tip[:2])
+    tip = frame @ mounted.tip
+    return tip_dynamics(mounted.mass, mounted.damping, mounted.stiffness, forced=tip, seen=tip[:2])

@@ -1,5 +1,7 @@
 """The faces that a contour leaves: the profile of each, from the motion of the tool."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
@@ -37,51 +39,78 @@ def mill_faces(
     Args:
         request: Tool, cut and cut-off.
     """
-    found, reasons = list[MilledFace](), list[str]()
+    faces, reasons = list[MilledFace](), list[str]()
     for number, cut in enumerate(run.plan.cuts, 1):
         if run.times[-1] < cut.begins + cut.length / cut.feed:
             reasons.append(f"face {number} has no profile: the tool did not reach its end")
             continue
         try:
-            found.append(_mill_face(request, run, number, cut))
+            faces.append(_mill_face(request, run, number, cut))
         except ModelError as error:
             reasons.append(f"face {number} has no profile: {error}")
-    return tuple(found), tuple(reasons)
+    return tuple(faces), tuple(reasons)
+
+
+@dataclass(frozen=True, eq=False)
+class _SampledFace:
+    """Positions along a face at which its profile is found.
+
+    Attributes:
+        spacing: Between two of them [m].
+        positions: ``(n,)`` [m].
+        inside: Those that are evaluated.
+    """
+
+    spacing: float
+    positions: FloatArray
+    inside: slice
+
+
+def _sample_face(
+    request: ContouringRequest, run: ContourRun, cut: StraightCut, motion: ToolMotion
+) -> _SampledFace:
+    """Lay positions along a face.
+
+    Raises:
+        ModelError: The cut-off is too short for them, or corners leave nothing of the face.
+    """
+    beyond = 0.5 * BEYOND * min(request.cut.mill.diameter, cut.length)
+    first = max(0.0, float(motion.along[0]) + beyond)
+    last = min(cut.length, float(motion.along[-1]) - beyond)
+    spacing = max(cut.feed * request.cut.tooth_period / SAMPLES_PER_CUSP, cut.length / MOST_SAMPLES)
+    if request.cut_off < LEAST_SAMPLES * spacing:
+        raise ModelError(
+            f"the cut_off of {1e3 * request.cut_off:.3g} mm is shorter than {LEAST_SAMPLES} samples of it; write at least"
+            f" {1e3 * LEAST_SAMPLES * spacing:.2g} mm in [analyses.contouring]"
+        )
+    positions: FloatArray = np.asarray(np.arange(first, last, spacing))
+    before, after = _left_out(request, run, cut)
+    start, stop = np.searchsorted(positions, [max(first, before), min(last, cut.length - after)])
+    if stop <= start:
+        raise ModelError(
+            "nothing of it is left beside its corners, which averages round; write a shorter averaging in [analyses.contouring]"
+        )
+    return _SampledFace(spacing, positions, slice(int(start), int(stop)))
 
 
 def _mill_face(
     request: ContouringRequest, run: ContourRun, number: int, cut: StraightCut
 ) -> MilledFace:
     milling, per_tooth = request.cut, cut.feed * request.cut.tooth_period
-    motion = _beside_face(request, run, cut)
-    beyond = 0.5 * BEYOND * min(milling.mill.diameter, cut.length)
-    first = max(0.0, float(motion.along[0]) + beyond)
-    last = min(cut.length, float(motion.along[-1]) - beyond)
-    spacing = max(per_tooth / SAMPLES_PER_CUSP, cut.length / MOST_SAMPLES)
-    if request.cut_off < LEAST_SAMPLES * spacing:
-        raise ModelError(
-            f"the cut_off of {1e3 * request.cut_off:.3g} mm is shorter than {LEAST_SAMPLES} samples of it; write at least"
-            f" {1e3 * LEAST_SAMPLES * spacing:.2g} mm in [analyses.contouring]"
-        )
-    places: FloatArray = np.asarray(np.arange(first, last, spacing))
-    before, after = _left_out(request, run, cut)
-    ends = np.searchsorted(places, [max(first, before), min(last, cut.length - after)])
-    inside = slice(int(ends[0]), int(ends[1]))
-    if inside.stop <= inside.start:
-        raise ModelError(
-            "nothing of it is left beside its corners, which averages round; write a shorter averaging in [analyses.contouring]"
-        )
+    motion = _tool_motion(request, run, cut)
+    sampled = _sample_face(request, run, cut, motion)
+    spacing, positions, inside = sampled.spacing, sampled.positions, sampled.inside
     height = 0.5 * milling.axial_depth
 
-    def profile(positions: FloatArray, at: float) -> FloatArray:
+    def profile(where: FloatArray, height: float) -> FloatArray:
         return mill_profile(
-            milling.mill, milling.spindle, motion, positions, at, sense=milling.sense
+            milling.mill, milling.spindle, motion, where, height, sense=milling.sense
         )
 
-    middle = profile(places, height)
+    middle = profile(positions, height)
     mean_line = waviness_profile(middle, spacing, request.cut_off)
-    cells = np.linspace(0, len(places), min(CELLS, len(places)) + 1).astype(np.intp)[:-1]
-    center = len(places) // 2
+    cells = np.linspace(0, len(positions), min(CELLS, len(positions)) + 1).astype(np.intp)[:-1]
+    center = len(positions) // 2
     near = slice(center, center + round(min(DETAIL, 0.2 * cut.length) / spacing))
     parameters = measure_profile(
         middle, spacing, request.cut_off, inside, MARKS_APART * _mark_distance(milling, cut.feed)
@@ -91,7 +120,7 @@ def _mill_face(
         number=number,
         at=cut.at,
         length=cut.length,
-        evaluated=(float(places[inside][0]), float(places[inside][-1])),
+        evaluated=(float(positions[inside][0]), float(positions[inside][-1])),
         cut_off=request.cut_off,
         height=height,
         per_tooth=per_tooth,
@@ -105,15 +134,15 @@ def _mill_face(
         by_height=tuple(
             (
                 share * milling.axial_depth,
-                float(profile(places[inside][::SPARSE], share * milling.axial_depth).mean()),
+                float(profile(positions[inside][::SPARSE], share * milling.axial_depth).mean()),
             )
             for share in DEPTH_SHARES
         ),
-        places=places[cells],
+        places=positions[cells],
         lowest=np.minimum.reduceat(middle, cells),
         highest=np.maximum.reduceat(middle, cells),
         waviness=mean_line[cells],
-        detail_places=places[near],
+        detail_places=positions[near],
         detail=middle[near],
     )
 
@@ -131,7 +160,7 @@ def _left_out(request: ContouringRequest, run: ContourRun, cut: StraightCut) -> 
     return entry if enters else usual, entry if leaves else usual
 
 
-def _beside_face(request: ContouringRequest, run: ContourRun, cut: StraightCut) -> ToolMotion:
+def _tool_motion(request: ContouringRequest, run: ContourRun, cut: StraightCut) -> ToolMotion:
     """The axis of the tool along a face and a little beyond: where the rigid machine leads it, and
     its gap.
 

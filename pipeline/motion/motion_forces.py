@@ -117,11 +117,11 @@ def largest_joint_forces(
         times: ``(n,)`` [s].
         observe: Forces of a joint ``(n, d)`` then.
     """
-    found = {
+    largest = {
         joint.name: dict(zip(joint.directions, find_largest(times, observe(joint)), strict=True))
         for joint in joints
     }
-    return _leave_out_roundoff(found)
+    return _leave_out_roundoff(largest)
 
 
 def _leave_out_roundoff(

@@ -33,7 +33,7 @@ from headstock.pipeline.stages.mechanism import LumpedPose
 from headstock.pipeline.stages.run_state import PoseModel
 from headstock.reduction.coupling.drives import find_linear_scales, scale_rows
 from headstock.reduction.coupling.error_travel import move_rows
-from headstock.reduction.coupling.path_loads import momentum_rows
+from headstock.reduction.coupling.path_loads import find_momenta
 from headstock.solvers.control.drive_trains import SCALE
 from headstock.solvers.motion.alpha import (
     CompliantHistory,
@@ -87,11 +87,11 @@ def close_drives(
     size, count = free.mass.shape[-1], len(drives)
     motors = np.arange(size - count, size)
     middle = free.mass[len(free.mass) // 2]
-    own = _rotor_masses(drives)
+    rotors = _rotor_masses(drives)
     mass = np.array(free.mass)
-    mass[:, motors, motors] += own
+    mass[:, motors, motors] += rotors
     damping, load = np.array(free.damping), np.array(free.load)
-    load[:, motors] -= own * accelerations
+    load[:, motors] -= rotors * accelerations
     coordinate_friction = None
     law = stack_laws([drive.friction for drive in drives])
     if friction == "set":
@@ -108,7 +108,7 @@ def close_drives(
             acceleration_feed_forward=drive.acceleration_share
             * (float(middle[motor, motor]) + rotor),
         )
-        for drive, motor, rotor in zip(drives, motors, own, strict=True)
+        for drive, motor, rotor in zip(drives, motors, rotors, strict=True)
     ]
     return close_motors(
         dataclasses.replace(
@@ -152,20 +152,20 @@ def controlled_drives(
 
 
 def drive_assumptions(drives: Sequence[Drive], friction: FrictionSpeeds) -> tuple[str, ...]:
-    """What is assumed of drives along a contour, in plain words."""
-    found = [CLOSED]
+    """List what is assumed of drives along a contour."""
+    assumed = [CLOSED]
     if any(drive.friction is not None for drive in drives):
-        found.append(AT_SET_SPEEDS if friction == "set" else AT_TRUE_SPEEDS)
+        assumed.append(AT_SET_SPEEDS if friction == "set" else AT_TRUE_SPEEDS)
     if any(math.isfinite(drive.coupling) for drive in drives):
-        found.append(STIFF_COUPLINGS)
-    return tuple(found)
+        assumed.append(STIFF_COUPLINGS)
+    return tuple(assumed)
 
 
 def _rotor_masses(drives: Sequence[Drive]) -> FloatArray:
     """Inertia of motor and screw as mass along the travel ``(d,)`` [kg]."""
     turns = np.array([2.0 * math.pi / drive.lead for drive in drives])
-    own = np.array([drive.motor_inertia + drive.screw_inertia for drive in drives])
-    return np.asarray(own * turns**2)
+    inertia = np.array([drive.motor_inertia + drive.screw_inertia for drive in drives])
+    return np.asarray(inertia * turns**2)
 
 
 MOMENTUM = "momentum"  # along the travel that a motor brings about, as an output per speed
@@ -188,7 +188,7 @@ class TrajectoryMotors:
 
     @property
     def scales(self) -> tuple[Channel, ...]:
-        """What scales read."""
+        """Readings of scales."""
         return tuple((drive.name, SCALE) for drive in self.drives)
 
     @property
@@ -213,12 +213,12 @@ class TrajectoryMotors:
                 bodies = trajectory.travels(model.coupled)[
                     :, Index(trajectory.bodies).of(self.bodies)
                 ]
-                carried = momentum_rows(model.coupled, bodies @ travels)
+                carried = find_momenta(model.coupled, bodies @ travels).T
                 moved = move_rows(np.vstack([read, carried]), errors.moved)
                 direct |= {
                     (output, offset): float(value)
-                    for output, own in zip(outputs, moved, strict=True)
-                    for (offset, _), value in zip(followed.errors.inertial, own, strict=True)
+                    for output, row in zip(outputs, moved, strict=True)
+                    for (offset, _), value in zip(followed.errors.inertial, row, strict=True)
                 }
             return dict(zip(outputs, rows, strict=True)), direct
 
@@ -269,7 +269,7 @@ class DrivenTrajectory:
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
-        """Where something acts: on the tool, then along the trajectory."""
+        """Channels of forces on the tool, then of what acts along the trajectory."""
         return (*self.tool, *self.followed.acting.channels)
 
     @property
@@ -279,7 +279,7 @@ class DrivenTrajectory:
 
     @property
     def joins(self) -> tuple[Join, ...]:
-        """What gives a machine these outputs."""
+        """Functions that give a machine these outputs."""
         return () if self.motors is None else (self.motors.join(self.followed),)
 
     def move(
@@ -361,12 +361,12 @@ def _close_loops(
     now = motors.at(law(motion.nodes))
     plant = sampled.at(motion.nodes, "loads", "rows", "direct")
     modes, count = sampled.modes, len(motors.drives)
-    kept, own = slice(0, modes), slice(modes, modes + count)
+    kept, driven_part = slice(0, modes), slice(modes, modes + count)
     # the load of an acceleration is what the travel's inertia takes of the modes
     coupling = -plant.loads_of(motors.bodies) @ now.bodies
     mass = np.zeros((len(motion.nodes), modes + count, modes + count))
-    mass[:, kept, kept], mass[:, own, own] = motion.mass, now.mass
-    mass[:, kept, own], mass[:, own, kept] = coupling, np.swapaxes(coupling, 1, 2)
+    mass[:, kept, kept], mass[:, driven_part, driven_part] = motion.mass, now.mass
+    mass[:, kept, driven_part], mass[:, driven_part, kept] = coupling, np.swapaxes(coupling, 1, 2)
     extra = ((0, 0), (0, count), (0, count))
     load_nodes = even_nodes(motion.times, load_spacing)
     finer = [motors.at(law(load_nodes[part])) for part in chunk_slices(len(load_nodes))]
@@ -381,7 +381,7 @@ def _close_loops(
         between([loads.at(load_nodes[part])[:, columns] for part in chunk_slices(len(load_nodes))])
         for columns in (columns_of.of(moving), columns_of.of(pulling))
     )
-    pulled = between([each.weight - each.inertia for each in finer])
+    pulled = between([moved.weight - moved.inertia for moved in finer])
     pulled -= motion.apply(plant.direct_of(motors.momenta, moving), accelerated)
     weight = np.concatenate([plant.loads_of([loads.weight])[..., 0], now.weight], axis=1)
     unit = np.broadcast_to(np.eye(count), (len(motion.nodes), count, count))
@@ -397,9 +397,9 @@ def _close_loops(
             load=np.concatenate([motion.load, pulled], axis=1),
         ),
         motors.drives,
-        positions=between([each.positions for each in finer]),
-        speeds=between([each.speeds for each in finer]),
-        accelerations=between([each.accelerations for each in finer]),
+        positions=between([moved.positions for moved in finer]),
+        speeds=between([moved.speeds for moved in finer]),
+        accelerations=between([moved.accelerations for moved in finer]),
         gravity=weight,
         scales=np.concatenate([plant.rows_of(motors.scales), unit], axis=2),
         beside=motion.apply(plant.direct_of(motors.scales, moving), moved),

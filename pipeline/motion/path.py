@@ -45,7 +45,7 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
         return Outcome()
     if request is None:
         raise ValueError("a path stage needs a path analysis in the scene")
-    path = lay_path(state, request)
+    path = _lay_path(state, request)
     if isinstance(path, SteppedPath):
         path.warn_of_speeds()
     if not path.damped:
@@ -53,7 +53,7 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
             'path analysis: nothing is damped, so residual vibration does not decay; write [effects] damping = { modal = "2 %" }'
         )
     try:
-        solved = solve_moves(path)
+        solved = _solve_moves(path)
     except (UnstableControlError, ModelError) as error:
         return Outcome(detail="refused: see below", failures=(f"path analysis: {error}",))
     model, ramp = choose_model(request), request.moves[0].ramp
@@ -86,7 +86,7 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
     )
 
 
-def lay_path(
+def _lay_path(
     state: RunState, request: PathRequest, *, pose_errors: bool | None = None
 ) -> AxesPath | SteppedPath:
     """Return what solves a path: of linear axes, of axes that turn, or of the tool of a mechanism.
@@ -105,7 +105,7 @@ def lay_path(
     return solver(state, request, error_nodes=NODES if pose_errors else 1)
 
 
-def solve_moves(path: AxesPath | SteppedPath) -> SolvedMoves:
+def _solve_moves(path: AxesPath | SteppedPath) -> SolvedMoves:
     """Solve every move of a path: in the pose of the middle, and as the pose changes where that is asked
     for.
     """
@@ -156,26 +156,28 @@ def _estimate_errors(
     frozen = dataclasses.replace(request, follows_pose=False)
 
     def solve(machine: RunState, asked: PathRequest) -> SolvedMoves:
-        return solve_moves(lay_path(machine, asked, pose_errors=request.follows_pose))
+        return _solve_moves(_lay_path(machine, asked, pose_errors=request.follows_pose))
 
     def list_numbers(moves: SolvedMoves) -> tuple[Number, ...]:
         return tuple(list_run_numbers(_run_moves(frozen, moves)))
 
-    found = repeat_with_refined(
+    repeated = repeat_with_refined(
         state,
         SEPARATE_REFINEMENTS,
         lambda machine: list_numbers(solve(machine, frozen)),
         asked=request.estimate,
     )
     if request.cut is not None and request.estimate:
-        found = repeat_at_ends(
+        repeated = repeat_at_ends(
             request.cut.cut.coefficients,
-            lambda own: list_numbers(solve(silence(state), _with_coefficients(frozen, own))),
-            found,
+            lambda coefficients: list_numbers(
+                solve(silence(state), _with_coefficients(frozen, coefficients))
+            ),
+            repeated,
         )
-    if found.sources and request.follows_pose:
+    if repeated.sources and request.follows_pose:
         solved = solve(silence(state), frozen)
-    return found.estimate(list_numbers(solved)), found.left_out
+    return repeated.estimate(list_numbers(solved)), repeated.left_out
 
 
 def _with_coefficients(request: PathRequest, coefficients: CuttingCoefficients) -> PathRequest:
@@ -207,16 +209,16 @@ def _run_move(
     are not filtered.
     """
     # what was watched is in the forces and probes
-    found, frozen = (
+    filtered, frozen = (
         dataclasses.replace(filter_deviation(part, request.low_pass), watched=WatchedValues())
         for part in (raw, kept)
     )
-    motion = sample_move(move, found.times)
+    motion = sample_move(move, filtered.times)
     curves = PathCurves(
         move.feed,
         move.zones,
         request.outputs,
-        found,
+        filtered,
         frozen.total,
         motion.positions,
         motion.accelerations,
@@ -230,14 +232,15 @@ def _run_move(
     return PathRun(
         curves,
         figures=tuple(
-            measure_zones(found, raw, move, channel, request.residual_time) for channel in channels
+            measure_zones(filtered, raw, move, channel, request.residual_time)
+            for channel in channels
         ),
         frozen_figures=tuple(
             measure_zones(frozen, kept, move, channel, request.residual_time)
             for channel in channels
         ),
         cruises=tuple(
-            measure_cruise(found, move, channel, request.residual_time) for channel in channels
+            measure_cruise(filtered, move, channel, request.residual_time) for channel in channels
         )
         if disturbed
         else (),

@@ -74,7 +74,7 @@ def axis_shares(request: PathRequest) -> dict[str, float]:
 def travel_of_channel(
     machine: Machine, directions: Mapping[str, FloatArray], *, name: str, dof: str
 ) -> float:
-    """How the rigid machine moves a point per travel along a path; axes that move do not turn."""
+    """Return the motion of a point by the rigid machine per travel along a path; axes that move do not turn."""
     if dof not in DIRECTIONS:
         return 0.0
     rest = np.zeros(3)
@@ -88,27 +88,20 @@ def travel_of_channel(
 def path_loads(
     machine: Machine, directions: Mapping[str, FloatArray], cut: PathCut | None
 ) -> PathLoads | None:
-    """The cut as loads on the tool; None without one."""
-    if cut is None:
-        return None
-    step = 2.0 * math.pi / cut.cut.spindle / PATH_STEPS_PER_TURN
-    channels = tuple((cut.at, dof) for dof in DIRECTIONS)
-    return PathLoads(channels, cutting_loads(cut, _tool_travel(machine, directions, cut.at)), step)
-
-
-def cutting_loads(
-    request: PathCut, travel: FloatArray
-) -> Callable[[FloatArray, FloatArray], FloatArray]:
-    """Forces on the tool ``(n, 3)`` in machine axes, at instants and speeds along the path.
-
-    Args:
-        travel: ``(3,)`` of the tool against the work per travel along the path.
+    """Return the cut as loads on the tool, in machine axes; None without one.
 
     Raises:
         ModelError: The tool does not move across its axis.
     """
-    (frame,), (size,) = orient_cut(request, travel[None], np.array([request.up]))
-    return lambda times, speeds: cutting_forces(request.cut, times, size * speeds) @ frame
+    if cut is None:
+        return None
+    travel = [travel_of_channel(machine, directions, name=cut.at, dof=dof) for dof in DIRECTIONS]
+    (frame,), (size,) = orient_cut(cut, np.array([travel]), np.array([cut.up]))
+    return PathLoads(
+        tuple((cut.at, dof) for dof in DIRECTIONS),
+        lambda times, speeds: cutting_forces(cut.cut, times, size * speeds) @ frame,
+        2.0 * math.pi / cut.cut.spindle / PATH_STEPS_PER_TURN,
+    )
 
 
 def orient_cut(
@@ -132,12 +125,6 @@ def orient_cut(
         )
     along = along / sizes[:, None]
     return np.stack([along, part_sign(request.part) * np.cross(ups, along), ups], axis=1), sizes
-
-
-def _tool_travel(machine: Machine, directions: Mapping[str, FloatArray], point: str) -> FloatArray:
-    return np.array(
-        [travel_of_channel(machine, directions, name=point, dof=dof) for dof in DIRECTIONS]
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +193,7 @@ class PathObservers:
 
     @property
     def watch(self) -> Watch:
-        """What is watched of a motion."""
+        """Outputs that are watched during a motion."""
         return watch_joints(self.joints).join(watch_path_probes(self.probes))
 
     def join(self, system: SecondOrderSystem) -> SecondOrderSystem:

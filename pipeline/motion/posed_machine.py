@@ -89,7 +89,7 @@ def build_along(
 
 
 def model_builder(state: RunState) -> Callable[[Pose], PoseModel]:
-    """What puts the machine of a scene, lumped or of components, into a pose."""
+    """Return what builds the machine of a scene, lumped or of components, in a pose."""
     parts, memo = state.parts, CouplingMemo()
     if state.scene.is_lumped:
         lumped = build_lumped_model(parts, parts.superelements)
@@ -135,8 +135,8 @@ def _find_modes(model: PoseModel, up_to_hz: float) -> ModalResult:
     """The modes of a machine up to a frequency; all where there are none, or few as of a lumped one."""
     if isinstance(model, LumpedPose):
         return model.all_modes
-    found = solve_lowest_modes(model.system, up_to_hz=up_to_hz)
-    return found if len(found.frequencies_hz) else model.all_modes
+    modes = solve_lowest_modes(model.system, up_to_hz=up_to_hz)
+    return modes if len(modes.frequencies_hz) else model.all_modes
 
 
 def _stack(model: PoseModel, system: SecondOrderSystem, modes: ModalResult) -> PosedModes:
@@ -149,14 +149,14 @@ def shared_rows(trajectory: Trajectory, state: RunState, better: RunState) -> ND
     """Rows among the motions of a machine whose components have further modal dofs that are those
     of the machine without these.
     """
-    own, other = (
-        {name: len(part.labels) for name, part in each.parts.superelements.items()}
-        for each in (state, better)
+    fewer, more = (
+        {name: len(part.labels) for name, part in run.parts.superelements.items()}
+        for run in (state, better)
     )
     # each body that turns has its dofs once more, and those of its points
-    blocks = [(own[name], other[name]) for name in own]
+    blocks = [(fewer[name], more[name]) for name in fewer]
     for name in trajectory.turning:
-        blocks += [(own[name], other[name]), (POINT_ROWS, POINT_ROWS)]
+        blocks += [(fewer[name], more[name]), (POINT_ROWS, POINT_ROWS)]
     starts = np.cumsum([0, *(size for _, size in blocks)])
     return np.concatenate(
         [start + np.arange(size) for start, (size, _) in zip(starts, blocks, strict=False)]
@@ -165,7 +165,7 @@ def shared_rows(trajectory: Trajectory, state: RunState, better: RunState) -> ND
 
 def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]:
     """Bodies that a mechanism turns as it carries them."""
-    found = []
+    bodies = []
     for name in names:
         body = model.parts.superelements[name]
         if isinstance(model, LumpedPose):
@@ -173,7 +173,7 @@ def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]
         else:
             coupled = coupled_machine(model)
             travel, mass = body_travel(coupled, name), coupled.matrices.masses[name]
-        found.append(
+        bodies.append(
             TurningBody(
                 rows=model.offsets[name],
                 travel=travel,
@@ -183,7 +183,7 @@ def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]
                 inertia=body.inertia,
             )
         )
-    return found
+    return bodies
 
 
 def join_screws(screws: Mapping[str, tuple[str, Axis | None]]) -> Join:

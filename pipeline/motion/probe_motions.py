@@ -1,24 +1,28 @@
-"""Probes while a machine moves in time: displacement and stress from the states of the motion, with
-their errors.
+"""Probes while a machine moves, under loads over time or along a trajectory: displacement and stress from
+the states of the motion, with their errors; along a trajectory relative to the rigid travel, by modes, motors,
+forces on the tool and the accelerations of the rigid motion.
 """
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.motion_forces import ProbeMotion, ProbeTrace
 from headstock.pipeline.answers.transient import TRUNCATION
 from headstock.pipeline.motion.motion_forces import SteppedStates
+from headstock.pipeline.motion.motors import MovingMachine
+from headstock.pipeline.motion.posed_machine import Further, Join
+from headstock.pipeline.motion.trajectory import Feedthrough, PosedErrors, Trajectory
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.stages.machine import DAMPING
 from headstock.pipeline.stages.probes import CYCLE_SAFETY, watched_rows
-from headstock.pipeline.stages.run_state import MachineParts
+from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.coupling import CoupledMachine
-from headstock.reduction.coupling.probes import PlacedProbe, place_probe
+from headstock.reduction.coupling.probes import PlacedProbe, carry_probe, moved_inertia, place_probe
 from headstock.reduction.estimates.mesh_errors import SILENT_SHARE
 from headstock.reduction.estimates.static_errors import (
     MOVED,
@@ -28,9 +32,13 @@ from headstock.reduction.estimates.static_errors import (
 )
 from headstock.solvers.linear.load_history import IndexArray
 from headstock.solvers.linear.state_space import StateSpace
-from headstock.solvers.second_order import Channel
+from headstock.solvers.motion.alpha import apply_matrices
+from headstock.solvers.motion.plant_motion import SampledHistory
+from headstock.solvers.second_order import Channel, Index
 from headstock.solvers.stresses import largest_von_mises, von_mises_change
 from headstock.solvers.watched_outputs import Extreme, Watch, WatchedOutputs
+
+RIDE = "travel"
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +110,11 @@ def trace_motion(
     """
     motions = {}
     for name, probe in probes.items():
-        own = _observe(name, probe, model, loads)
-        samples = model.motion.at_times(own.values)[sampled]
-        motion, rows = _describe(name, probe, model.motion.instants, own.values, samples)
+        observed = _observe(name, probe, model, loads)
+        samples = model.motion.at_times(observed.values)[sampled]
+        motion, rows = _describe(name, probe, model.motion.instants, observed.values, samples)
         if others:
-            sizes = _size(own.values)
+            sizes = _size(observed.values)
             changed = {}
             for source, other in others.items():
                 there = _size(_observe(name, probe, other, loads).values)
@@ -122,7 +130,7 @@ def trace_motion(
                 silent = change <= SILENT_SHARE * sizes.max(axis=1)
                 changed[source] = np.where(silent, change, np.nan)
             motion = _estimate_errors(
-                motion, probe, own, rows, changed, loads, up_to_hz=up_to_hz, left_out=left_out
+                motion, probe, observed, rows, changed, loads, up_to_hz=up_to_hz, left_out=left_out
             )
         motions[name] = motion
     return motions
@@ -200,7 +208,7 @@ def watch_path_probes(probes: Mapping[str, PlacedProbe]) -> Watch:
 
 
 def smoothing_channels(probes: Mapping[str, PlacedProbe]) -> tuple[Channel, ...]:
-    """What recovery changes in the stresses at probes and around, where that is known."""
+    """Channels of what recovery changes in the stresses at probes and around, where that is known."""
     return tuple(
         (name, f"smoothing {number}")
         for name, probe in probes.items()
@@ -256,8 +264,8 @@ def _change_locally(
 
 
 def _observe(name: str, probe: PlacedProbe, model: MovingModel, loads: Sequence[str]) -> _Observed:
-    own = watch_probes([name])
-    whole, early = model.space.watch(own), model.space.watch(Watch(own.channels, own.rates))
+    watch = watch_probes([name])
+    whole, early = model.space.watch(watch), model.space.watch(Watch(watch.channels, watch.rates))
     late = WatchedOutputs(whole.states - early.states, whole.inputs - early.inputs)
     inputs = whole.inputs.copy()
     for column, load in enumerate(loads):
@@ -323,8 +331,8 @@ def _estimate_errors(
             (DISCRETISATION, local[kind]),
             (REDUCTION, None if beyond is None else beyond * float(late[kind])),
         ):
-            known = shares.get(source, 0.0)
-            shares[source] = None if size is None or known is None else known + size
+            others = shares.get(source, 0.0)
+            shares[source] = None if size is None or others is None else others + size
         estimates.append(Estimate(shares, left_out))
     return dataclasses.replace(
         motion, von_mises_error=estimates[0], displacement_error=estimates[1]
@@ -343,4 +351,99 @@ def _read_rows(
         inside = None if load not in probe.loads else getattr(probe.loads[load], kind)
         if inside is not None:
             values = values + acting[column] * inside.ravel()
+    return values
+
+
+def probe_channels(names: Collection[str]) -> tuple[Channel, ...]:
+    """Outputs of probes: all values, then what rates and accelerations add, then where the rigid travel
+    takes them.
+    """
+    return (*watch_probes(names).outputs, *_ride_channels(names))
+
+
+def _ride_channels(names: Iterable[str]) -> tuple[Channel, ...]:
+    """Outputs of where the rigid travel takes probes."""
+    return tuple((name, f"{RIDE} {along}") for name in names for along in DIRECTIONS)
+
+
+def probe_kinds(channels: Iterable[Channel], names: Collection[str]) -> dict[Channel, Channel]:
+    """Return the kind of every output of probes: what splines along a trajectory miss of outputs of one kind
+    is a share of the largest.
+    """
+    kinds = {}
+    for name, kind in channels:
+        if name in names:
+            words, number = kind.split()
+            still = number in DIRECTIONS or int(number) < MOVED
+            kinds[name, kind] = (name, f"{words} {'displacement' if still else 'stress'}")
+    return kinds
+
+
+def join_probes(parts: MachineParts, trajectory: Trajectory) -> Join:
+    """Give a machine along a trajectory the outputs of its probes; none where it has none."""
+
+    def join(where: float, model: PoseModel, errors: PosedErrors) -> Further:
+        machine, coupled = parts.scene.machine, model.coupled
+        if coupled is None or not machine.probes:
+            return {}, {}
+        placed = place_probes(parts, coupled, tuple(machine.probes))
+        travels, none = trajectory.travels(coupled), np.zeros(len(model.system.mass))
+        rows, taken = probe_outputs(parts, placed), Feedthrough()
+        for name, probe in placed.items():
+            named = machine.probes[name]
+            # what modes that the component leaves out add follows its acceleration at once
+            late = -moved_inertia(coupled, named, travels[coupled.offsets[probe.component]])
+            ridden = carry_probe(coupled, named, travels)[:MOVED]
+            rides = _ride_channels([name])
+            rows |= dict.fromkeys(rides, none)
+            outputs = [*watch_probes([name]).channels, *rides]
+            taken |= {
+                (output, channel): float(value)
+                for output, values in zip(outputs, np.vstack([late, ridden]), strict=True)
+                for channel, value in zip(trajectory.bodies, values, strict=True)
+                if value
+            }
+        return rows, taken
+
+    return join
+
+
+def drive_bodies(machine: MovingMachine, history: SampledHistory) -> SampledHistory:
+    """Add what motors accelerate to what acted on a machine."""
+    motors, servo = machine.driven.motors, machine.servo
+    if motors is None or servo is None:
+        return history
+    motion, columns = history.motion, Index(history.inputs).of(motors.bodies)
+    travels = motors.at(machine.driven.followed.law(motion.nodes)).bodies
+
+    def acting(part: slice) -> FloatArray:
+        values = np.array(history.acting(part))
+        values[:, columns] += apply_matrices(
+            motion.between(travels, part), history.history.acceleration[part, servo.motors]
+        )
+        return values
+
+    return dataclasses.replace(history, acting=acting)
+
+
+def observe_probes(
+    machine: MovingMachine, history: SampledHistory, placed: Mapping[str, PlacedProbe]
+) -> FloatArray:
+    """Return the outputs of ``p`` probes ``(n, 9 p)``, less what the weight does: as modes move, and as
+    motors move the rigid machine.
+
+    Args:
+        history: What the machine did, without what motors accelerate.
+        placed: Probes of the machine, anywhere along the trajectory.
+    """
+    values = drive_bodies(machine, history).observe(watch_probes(placed))
+    motors, servo, motion = machine.driven.motors, machine.servo, history.motion
+    if motors is None or servo is None or not placed:
+        return values
+    travels = motors.at(machine.driven.followed.law(motion.nodes)).bodies
+    deviating = (history.history.compliant - motion.deflect())[:, servo.motors]
+    rides = history.plant.direct_of(_ride_channels(placed), motors.bodies)
+    ridden = motion.apply(rides, motion.apply(travels, deviating))
+    moved = values.reshape(-1, len(placed), SEEN)[:, :, :MOVED]
+    moved += ridden.reshape(-1, len(placed), MOVED)
     return values

@@ -33,12 +33,6 @@ from headstock.pipeline.motion.motors import (
     TrajectoryMotors,
     plan_motors,
 )
-from headstock.pipeline.motion.observers import (
-    drive_bodies,
-    join_probes,
-    observe_probes,
-    probe_channels,
-)
 from headstock.pipeline.motion.path_model import (
     PosedMoves,
     SolvedMove,
@@ -52,7 +46,15 @@ from headstock.pipeline.motion.posed_machine import (
     model_builder,
     report_gyroscopic_shift,
 )
-from headstock.pipeline.motion.probe_motions import place_probes, read_probes, smoothing_channels
+from headstock.pipeline.motion.probe_motions import (
+    drive_bodies,
+    join_probes,
+    observe_probes,
+    place_probes,
+    probe_channels,
+    read_probes,
+    smoothing_channels,
+)
 from headstock.pipeline.motion.trajectory import (
     FollowedTrajectory,
     Law,
@@ -138,7 +140,7 @@ class SteppedPath:
 
     @property
     def tool(self) -> tuple[Channel, ...]:
-        """Where the cut pushes; without one, where the first output is."""
+        """Channels of the cut; without one, of the point of the first output."""
         cut = self.request.cut
         at = self.request.outputs[0][0] if cut is None else cut.at
         return tuple((at, dof) for dof in DIRECTIONS)
@@ -174,13 +176,13 @@ class SteppedPath:
 
     @property
     def damped(self) -> bool:
-        """Whether anything damps the machine."""
+        """True where anything damps the machine."""
         system = damp_system(self.state.scene, self.middle.system, self.middle.all_modes)
         return system.damping is not None or system.hysteretic is not None
 
     @property
     def disturbed(self) -> bool:
-        """Whether errors of guides or torque ripple are among what deviates."""
+        """True where errors of guides or torque ripple act."""
         return self.errors is not None or any(drive.ripple for drive in self.trajectory.drives)
 
     @functools.cached_property
@@ -201,7 +203,7 @@ class SteppedPath:
         """
         state, move, trajectory = self.state, self.request.moves[-1], self.trajectory
         middle, none = np.array([0.5 * self.length]), np.zeros(1)
-        fastest = max(each.feed for each in self.request.moves)
+        fastest = max(any_move.feed for any_move in self.request.moves)
         if isinstance(trajectory, MechanismTrajectory):
             fastest = move.feed
             if not trajectory.coriolis:
@@ -343,8 +345,8 @@ class SteppedPath:
         forces = PathForces(record_drives(self.trajectory.drives, samples, taken, -read), {})
         if middle:
             inputs = np.concatenate([force, deviating], axis=1)
-            known = machine.record(history, lambda part: inputs[part])
-            forces = PathForces(forces.drives, *self._observe(machine, known, samples, shown))
+            observed = machine.record(history, lambda part: inputs[part])
+            forces = PathForces(forces.drives, *self._observe(machine, observed, samples, shown))
         return SolvedMove(deviation, deviation, forces)
 
     def _observe(
@@ -380,8 +382,8 @@ class SteppedPath:
             scipy.interpolate.make_interp_spline(self.nodes, values, k=3)(now.positions)
             for values in orient_cut(request, *self.feed(self.nodes))
         )
-        own = cutting_forces(request.cut, times[cutting], sizes * now.speeds)
-        force[cutting] = (own[:, None] @ frames)[:, 0]
+        along_cut = cutting_forces(request.cut, times[cutting], sizes * now.speeds)
+        force[cutting] = (along_cut[:, None] @ frames)[:, 0]
         return force
 
 

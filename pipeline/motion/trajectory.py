@@ -348,7 +348,7 @@ class FollowedTrajectory:
 
     @property
     def acting(self) -> TrajectoryLoads:
-        """What acts along the trajectory: weight, then accelerations and errors."""
+        """Loads along the trajectory: weight, then accelerations and errors."""
         errors = () if self.errors is None else self.errors.channels
         channels = (GRAVITY_LOAD, *self.trajectory.bodies, *errors)
         return TrajectoryLoads(channels, self._act, GRAVITY_LOAD)
@@ -380,7 +380,7 @@ def gravity_vector(parts: MachineParts) -> FloatArray:
     return np.zeros(3) if parts.plan.gravity is None else np.asarray(parts.plan.gravity)
 
 
-def find_screws(machine: Machine) -> dict[str, tuple[str, Axis | None]]:
+def find_ball_screws(machine: Machine) -> dict[str, tuple[str, Axis | None]]:
     """Ball screws that drive a machine: name of the drive to its joint and axis; those of a
     mechanism have the name of their joint.
     """

@@ -500,8 +500,8 @@ def _add_channels(
     }
     velocities = {name: np.array(speeds) for name, speeds in request.velocities.items()}
     inputs = system.inputs | named | {START: machine.momentum(velocities)}
-    seen = joint_outputs(machine.joints) | probe_outputs(machine.parts, probes)
-    return dataclasses.replace(system, inputs=inputs, outputs=system.outputs | seen)
+    observed = joint_outputs(machine.joints) | probe_outputs(machine.parts, probes)
+    return dataclasses.replace(system, inputs=inputs, outputs=system.outputs | observed)
 
 
 def _input_of(load: TimedLoad) -> Channel:
@@ -512,20 +512,20 @@ def _leave_out_roundoff(
     figures: tuple[TransientFigures, ...], outputs: Sequence[Channel]
 ) -> tuple[TransientFigures, ...]:
     """Outputs that symmetry keeps at rest neither overshoot nor settle."""
-    found = []
-    for channel, own in zip(outputs, figures, strict=True):
+    kept = []
+    for channel, figure in zip(outputs, figures, strict=True):
         like = [
             abs(other.peak)
             for name, other in zip(outputs, figures, strict=True)
             if name[1].startswith("r") == channel[1].startswith("r")
         ]
-        still = abs(own.peak) <= ROUNDOFF * max(like)
-        found.append(
-            TransientFigures(0.0, 0.0, 0.0, None if own.final is None else 0.0, None, None)
+        still = abs(figure.peak) <= ROUNDOFF * max(like)
+        kept.append(
+            TransientFigures(0.0, 0.0, 0.0, None if figure.final is None else 0.0, None, None)
             if still
-            else own
+            else figure
         )
-    return tuple(found)
+    return tuple(kept)
 
 
 def _compare_peaks(solution: _Solution, others: _Others[_Solution]) -> tuple[Estimate, ...]:
@@ -534,17 +534,17 @@ def _compare_peaks(solution: _Solution, others: _Others[_Solution]) -> tuple[Est
     def change(other: _Solution, number: int) -> float:
         return abs(abs(other.figures[number].peak) - abs(solution.figures[number].peak))
 
-    found = []
-    for number, own in enumerate(solution.figures):
+    estimates = []
+    for number, figure in enumerate(solution.figures):
         shares: dict[str, float | None] = {
             source: (REMAINING if source == SMOOTHING else 1.0) * change(other, number)
             for source, other in others.known.items()
         }
         for source, other in others.doubtful.items():
             size = change(other, number)
-            shares[source] = size if size <= SILENT_SHARE * abs(own.peak) else None
-        found.append(Estimate(shares, others.left_out))
-    return tuple(found)
+            shares[source] = size if size <= SILENT_SHARE * abs(figure.peak) else None
+        estimates.append(Estimate(shares, others.left_out))
+    return tuple(estimates)
 
 
 def _target_of(load: TimedLoad) -> str:

@@ -195,18 +195,18 @@ def estimate_figures(
     """
     if estimate is None or not estimate.shares:
         return {}
-    found = {}
-    for own in figures:
-        row, column = response.outputs.index(own.channel), response.inputs.index(own.channel)
+    estimates = {}
+    for figure in figures:
+        row, column = response.outputs.index(figure.channel), response.inputs.index(figure.channel)
         plain = response.receptance[:, row, column]
         low, high = (
             change[:, row, column] for change in (estimate.errors.least, estimate.errors.most)
         )
         bounded = np.isfinite(plain) & np.isfinite(high)
         if (
-            own.most_negative_real is None
-            or own.most_negative_real_hz is None
-            or not _reaches(response.frequencies_hz, bounded, own.most_negative_real_hz)
+            figure.most_negative_real is None
+            or figure.most_negative_real_hz is None
+            or not _reaches(response.frequencies_hz, bounded, figure.most_negative_real_hz)
         ):
             continue
         depths = [
@@ -219,14 +219,14 @@ def estimate_figures(
         }
         if estimate.errors.mesh is not None:
             softer = _softer_depth(
-                response, estimate, own.most_negative_real_hz, row=row, column=column
+                response, estimate, figure.most_negative_real_hz, row=row, column=column
             )
             # nothing is known of the mesh near the deepest line: then nothing is known of the depth
             if softer is None:
                 continue
             shares = {DISCRETISATION: abs(softer - depths[0])} | shares
-        found[own.channel] = Estimate(shares)
-    return found
+        estimates[figure.channel] = Estimate(shares)
+    return estimates
 
 
 def _softer_depth(
@@ -241,8 +241,8 @@ def _softer_depth(
     softer = response.receptance[:, row, column] + (0.0 if mesh is None else mesh[:, row, column])
     near = lines[np.abs(lines - hz) < NEIGHBOURHOOD * hz]
     moved = soften_response(estimate.space, near * estimate.space.softening(hz))[:, row, column]
-    known = np.concatenate([softer[np.isfinite(softer)], moved[np.isfinite(moved)]])
-    return _deepest(known) if np.isfinite(softer).any() else None
+    values = np.concatenate([softer[np.isfinite(softer)], moved[np.isfinite(moved)]])
+    return _deepest(values) if np.isfinite(softer).any() else None
 
 
 def _deepest(values: ComplexArray) -> float:
@@ -264,8 +264,8 @@ def run_frf_stage(state: RunState, stage: Stage) -> Outcome:
         state.failures.append(f"frequency response in pose {pose_name(stage)}: {error}")
         return Outcome(detail="unstable control: see below")
     if harmonic:
-        known = state.motions.get(machine.pose.name, PoseMotions(machine.offsets))
-        state.motions[machine.pose.name] = dataclasses.replace(known, harmonic=harmonic)
+        motions = state.motions.get(machine.pose.name, PoseMotions(machine.offsets))
+        state.motions[machine.pose.name] = dataclasses.replace(motions, harmonic=harmonic)
     response = solved.answer
     detail = f"{len(response.curves.frequencies_hz)} frequencies, {response.method}"
     return Outcome(detail=detail, answers=(response,), warnings=solved.warnings)
@@ -333,10 +333,13 @@ def _place_probes(
     parts: MachineParts, loaded: _LoadedMachine, names: Sequence[str]
 ) -> dict[str, PlacedProbe]:
     """Probes of a machine in the coordinates of its response; none of a lumped mechanism."""
-    coupled, own = loaded.coupled, parts.scene.machine
+    coupled, machine = loaded.coupled, parts.scene.machine
     if coupled is None:
         return {}
-    return {name: place_probe(coupled, own, own.probes[name], parts.plan.gravity) for name in names}
+    return {
+        name: place_probe(coupled, machine, machine.probes[name], parts.plan.gravity)
+        for name in names
+    }
 
 
 def _find_harmonic_motions(machine: PoseModel) -> tuple[HarmonicMotion, ...]:
@@ -357,7 +360,7 @@ def _find_harmonic_motions(machine: PoseModel) -> tuple[HarmonicMotion, ...]:
     response = evaluate_frf(loaded.prepare(list(rows), rows), np.array(request.fields_at))
     own, coupled = parts.scene.machine, loaded.coupled
     loads = {name: component_factors(coupled, own, name, None) for name in parts.plan.components}
-    found = []
+    motions = []
     for line, hz in enumerate(request.fields_at):
         omega = np.array(2.0 * np.pi * hz)
         lossy = {name: complex(material_factors(parts, name, omega)[0]) for name in loads}
@@ -368,8 +371,8 @@ def _find_harmonic_motions(machine: PoseModel) -> tuple[HarmonicMotion, ...]:
                 if given[1] == LOAD and given[0] in factors
             }
             motion = coupled.basis @ response.receptance[line, :, column]
-            found.append(HarmonicMotion(given, hz, motion, inside, lossy))
-    return tuple(found)
+            motions.append(HarmonicMotion(given, hz, motion, inside, lossy))
+    return tuple(motions)
 
 
 def add_load_inputs(
@@ -553,17 +556,17 @@ def estimate_heights(machine: PoseModel, answer: PoseResponse) -> list[Estimate]
         system = damp_system(machine.parts.scene, changed)
         return prepare_frf(system, inputs=request.inputs, outputs=request.outputs)
 
-    found = find_peak_errors(space, respond, answer.peaks, answer.levels)
+    changes = find_peak_errors(space, respond, answer.peaks, answer.levels)
     by_source = [
         estimate_parts(source, sizes, len(answer.heights))
         for source, sizes in (
-            (DISCRETISATION, found.finer),
-            (CURVED_FACES, found.faces),
-            (LEFT_OUT, found.left_out),
-            (REDUCTION, found.modes),
+            (DISCRETISATION, changes.finer),
+            (CURVED_FACES, changes.faces),
+            (LEFT_OUT, changes.left_out),
+            (REDUCTION, changes.modes),
         )
     ]
-    return [combine_estimates(each) for each in zip(*by_source, strict=True)]
+    return [combine_estimates(shares) for shares in zip(*by_source, strict=True)]
 
 
 def _name_peaks(
@@ -621,12 +624,12 @@ def _port_figures(
     by_channel = {figures.channel: figures for figures in stability}
     space = np.geomspace if request.spacing == "log" else np.linspace
     even = np.asarray(space(request.from_hz, request.to_hz, EVEN_LINES), dtype=np.float64)
-    lines, found = evaluate_frf(model, even), []
+    lines, ports = evaluate_frf(model, even), []
     for channel in request.inputs:
         if channel not in request.outputs:
             continue
         row, column = request.outputs.index(channel), request.inputs.index(channel)
-        static, own = float(model.at_rest[row, column]), by_channel.get(channel)
+        static, limits = float(model.at_rest[row, column]), by_channel.get(channel)
         figures = DrivePointFigures(
             channel=channel,
             static=None if np.isnan(static) else static,
@@ -637,21 +640,21 @@ def _port_figures(
                 for value in lines.receptance[:, row, column]
             ),
         )
-        if own is not None:
-            nearest = np.abs(modes_hz - own.minimum_dynamic_stiffness_hz) if names else None
+        if limits is not None:
+            nearest = np.abs(modes_hz - limits.minimum_dynamic_stiffness_hz) if names else None
             figures = dataclasses.replace(
                 figures,
-                most_negative_real=own.most_negative_real,
-                most_negative_real_hz=own.most_negative_real_hz,
-                chatter_limit=own.chatter_limit,
-                minimum_dynamic_stiffness=own.minimum_dynamic_stiffness,
-                minimum_dynamic_stiffness_hz=own.minimum_dynamic_stiffness_hz,
+                most_negative_real=limits.most_negative_real,
+                most_negative_real_hz=limits.most_negative_real_hz,
+                chatter_limit=limits.chatter_limit,
+                minimum_dynamic_stiffness=limits.minimum_dynamic_stiffness,
+                minimum_dynamic_stiffness_hz=limits.minimum_dynamic_stiffness_hz,
                 minimum_dynamic_stiffness_mode=""
                 if nearest is None
                 else names[int(np.argmin(nearest))],
             )
-        found.append(figures)
-    return tuple(found)
+        ports.append(figures)
+    return tuple(ports)
 
 
 def _truncation_share(

@@ -75,7 +75,9 @@ def _map_workspace(
     gathered = comm.gather(rows, root=0)
     if gathered is None:
         return None
-    return _assemble(request, shape, _join([row for rows in gathered for row in rows]))
+    parts = [vars(row) for rows in gathered for row in rows]
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return _assemble(request, shape, _PoseRows(**joined))
 
 
 def _survey_rows(
@@ -114,16 +116,11 @@ def _survey_rows(
     return found
 
 
-def _join(rows: list[_PoseRows]) -> _PoseRows:
-    names = ("condition", "frequencies_hz", "shapes", "stiffness", "lengths")
-    return _PoseRows(
-        **{name: np.concatenate([getattr(row, name) for row in rows]) for name in names}
-    )
-
-
 def _assemble(request: MapRequest, shape: tuple[int, ...], rows: _PoseRows) -> WorkspaceMap:
     edges = _edges(shape, np.isfinite(rows.condition))
-    mac = _mac(rows.shapes[:, :, : request.count], edges)
+    behind, ahead = (rows.shapes[ends, :, : request.count] for ends in edges.T)
+    # least squared cosine between modes of the same number of neighbours
+    mac = float(((behind * ahead).sum(axis=1) ** 2).min(initial=1.0))
     plain = _Followed(rows.frequencies_hz[:, : request.count], crossings=(), tracking_breaks=0)
     followed, crossings, tracking_breaks = (
         plain if mac >= PLAINLY_ALIKE else _follow(rows, edges, request.count)
@@ -159,13 +156,6 @@ def _edges(shape: tuple[int, ...], taken: NDArray[np.bool_]) -> IndexArray:
         pairs.append(np.stack([behind.ravel(), ahead.ravel()], axis=1))
     found = np.concatenate(pairs)
     return np.asarray(found[taken[found].all(axis=1)])
-
-
-def _mac(shapes: FloatArray, edges: IndexArray) -> float:
-    """Least squared cosine between modes of the same number of neighbours."""
-    first, second = edges.T
-    cosines = (shapes[first] * shapes[second]).sum(axis=1) ** 2
-    return float(cosines.min(initial=1.0))
 
 
 class _Followed(NamedTuple):
@@ -223,10 +213,7 @@ def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     first = found.quantities["f1_hz"]
     taken = int(np.isfinite(found.quantities["condition_number"]).sum())
     shared = f" on {state.comm.size} ranks" if state.comm.size > 1 else ""
-    detail = f"{taken} of {first.size} poses{shared}, f1 {_span(first)} Hz"
+    known = first[np.isfinite(first)]
+    span = f"{known.min():.4g} .. {known.max():.4g}" if len(known) else "nowhere"
+    detail = f"{taken} of {first.size} poses{shared}, f1 {span} Hz"
     return Outcome(detail=detail, answers=(found,))
-
-
-def _span(values: FloatArray) -> str:
-    known = values[np.isfinite(values)]
-    return f"{known.min():.4g} .. {known.max():.4g}" if len(known) else "nowhere"

@@ -83,8 +83,8 @@ def run_modal_stage(state: RunState, stage: Stage) -> Outcome:
     state.views[pose] = dataclasses.replace(
         state.views[pose], shifts=model.shift_skins(state.skins, modes.shapes)
     )
-    count, found = len(modes.frequencies_hz), modes.frequencies_hz
-    span = f"{found[0]:.4g} .. {found[-1]:.4g} Hz" if count else "none in the range"
+    count, frequencies = len(modes.frequencies_hz), modes.frequencies_hz
+    span = f"{frequencies[0]:.4g} .. {frequencies[-1]:.4g} Hz" if count else "none in the range"
     return Outcome(detail=f"{count} modes, {span}", answers=(modes,), warnings=solved.warnings)
 
 
@@ -237,33 +237,33 @@ def _damp_modes(
     ratios = tuple(
         0.0 if ratio is not None and abs(ratio) < NO_DAMPING else ratio for ratio in ratios
     )
-    found = estimate_damping_errors(coupled, viscous, damped, count)
+    estimates = estimate_damping_errors(coupled, viscous, damped, count)
     hysteretic = coupled.system.hysteretic
     given = bool(scene.modal_damping) and coupled.system.damping is None and hysteretic is None
     totals = [error.total for error in undamped[first:count]]
     exact = [ratio is not None and (given or not ratio) for ratio in ratios[first:]]
     ratio_errors = (
-        *found.ratios[:first],
-        *map(_keep_error, found.ratios[first:], frequencies[first:], totals, exact),
+        *estimates.ratios[:first],
+        *map(_keep_error, estimates.ratios[first:], frequencies[first:], totals, exact),
     )
     frequency_errors = (
-        *found.frequencies_hz[:first],
+        *estimates.frequencies_hz[:first],
         *map(
             _widen_error,
-            found.frequencies_hz[first:],
+            estimates.frequencies_hz[first:],
             frequencies[first:],
             totals,
             complete.frequencies_hz[first:count],
         ),
     )
-    known = [mode for mode in range(first, count) if totals[mode - first] is not None]
-    rough = [mode for mode in known if _is_rough(ratios[mode], ratio_errors[mode])]
+    comparable = [mode for mode in range(first, count) if totals[mode - first] is not None]
+    rough = [mode for mode in comparable if _is_rough(ratios[mode], ratio_errors[mode])]
     warnings = [
         *warn_of_no_damping(scene, coupled.system),
         *_warn_of_growing(damped, complete),
-        *_warn_of_rough(rough, found, names),
+        *_warn_of_rough(rough, estimates, names),
         *(() if hysteretic is None else _warn_of_large_losses(hysteretic, complete, names)),
-        *_warn_of_creeping(range(first, count), found, names),
+        *_warn_of_creeping(range(first, count), estimates, names),
     ]
     return _Damping(ratios, frequencies, ratio_errors, frequency_errors, tuple(warnings))
 
@@ -295,9 +295,9 @@ def _is_rough(ratio: float | None, error: float | None) -> bool:
 
 
 def _warn_of_rough(
-    modes: Iterable[int], found: DampingErrors, names: Sequence[str]
+    modes: Iterable[int], estimates: DampingErrors, names: Sequence[str]
 ) -> Iterator[str]:
-    for damper, group in _group_by_damper(modes, found, names, creeping=False):
+    for damper, group in _group_by_damper(modes, estimates, names, creeping=False):
         yield (
             f"damping{damper} of mode {group} is not converged: damping ratio and damped frequency are rough "
             "estimates only; write a higher reduction.modes_to or a smaller mesh size. If they keep changing, the damper absorbs the "
@@ -306,22 +306,22 @@ def _warn_of_rough(
 
 
 def _warn_of_creeping(
-    modes: Iterable[int], found: DampingErrors, names: Sequence[str]
+    modes: Iterable[int], estimates: DampingErrors, names: Sequence[str]
 ) -> Iterator[str]:
-    for damper, group in _group_by_damper(modes, found, names, creeping=True):
+    for damper, group in _group_by_damper(modes, estimates, names, creeping=True):
         yield f"mode {group} is overdamped{damper}: it returns without oscillating; check the damping if this is not intended"
 
 
 def _group_by_damper(
-    modes: Iterable[int], found: DampingErrors, names: Sequence[str], *, creeping: bool
+    modes: Iterable[int], estimates: DampingErrors, names: Sequence[str], *, creeping: bool
 ) -> Iterator[tuple[str, str]]:
     """Yield each damper (`` by NAME``) with numbers and names of its modes that are overdamped, or of the
     others.
     """
     groups: dict[str, list[str]] = {}
     for mode in modes:
-        if found.creeping[mode] == creeping:
-            groups.setdefault(found.dampers[mode], []).append(f"{mode + 1} ({names[mode]})")
+        if estimates.creeping[mode] == creeping:
+            groups.setdefault(estimates.dampers[mode], []).append(f"{mode + 1} ({names[mode]})")
     return ((f" by {name}" if name else "", ", ".join(group)) for name, group in groups.items())
 
 
@@ -363,28 +363,28 @@ def run_spread_stage(state: RunState, stage: Stage) -> Outcome:
     extremes = [_reduce_all(state, kind) for kind in KINDS]
     if not state.is_root:
         return Outcome()
-    own = {name: state.reduced[name].superelement for name in state.plan.components}
-    places = {name: choose_places(element) for name, element in own.items()}
-    found = 0.0
+    reduced = {name: state.reduced[name].superelement for name in state.plan.components}
+    places = {name: choose_places(element) for name, element in reduced.items()}
+    largest = 0.0
     for number, modes in enumerate(state.answers):
         if not isinstance(modes, PoseModes):
             continue
         count = modes.below + len(modes.frequencies_hz)
-        reference = _solve(state, modes.pose, own, count, places)
+        reference = _solve(state, modes.pose, reduced, count, places)
         sets = [
             _solve(state, modes.pose, elements, int(BEYOND * count) + 1, places)
             for elements in extremes
         ]
         spans = _find_spans(reference, sets)[modes.below :]
         state.answers[number] = dataclasses.replace(modes, spread_hz=spans)
-        found = max(
+        largest = max(
             [
-                found,
+                largest,
                 *(_relative(span, modes, i) for i, span in enumerate(spans) if span is not None),
             ]
         )
     return Outcome(
-        detail=f"rigid to averaging interfaces move frequencies by up to {100 * found:.2g} %"
+        detail=f"rigid to averaging interfaces move frequencies by up to {100 * largest:.2g} %"
     )
 
 
@@ -421,11 +421,11 @@ def _find_spans(reference: ModeSet, extremes: list[ModeSet]) -> tuple[Span | Non
     """Lowest and highest frequency of each mode's partners and its own; None where it has no
     partner on one side.
     """
-    known = [np.full(len(reference.frequencies_hz), np.nan) for _ in extremes]
-    for values, other in zip(known, extremes, strict=True):
+    partners = [np.full(len(reference.frequencies_hz), np.nan) for _ in extremes]
+    for values, other in zip(partners, extremes, strict=True):
         for pair in pair_modes(reference, other):
             values[pair.first] = other.frequencies_hz[pair.second]
-    table = np.vstack([*known, reference.frequencies_hz])
+    table = np.vstack([*partners, reference.frequencies_hz])
     return tuple(
         None
         if index < reference.rigid_count or np.isnan(column).any()

@@ -89,12 +89,12 @@ def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
     ).reshape(-1, len(shape))
     deviate = _place_deviations(state, request)
     names = [name for name, _ in request.axes]
-    found: dict[int, dict[str, _Judged]] = {}
+    solved: dict[int, dict[str, _Judged]] = {}
     faults: list[str] = []
     for number, row in enumerate(grid):
         pose = Pose("", {**request.fixed, **dict(zip(names, map(float, row), strict=True))})
         try:
-            found[number] = deviate(pose)
+            solved[number] = deviate(pose)
         except POSE_ERRORS as error:
             faults.append(str(error))
     failures = (
@@ -109,7 +109,7 @@ def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
             request,
             state.scene.machine,
             name,
-            _Grid(shape, np.array(list(found)), tuple(judged[name] for judged in found.values())),
+            _Grid(shape, np.array(list(solved)), tuple(judged[name] for judged in solved.values())),
         )
         for name in request.at
     )
@@ -299,11 +299,11 @@ def _assemble(
 def _add_changes(changes: Iterable[Changes]) -> Changes:
     """Those of all sources of deviation together."""
     total: dict[str, dict[str, FloatArray]] = {}
-    for own in changes:
-        for error, parts in own.items():
-            known = total.setdefault(error, {})
+    for part in changes:
+        for error, parts in part.items():
+            sums = total.setdefault(error, {})
             for name, change in parts.items():
-                known[name] = known.get(name, 0.0) + change
+                sums[name] = sums.get(name, 0.0) + change
     return total
 
 
@@ -325,7 +325,7 @@ def _tool_travel(machine: Machine, request: VolumetricRequest, point: str, axis:
         return np.eye(3)[TOOL_POINT.index(axis)] if axis in TOOL_POINT else np.zeros(3)
     if machine.axes[axis].kind != "linear":
         return np.zeros(3)
-    middle = {**request.fixed, **{name: float(each[len(each) // 2]) for name, each in request.axes}}
+    middle = {**request.fixed, **{name: float(grid[len(grid) // 2]) for name, grid in request.axes}}
     positions = dict(request.axes)[axis]
     ends = [Pose("", {**middle, axis: float(place)}) for place in (positions[0], positions[-1])]
     moved = travel_directions(machine, MachinePath(ends[0], ends[1]))

@@ -36,7 +36,6 @@ class PendingFiles:
         """Write to a temporary neighbour of ``path`` and flush it to the disk.
 
         Args:
-            path: Where the file is to appear.
             mode: Permissions of a Unix file.
 
         Raises:

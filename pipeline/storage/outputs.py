@@ -66,7 +66,6 @@ class PendingOutputs(PendingFiles):
         """Write to a temporary neighbour of ``path``.
 
         Args:
-            path: Where the file is to appear.
             mode: Permissions of a Unix file.
 
         Raises:

@@ -10,8 +10,7 @@ from headstock.meshing.components.meshing import describe_component, find_file_f
 from headstock.meshing.errors import MeshError, PartFileError, PatchError
 from headstock.pipeline.storage.content_keys import properties_key
 from headstock.pipeline.storage.store import Store, read_entry, write_entry
-from headstock.scene.reading.findings import Problem
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import KeyPath, Problem
 from headstock.scene.scene import Scene
 
 

@@ -2,6 +2,7 @@
 the program, time and place.
 """
 
+import dataclasses
 import functools
 import hashlib
 import importlib.metadata
@@ -14,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NotRequired, TypedDict
+from typing import NotRequired, TypedDict, cast
 
 DISTRIBUTION = "headstock"
 UNKNOWN = "unknown"
@@ -103,23 +104,14 @@ class Provenance:
         """The same for a file of one model that is passed on: the digest of the scene, not its
         text, which may tell more than the model.
         """
-        summary: ProvenanceSummary = {
-            "scene_file": self.scene_file,
-            "scene_sha256": self.scene_sha256,
-            "variant": self.variant,
-            "overrides": list(self.overrides),
-            "analyses": list(self.analyses),
-            "version": self.version,
-            "commit": self.commit,
-            "date": self.date,
-            "ranks": self.ranks,
-            "threads": self.threads,
+        fields = dataclasses.asdict(self)
+        left_out = {"scene_text", *(name for name in ("command", "host") if fields[name] is None)}
+        summary = {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in fields.items()
+            if name not in left_out
         }
-        if self.command is not None:
-            summary["command"] = list(self.command)
-        if self.host is not None:
-            summary["host"] = self.host
-        return summary
+        return cast(ProvenanceSummary, summary)
 
 
 def trace_content(
@@ -130,7 +122,7 @@ def trace_content(
     command: Sequence[str] | None = None,
     with_host: bool = True,
 ) -> Provenance:
-    """Where what is computed now from the content of a scene file comes from.
+    """Return where what is computed now from the content of a scene file comes from.
 
     Args:
         choice: Name of the file, and what is changed of its content.

@@ -107,7 +107,7 @@ def read_record[T](group: h5py.Group, kind: type[T]) -> T:
         name = _stored_name(field)
         if name in group or name in group.attrs:
             values[field.name] = _read_value(group, name, hints[field.name])
-        elif _accepts_none(hints[field.name]):
+        elif types.NoneType in _union_options(hints[field.name]):
             values[field.name] = None
         elif not has_default:
             raise RecordError(f"{group.name} has no {name!r}, which a {kind.__name__} needs")
@@ -173,10 +173,6 @@ def _union_options(hint: object) -> tuple[object, ...]:
         if typing.get_origin(hint) in (types.UnionType, typing.Union)
         else (hint,)
     )
-
-
-def _accepts_none(hint: object) -> bool:
-    return types.NoneType in _union_options(hint)
 
 
 def _subgroup(group: h5py.Group, name: str, where: str) -> h5py.Group:

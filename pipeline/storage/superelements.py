@@ -222,6 +222,7 @@ def _check_meaning(path: str, superelement: Superelement) -> None:
                 f"{path}: truncation/second is larger than truncation/first allows above its limit"
             )
     _check_frequencies(path, superelement)
+    _check_rails(path, superelement)
     _check_places(path, superelement)
 
 
@@ -246,7 +247,7 @@ def _check_frequencies(path: str, superelement: Superelement) -> None:
 
 
 def _check_places(path: str, superelement: Superelement) -> None:
-    """Nodes and interfaces must lie within the body, and rails must be rails."""
+    """Nodes, interfaces and control points must lie within the body."""
     places = {f"node {number}": frame.origin for number, frame in enumerate(superelement.frames)}
     places |= {
         f"interface {name!r}": interface_map.frame.origin
@@ -257,12 +258,6 @@ def _check_places(path: str, superelement: Superelement) -> None:
         if control.axis not in AXES or not sound:
             raise RecordError(f"{path}: control point {number} has no place along an axis")
         places[f"control point {number}"] = control.point
-    for name, rail in superelement.rails.items():
-        finite = np.isfinite([rail.low, rail.high, rail.blur, *rail.knots]).all()
-        if rail.axis not in AXES or not (finite and rail.low < rail.high and rail.blur >= 0.0):
-            raise RecordError(f"{path}: rail {name!r} has no ends along an axis")
-        if (np.diff(rail.knots) < 0.0).any():
-            raise RecordError(f"{path}: the knots of rail {name!r} do not rise")
     if superelement.recovery is None or not len(superelement.recovery.points):
         return
     points = superelement.recovery.points
@@ -274,6 +269,16 @@ def _check_places(path: str, superelement: Superelement) -> None:
             raise RecordError(
                 f"{path}: {name} lies outside the body, at {np.round(place, 6).tolist()} m"
             )
+
+
+def _check_rails(path: str, superelement: Superelement) -> None:
+    """Rails must be rails."""
+    for name, rail in superelement.rails.items():
+        finite = np.isfinite([rail.low, rail.high, rail.blur, *rail.knots]).all()
+        if rail.axis not in AXES or not (finite and rail.low < rail.high and rail.blur >= 0.0):
+            raise RecordError(f"{path}: rail {name!r} has no ends along an axis")
+        if (np.diff(rail.knots) < 0.0).any():
+            raise RecordError(f"{path}: the knots of rail {name!r} do not rise")
 
 
 def _check_semidefinite(path: str, name: str, matrix: FloatArray, scale: FloatArray) -> None:

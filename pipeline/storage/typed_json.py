@@ -10,9 +10,9 @@ import dataclasses
 import functools
 import json
 import math
+import re
 import types
 import typing
-import unicodedata
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Literal
 
@@ -26,6 +26,9 @@ AnyArray = NDArray[Any]
 type Coded = str | float | bool | None | list[Coded] | dict[str, Coded]
 LARGEST_WHOLE = 2**63
 _SHOWN = 80
+# of the categories Cc and Cs, but for what parts lines and columns
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
+CALLABLES = (Callable, typing.get_origin(Callable[[], None]))
 
 
 def encode_value(value: object, keep: Callable[[AnyArray], str] | None = None) -> Coded:
@@ -180,38 +183,36 @@ def find_fault(value: object, hint: Any, where: str = "") -> str | None:
         except NameError:  # of a library that is loaded late: nothing that a file holds
             return None
     origin = typing.get_origin(hint)
-    if hint in (Any, object) or origin in (Callable, typing.get_origin(Callable[[], None])):
-        return None
-    if origin in (types.UnionType, typing.Union):
-        faults = [find_fault(value, option, where) for option in typing.get_args(hint)]
-        # of several the last is that of what is no None
-        return None if None in faults else _deepest(faults)
-    if origin is Literal:
-        known = value in typing.get_args(hint) if isinstance(value, str | int) else False
-        return None if known else f"{where} is {_show(value)}, not one of {typing.get_args(hint)}"
-    if origin is not None and issubclass(origin, Mapping):
-        return _find_in_mapping(value, typing.get_args(hint), where)
-    if origin is np.ndarray:
-        fits = isinstance(value, np.ndarray) and value.dtype.kind in "biufcUS"
-        return None if fits else f"{where} is {_show(value)}, not an array of numbers"
-    if origin is not None and issubclass(origin, tuple | Sequence):
-        return _find_in_sequence(value, hint, where)
-    if typing.is_typeddict(hint):
-        return _find_in_table(value, hint, where)
-    if dataclasses.is_dataclass(hint):
-        return _find_in_record(value, hint, where)
+    for applies, find in FINDERS:
+        if applies(hint, origin):
+            return find(value, hint, where)
     return _find_in_scalar(value, origin or hint, where)
 
 
-def _deepest(faults: Iterable[str | None]) -> str:
-    """Of the faults of the options of a union the one that is found furthest inside."""
-    return max(filter(None, faults), key=lambda fault: len(fault.partition(" is ")[0]))
+def _find_in_union(value: object, hint: Any, where: str) -> str | None:
+    faults = [find_fault(value, option, where) for option in typing.get_args(hint)]
+    # of several that which is found furthest inside, the last that of what is no None
+    return max(
+        filter(None, faults if None not in faults else ()),
+        key=lambda fault: len(fault.partition(" is ")[0]),
+        default=None,
+    )
 
 
-def _find_in_mapping(value: object, inner: tuple[Any, ...], where: str) -> str | None:
+def _find_in_literal(value: object, hint: Any, where: str) -> str | None:
+    known = value in typing.get_args(hint) if isinstance(value, str | int) else False
+    return None if known else f"{where} is {_show(value)}, not one of {typing.get_args(hint)}"
+
+
+def _find_in_array(value: object, hint: Any, where: str) -> str | None:
+    fits = isinstance(value, np.ndarray) and value.dtype.kind in "biufcUS"
+    return None if fits else f"{where} is {_show(value)}, not an array of numbers"
+
+
+def _find_in_mapping(value: object, hint: Any, where: str) -> str | None:
     if not isinstance(value, Mapping):
         return f"{where} is {_show(value)}, not a table"
-    key_hint, item_hint = inner
+    key_hint, item_hint = typing.get_args(hint)
     for key, item in value.items():
         fault = find_fault(key, key_hint, f"a key of {where or 'it'}")
         fault = fault or find_fault(item, item_hint, f"{where}.{_short(key)}".lstrip("."))
@@ -263,26 +264,33 @@ def _find_in_record(value: object, hint: Any, where: str) -> str | None:
 
 def _find_in_scalar(value: object, kind: Any, where: str) -> str | None:
     if kind is float:
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            return (
-                None
-                if -LARGEST_WHOLE < value < LARGEST_WHOLE or isinstance(value, float)
-                else (f"{where} is {_show(value)}, more than any result")
-            )
-        return f"{where} is {_show(value)}, not a number"
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return f"{where} is {_show(value)}, not a number"
+        fits = isinstance(value, float) or abs(value) < LARGEST_WHOLE
+        return None if fits else f"{where} is {_show(value)}, more than any result"
     if kind is int:
         fits = isinstance(value, int) and abs(value) < LARGEST_WHOLE
         return None if fits else f"{where} is {_show(value)}, not a whole number"
     if kind is str and isinstance(value, str):
-        odd = next((sign for sign in value if _is_control(sign)), None)
-        return None if odd is None else f"{where} holds the control character {odd!r}"
+        odd = CONTROL.search(value)
+        return None if odd is None else f"{where} holds the control character {odd[0]!r}"
     if isinstance(kind, type) and not isinstance(value, kind):
         return f"{where} is {_show(value)}, not {'empty' if kind is types.NoneType else f'a {kind.__name__}'}"
     return None
 
 
-def _is_control(sign: str) -> bool:
-    return sign not in "\n\t" and unicodedata.category(sign) in ("Cc", "Cs")
+type Finder = Callable[[object, Any, str], str | None]
+# what looks at a value, by which hints it is for; scalars come last
+FINDERS: tuple[tuple[Callable[[Any, Any], bool], Finder], ...] = (
+    (lambda hint, origin: hint in (Any, object) or origin in CALLABLES, lambda *_: None),
+    (lambda hint, origin: origin in (types.UnionType, typing.Union), _find_in_union),
+    (lambda hint, origin: origin is Literal, _find_in_literal),
+    (lambda hint, origin: origin is not None and issubclass(origin, Mapping), _find_in_mapping),
+    (lambda hint, origin: origin is np.ndarray, _find_in_array),
+    (lambda hint, origin: origin is not None and issubclass(origin, Sequence), _find_in_sequence),
+    (lambda hint, origin: typing.is_typeddict(hint), _find_in_table),
+    (lambda hint, origin: dataclasses.is_dataclass(hint), _find_in_record),
+)
 
 
 @functools.cache

@@ -269,11 +269,11 @@ def _recover_fields(
     """Recover motions of the mesh from displacement fields of dofs, loads and probes.
 
     Args:
-        places: Of the probes.
         estimated: Estimate the errors of the mesh.
     """
     comm = operators.comm
-    errors, missing, warnings, smoothing = ErrorEstimates(), None, (), None
+    errors, missing, smoothing = ErrorEstimates(), None, None
+    warnings: tuple[str, ...] = ()
     shown = estimated and make_of_mesh(comm, mesh, detects_errors)
     if estimated:
         errors, missing = _estimate_errors(
@@ -375,7 +375,6 @@ def find_cell_errors(
     errors in each cell, times the factor that covers 95 % of true errors.
 
     Args:
-        component: What was meshed.
         motions: ``(n, k)`` of the superelement's dofs.
 
     Raises:

@@ -31,7 +31,6 @@ def without_rigid_stiffness(
 
     Args:
         points: ``(n_points, 3)`` mesh points [m].
-        held: What supports fix.
         scale: Largest entry of the stiffness it was reduced from [N/m].
 
     Raises:
@@ -97,7 +96,10 @@ def remark_on_element_order(component: Component, mesh: ComponentMesh) -> tuple[
     """
     if mesh.kind not in LINEAR:
         return ()
-    aspect = float(_aspect_ratios(mesh).max())
+    starts, ends = np.array(EDGES[cell_family(mesh.kind)]).T
+    edges = mesh.points[mesh.cells[:, ends]] - mesh.points[mesh.cells[:, starts]]
+    lengths = np.linalg.norm(edges, axis=2)
+    aspect = float((lengths.max(axis=1) / lengths.min(axis=1)).max())
     extents = np.ptp(mesh.points, axis=0)
     thinness = float(extents.min() / extents.max())
     if aspect > LARGEST_ASPECT or thinness < THINNEST:
@@ -114,12 +116,3 @@ def remark_on_element_order(component: Component, mesh: ComponentMesh) -> tuple[
         f"component {component.name}: its mesh has elements of order 1 ({mesh.kind}), which lock: bending comes out too stiff; give a "
         "mesh of second-order elements",
     )
-
-
-def _aspect_ratios(mesh: ComponentMesh) -> FloatArray:
-    """Return the longest over shortest edge of each cell ``(n_cells,)``."""
-    pairs = np.array(EDGES[cell_family(mesh.kind)])
-    lengths = np.linalg.norm(
-        mesh.points[mesh.cells[:, pairs[:, 1]]] - mesh.points[mesh.cells[:, pairs[:, 0]]], axis=2
-    )
-    return np.asarray(lengths.max(axis=1) / lengths.min(axis=1))

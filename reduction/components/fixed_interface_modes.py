@@ -87,7 +87,10 @@ def find_fixed_interface_modes(
     if (dimension <= DENSE_LIMIT and many) or dimension <= SMALL:
         pairs = _dense_modes(solver, target)
     else:
-        width = _block_width(target) if solver.multigrid is None else block_width(target)
+        # OpenBLAS's kernels take columns by eight: a block of 8 costs less than one of 6, and one of
+        # 16 hardly more than one of 12. Wider blocks need more solves, which cost less each
+        width = 8 if (target.count or 30) <= MANY_MODES else 16
+        width = width if solver.multigrid is None else block_width(target)
         table = _draw_numbers(solver.operators.nodes, 3 * width, seed=START_SEED)
         start = np.where(solver.fixed[:, None], 0.0, table.reshape(-1, width))
         pairs = lowest_modes(solver, start, target, eigensolver=eigensolver)
@@ -124,12 +127,6 @@ def verify_mode_count(solver: ConstrainedSolver, modes: FixedInterfaceModes) -> 
             f"{count} fixed-interface modes lie below {shift:.6g} Hz by a Sturm count, but {len(modes.eigenvalues)} were found; "
             "ask for another number of modes"
         )
-
-
-def _block_width(target: ModeTarget) -> int:
-    # OpenBLAS's kernels take columns by eight: a block of 8 costs less than one of 6, and one of 16
-    # hardly more than one of 12. Wider blocks need more solves, which cost less each
-    return 8 if (target.count or 30) <= MANY_MODES else 16
 
 
 def _draw_numbers(nodes: IntArray, count: int, *, seed: int) -> FloatArray:
@@ -276,7 +273,6 @@ def measure_truncation(
     Args:
         solver: With the interfaces fixed; collective.
         psi: ``(3 n_owned, n_b)`` constraint modes.
-        modes: Fixed-interface modes kept.
 
     Source: Kim and Lee (2015), residual substructural modes as the error of a Craig-Bampton basis.
     """

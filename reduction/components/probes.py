@@ -28,7 +28,6 @@ from headstock.meshing.elements.surface import (
 from headstock.reduction.components.nodal_loads import scatter_rows
 from headstock.reduction.superelement import ProbeLoad, ProbeRows
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
-from headstock.solvers.elastic.elasticity import ElasticOperators
 from headstock.solvers.elastic.stress_recovery import PointRows, find_point_rows
 from headstock.solvers.errors import ModelError
 from headstock.solvers.recovery.discretisation_error import cut_neighbourhood, recover_at_nodes
@@ -190,7 +189,6 @@ def watch_dofs(
 
     Args:
         solver: With the interfaces fixed; collective.
-        places: Of the probes, on every rank.
         basis: Constraint modes ``(3 n_owned, n_b)`` and fixed-interface modes ``(3 n_owned, m)``.
         eigenvalues: ``(m,)`` of the modes [rad^2/s^2].
         particular: ``(3 n_owned, k)`` responses to loads with boundary and modal dofs fixed.
@@ -200,7 +198,12 @@ def watch_dofs(
     """
     psi, shapes = basis
     operators = solver.operators
-    blocks = [_spread(probe_place.rows, operators) for probe_place in places.values()]
+    rows_of = [probe_place.rows for probe_place in places.values()]
+    by_node = [one.rows.reshape(SEEN, len(one.nodes), 3).transpose(1, 2, 0) for one in rows_of]
+    blocks = [
+        scatter_rows(values, one.nodes, operators).reshape(-1, SEEN)
+        for values, one in zip(by_node, rows_of, strict=True)
+    ]
     loads = np.hstack([np.zeros((len(psi), 0)), *blocks])
     observed = [solver.product(loads, fields) for fields in (psi, shapes, particular)]
     inertia: FloatArray = np.zeros((loads.shape[1], psi.shape[1]))
@@ -210,12 +213,6 @@ def watch_dofs(
         if operators.scalar_mass is not None:
             inertia = solver.product(responses, operators.apply_mass(psi))
     return _WatchedDofs(np.hstack(observed[:2]), inertia, observed[2], responses)
-
-
-def _spread(rows: PointRows, operators: ElasticOperators) -> FloatArray:
-    """Return the rows over the nodes of this rank ``(3 n_owned, 9)``."""
-    by_node = rows.rows.reshape(SEEN, len(rows.nodes), 3).transpose(1, 2, 0)
-    return scatter_rows(by_node, rows.nodes, operators).reshape(-1, SEEN)
 
 
 def read_smoothing(
@@ -260,7 +257,6 @@ def gather_probes(
     """Return the probes of a superelement of ``n`` dofs and ``k`` loads.
 
     Args:
-        watched: What they see.
         smoothing: By probe, ``(s, 6, n + k)`` what recovery changes in the stresses of dofs and
             loads; None where nobody knows.
         missing: ``(9 p, n + k)`` energy products of the errors of unit responses at the probes with

@@ -98,7 +98,9 @@ def fit_rail(
         weighted[direction::3] = patch.weights @ columns[direction::3]
     gram = columns.T @ weighted
     if _condition(gram) >= CONDITION_LIMIT:
-        pieces = _covered(patch, axis)
+        pairs, coordinates = patch.weights.tocoo(), patch.points[:, axis]
+        ends = np.sort([coordinates[pairs.row], coordinates[pairs.col]], axis=0).T
+        pieces = merge_spans([(low, high) for low, high in ends if high > low])
         fault = describe_coarse_rail(interface, pieces, order=order, own_mesh=own_mesh)
         raise ModelError(f"component {component}: {fault}")
     fitted = scipy.linalg.solve(gram, weighted.T, assume_a="pos").T
@@ -142,13 +144,6 @@ def _section_fields(patch: MeshPatch, axis: int, center: FloatArray) -> FloatArr
     ]
     fields += [arms[:, across, None] * along for across in wide]
     return np.stack(fields, axis=2)
-
-
-def _covered(patch: MeshPatch, axis: int) -> Spans:
-    """Return what elements cover along an axis [m]."""
-    pairs, coordinates = patch.weights.tocoo(), patch.points[:, axis]
-    ends = np.sort(np.stack([coordinates[pairs.row], coordinates[pairs.col]], axis=1), axis=1)
-    return merge_spans([(low, high) for low, high in ends if high > low])
 
 
 def _condition(gram: FloatArray) -> float:

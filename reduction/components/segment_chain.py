@@ -106,7 +106,7 @@ class _SegmentNode:
 
 
 @dataclass(frozen=True, eq=False)
-class SegmentChain:
+class _SegmentChain:
     """A bar as nodes: the segments' centres first, then one massless node for each rigid stretch
     that holds no centre.
 
@@ -125,9 +125,9 @@ class SegmentChain:
     coupled: tuple[tuple[int, int], ...]
 
 
-def lay_out_chain(
+def _lay_out_chain(
     bar: PrismaticBar, material: Material, count: int, rigid_spans: Sequence[Span]
-) -> SegmentChain:
+) -> _SegmentChain:
     """Cut a bar into equal segments, and make what rigid interfaces and end faces cover rigid from
     edge to edge.
 
@@ -158,7 +158,7 @@ def lay_out_chain(
     nodes_along += [_SegmentNode(places[i], places[i], i) for i in range(count) if i not in inside]
     on_axis = np.tile(bar.center, (len(places), 1))
     on_axis[:, bar.axis] = places
-    return SegmentChain(
+    return _SegmentChain(
         bar,
         material,
         count,
@@ -179,7 +179,7 @@ def _join_spans(spans: Sequence[Span], slack: float) -> list[Span]:
     return joined
 
 
-def node_at(chain: SegmentChain, position: float) -> _SegmentNode:
+def _node_at(chain: _SegmentChain, position: float) -> _SegmentNode:
     """Return the node nearest to a place along the bar."""
     return min(
         chain.nodes_along,
@@ -187,7 +187,7 @@ def node_at(chain: SegmentChain, position: float) -> _SegmentNode:
     )
 
 
-def chain_stiffness(chain: SegmentChain) -> FloatArray:
+def chain_stiffness(chain: _SegmentChain) -> FloatArray:
     """Return the stiffness ``(6 n, 6 n)`` of the springs between neighbouring nodes."""
     size = 6 * len(chain.places)
     stiffness = np.zeros((size, size))
@@ -207,7 +207,7 @@ def chain_stiffness(chain: SegmentChain) -> FloatArray:
     return stiffness
 
 
-def section_motion(chain: SegmentChain, position: float) -> FloatArray:
+def section_motion(chain: _SegmentChain, position: float) -> FloatArray:
     """Return the motion ``(6, 6 n)`` of the section at a place along the bar, at its centre, per
     unit node dof.
 
@@ -216,7 +216,7 @@ def section_motion(chain: SegmentChain, position: float) -> FloatArray:
     """
     here = _axis_point(chain, position)
     motion = np.zeros((6, 6 * len(chain.places)))
-    nearest = node_at(chain, position)
+    nearest = _node_at(chain, position)
     if (
         nearest.low <= position <= nearest.high
         or position < chain.nodes_along[0].low
@@ -246,7 +246,7 @@ def section_motion(chain: SegmentChain, position: float) -> FloatArray:
     return motion
 
 
-def _axis_point(chain: SegmentChain, position: float) -> FloatArray:
+def _axis_point(chain: _SegmentChain, position: float) -> FloatArray:
     point = np.array(chain.bar.center)
     point[chain.bar.axis] = position
     return point
@@ -267,7 +267,7 @@ class SegmentedBar:
             mean of a surface.
     """
 
-    chain: SegmentChain
+    chain: _SegmentChain
     solid: PlanarSolid | Tube
     frames: tuple[Frame, ...]
     names: tuple[str, ...]
@@ -296,51 +296,44 @@ def attach_interfaces(
     spans = {
         name: [patch_span(bar, patch) for patch in item.patches] for name, item in fixed.items()
     }
-    firm = {
-        name
-        for name, item in fixed.items()
-        if item.coupling == "rigid"
-        or all(low == high and (low, high) == spans[name][0] for low, high in spans[name])
-    }
-    rigid_spans = [span for name in spans if name in firm for span in spans[name]]
-    chain = lay_out_chain(bar, component.material, component.segments.count, rigid_spans)
-    frames = [Frame(position) for position in chain.places]
-    names = [f"segment_{number}" for number in range(1, chain.count + 1)] + [""] * (
-        len(frames) - chain.count
-    )
-    interface_maps: dict[str, InterfaceMap] = {}
+    firm = [name for name, item in fixed.items() if _is_firm(item, spans[name])]
+    rigid_spans = [span for name in firm for span in spans[name]]
+    chain = _lay_out_chain(bar, component.material, component.segments.count, rigid_spans)
+    ends = {(bar.low, bar.low): "low_end", (bar.high, bar.high): "high_end"}
+    names = [f"segment_{number}" for number in range(1, chain.count + 1)]
+    names += [""] * (len(chain.places) - chain.count)
+    nodes: dict[str, int] = {}
     ties = list(chain.coupled)
-    means: list[Interface] = []
-    for name, interface in fixed.items():
-        frame = Frame(properties.patch_centroids[name])
-        node = len(chain.places) + len(means)
-        if name in firm:
-            nodes = list(
-                dict.fromkeys(node_at(chain, 0.5 * sum(span)).node for span in spans[name])
-            )
-            node = nodes[0]
-            ties += [(other, node) for other in nodes[1:]]
-            ends = {(bar.low, bar.low): "low_end", (bar.high, bar.high): "high_end"}
-            names[node] = names[node] or ends.get(spans[name][0], name)
-        else:
-            means.append(interface)
-            frames.append(frame)
-            names.append(name)
-        interface_maps[name] = InterfaceMap(node, frame)
-    rows = [_tie_rows(chain, segment=segment, node=node) for segment, node in ties] + [
-        _mean_rows(chain, solid, item, interface_maps[item.name].frame) for item in means
-    ]
+    for name in firm:
+        covered = [_node_at(chain, 0.5 * sum(span)).node for span in spans[name]]
+        node, *others = dict.fromkeys(covered)
+        nodes[name] = node
+        ties += [(other, node) for other in others]
+        names[node] = names[node] or ends.get(spans[name][0], name)
+    means = [name for name in fixed if name not in nodes]
+    nodes |= {name: len(chain.places) + number for number, name in enumerate(means)}
+    origins = {name: Frame(properties.patch_centroids[name]) for name in fixed}
+    rows = [_tie_rows(chain, segment=segment, node=node) for segment, node in ties]
+    rows += [_mean_rows(chain, solid, fixed[name], origins[name]) for name in means]
     return SegmentedBar(
         chain,
         solid,
-        tuple(frames),
-        tuple(names),
-        interface_maps,
+        (*map(Frame, chain.places), *(origins[name] for name in means)),
+        (*names, *means),
+        {name: InterfaceMap(nodes[name], origin) for name, origin in origins.items()},
         _join_rows(rows, len(chain.places), len(means)),
     )
 
 
-def surface_motion(chain: SegmentChain, points: FloatArray) -> FloatArray:
+def _is_firm(interface: Interface, spans: Sequence[tuple[float, float]]) -> bool:
+    """Return whether the bar moves rigidly under an interface: as it says, or since its patches lie
+    in one section.
+    """
+    (low, high), *_ = spans
+    return interface.coupling == "rigid" or (low == high and set(spans) == {(low, high)})
+
+
+def surface_motion(chain: _SegmentChain, points: FloatArray) -> FloatArray:
     """Return the displacement ``(3 k, 6 n)`` of points ``(k, 3)`` of the bar per unit dof of the
     chain's nodes; sections stay plane.
     """
@@ -357,7 +350,7 @@ def surface_motion(chain: SegmentChain, points: FloatArray) -> FloatArray:
 
 
 def _sample_surface(
-    chain: SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]
+    chain: _SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]
 ) -> PatchSamples:
     """Return the points on patches for area integrals of the bar's motion."""
     breaks = sorted(
@@ -367,14 +360,13 @@ def _sample_surface(
 
 
 def traction_load(
-    chain: SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]
+    chain: _SegmentChain, solid: PlanarSolid | Tube, patches: Sequence[Patch]
 ) -> FloatArray:
     """Return the nodal loads ``(6 n, 3)`` of a traction of one along x, y and z over patches [m^2,
     m^3].
 
     Args:
         chain: The segmented bar with ``n`` nodes.
-        patches: Where the traction acts.
 
     Returns:
         ``(6 n, 3)``, a column per direction: forces [N/Pa = m^2] and moments [N m/Pa = m^3] on the
@@ -385,7 +377,7 @@ def traction_load(
     return np.asarray(np.einsum("k,kin->ni", samples.areas, motion))
 
 
-def _tie_rows(chain: SegmentChain, *, segment: int, node: int) -> FloatArray:
+def _tie_rows(chain: _SegmentChain, *, segment: int, node: int) -> FloatArray:
     """Return the rows ``(6, 6 n)``: one node less another carried to it."""
     rows = np.zeros((6, 6 * len(chain.places)))
     rows[:, 6 * node : 6 * node + 6] = -rigid_transfer(chain.places[node], chain.places[segment])
@@ -394,7 +386,7 @@ def _tie_rows(chain: SegmentChain, *, segment: int, node: int) -> FloatArray:
 
 
 def _mean_rows(
-    chain: SegmentChain, solid: PlanarSolid | Tube, interface: Interface, frame: Frame
+    chain: _SegmentChain, solid: PlanarSolid | Tube, interface: Interface, frame: Frame
 ) -> FloatArray:
     """Return the rows ``(6, 6 n)``: less the rigid motion about the frame that fits the surface of
     an interface best.

@@ -68,7 +68,7 @@ def project_component(
         means.fixed if means.loose_frame is not None else basis.constraints,
         dependent_rows(basis, means, solver),
     )
-    constraints = np.vstack([_embed(block, size) for block in rows])
+    constraints = np.vstack([np.pad(block, ((0, 0), (0, size - block.shape[1]))) for block in rows])
     return Superelement(
         name=component.name,
         labels=tuple(labels),
@@ -135,12 +135,6 @@ def _mass_properties(operators: ElasticOperators) -> _MassProperties:
     ) / (2.0 * mass)
     inertia = gram[3:, 3:] - mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return _MassProperties(mass, middle + arm, _symmetric(inertia))
-
-
-def _embed(rows: FloatArray, size: int) -> FloatArray:
-    result = np.zeros((len(rows), size))
-    result[:, : rows.shape[1]] = rows
-    return result
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:

@@ -53,20 +53,12 @@ def machine_channels(
         for point in machine.points.values()
         if wanted is None or point.name in wanted
     }
-    if not rows:
-        return {}
-    reduced = {name: _reduce_rows(component_rows, basis) for name, component_rows in rows.items()}
-    return {
-        (name, dof): component_rows[row]
-        for name, component_rows in reduced.items()
-        for row, dof in enumerate(DOF_NAMES)
-    }
-
-
-def _reduce_rows(rows: FloatArray, basis: FloatArray) -> FloatArray:
-    """Return ``rows @ basis`` by the few dofs that the rows see."""
-    columns = np.flatnonzero(rows.any(axis=0))
-    return np.asarray(rows[:, columns] @ basis[columns])
+    channels: dict[tuple[str, str], FloatArray] = {}
+    for name, stacked in rows.items():
+        columns = np.flatnonzero(stacked.any(axis=0))  # the few dofs that the rows see
+        reduced = stacked[:, columns] @ basis[columns]
+        channels |= {(name, dof): reduced[row] for row, dof in enumerate(DOF_NAMES)}
+    return channels
 
 
 def point_rows(layout: DofLayout, point: Point) -> FloatArray:

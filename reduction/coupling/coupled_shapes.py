@@ -50,14 +50,14 @@ def couple_shapes(machine: Machine, layout: DofLayout) -> ShapeRows:
     joints: list[str] = []
     warnings: list[str] = []
     for joint in machine.joints.values():
-        sides = [(end, find_shapes(layout, end)) for end in joint.ends]
+        sides = [(end, _find_shapes(layout, end)) for end in joint.ends]
         flexible = [(end, shapes) for end, shapes in sides if shapes is not None and shapes.count]
         if not flexible or len(joint.fixed) < DOFS_OF_A_BODY:
             continue
         if len(flexible) == len(sides):
             (one, fewer), (other, more) = sorted(flexible, key=lambda side: side[1].count)
-            block = select_shapes(layout, one, fewer)
-            block -= shape_moments(joint, layout, one, other) @ select_shapes(layout, other, more)
+            block = _select_shapes(layout, one, fewer)
+            block -= _shape_moments(joint, layout, one, other) @ _select_shapes(layout, other, more)
             if more.count > fewer.count:
                 warnings.append(
                     f"joint {joint.name}: {other} has {more.count} shapes, {one} has {fewer.count}: "
@@ -71,7 +71,7 @@ def couple_shapes(machine: Machine, layout: DofLayout) -> ShapeRows:
                     f"joint {joint.name}: {opposite} has no deformation shapes; those of {end} are free there"
                 )
                 continue
-            block = select_shapes(layout, end, shapes)
+            block = _select_shapes(layout, end, shapes)
         blocks.append(block)
         joints += [joint.name] * len(block)
     warnings += _warn_of_free_shapes(machine, layout)
@@ -85,7 +85,7 @@ def _warn_of_free_shapes(machine: Machine, layout: DofLayout) -> list[str]:
     for joint in machine.joints.values():
         holds = len(joint.fixed) == DOFS_OF_A_BODY or joint.layer is not None
         for end in joint.ends:
-            if (shapes := find_shapes(layout, end)) is not None and shapes.count:
+            if (shapes := _find_shapes(layout, end)) is not None and shapes.count:
                 if holds:
                     used.add(end)
                 else:
@@ -98,7 +98,7 @@ def _warn_of_free_shapes(machine: Machine, layout: DofLayout) -> list[str]:
     ]
 
 
-def find_shapes(layout: DofLayout, end: JointEnd) -> PatchShapes | None:
+def _find_shapes(layout: DofLayout, end: JointEnd) -> PatchShapes | None:
     """Find the deformation shapes of the interface at an end; None of a rigid one, a rail and
     ground.
     """
@@ -118,17 +118,17 @@ def _is_rigid(components: Mapping[str, Component], end: JointEnd) -> bool:
     )
 
 
-def select_shapes(layout: DofLayout, end: JointEnd, shapes: PatchShapes) -> FloatArray:
+def _select_shapes(layout: DofLayout, end: JointEnd, shapes: PatchShapes) -> FloatArray:
     """Return the rows ``(count, n_all)`` that pick the dofs of the shapes."""
     first = layout.offsets[end.component or ""].start + shapes.first
     return np.eye(shapes.count, layout.size, first)
 
 
-def shape_moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointEnd) -> FloatArray:
+def _shape_moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointEnd) -> FloatArray:
     """Return the moments ``(m_1, m_2)`` of the shapes of another interface with those of one, over
     their common area.
     """
-    near, far = find_shapes(layout, one), find_shapes(layout, other)
+    near, far = _find_shapes(layout, one), _find_shapes(layout, other)
     if near is None or far is None:
         raise ValueError(f"joint {joint.name!r} has an end without shapes")
     here, there = layout.placements[one.component or ""], layout.placements[other.component or ""]
@@ -212,7 +212,7 @@ def place_layer(joint: Joint, layer: ContactLayer, layout: DofLayout, frame: Fra
         ModelError: No end has deformation shapes, which say how large its patch is; or the two areas
             differ.
     """
-    sides = [(end, find_shapes(layout, end)) for end in joint.ends]
+    sides = [(end, _find_shapes(layout, end)) for end in joint.ends]
     flexible = [(end, shapes) for end, shapes in sides if shapes is not None]
     if not flexible:
         raise ModelError(
@@ -224,9 +224,9 @@ def place_layer(joint: Joint, layer: ContactLayer, layout: DofLayout, frame: Fra
     )
     points, weights = gauss_rule(more)
     area = more.outline.area
-    rows = select_shapes(layout, one, more)
+    rows = _select_shapes(layout, one, more)
     if one is not other:
-        rows -= shape_moments(joint, layout, one, other) @ select_shapes(layout, other, fewer)
+        rows -= _shape_moments(joint, layout, one, other) @ _select_shapes(layout, other, fewer)
     # mean square of each shape across the patch: one or zero
     fields = shape_fields(more, points).reshape(len(points), 3, -1)
     across = np.round(weights @ fields[:, more.normal] ** 2)

@@ -53,7 +53,7 @@ from headstock.solvers.second_order import SecondOrderSystem
 LOCAL_SHARE = 0.99
 EQUAL_SHARES = 1e-9  # shares of a coordinate that differ by less are equal: the first names it
 FREE_ROTATION_TOLERANCE = 1e-12
-UNSEEN_LEVEL = 1e-9  # of the largest singular value of what joints see of free rotations
+LOOSE_LEVEL = 1e-9  # of the largest singular value of free rotations in the rows of joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,23 +147,17 @@ def couple(
         ValueError: The pose names an unknown axis or leaves its limits.
     """
     memo = memo or CouplingMemo()
+    # components and joints where the pose puts them
     placements = place_components(machine, pose)
     layout = lay_out_dofs(superelements, {name: placements[name] for name in superelements})
     rayleigh = _sum_rayleigh(machine, superelements)
     matrices = component_matrices(layout, memo, rayleigh)
     springs = place_joints(machine, layout)
     shapes = couple_shapes(machine, layout)
+    # what may not move, and the coordinates that this leaves free
     fixed = _list_fixed_rows(layout, matrices, springs, shapes)
-    grading = grade_springs(springs, layout, matrices.stiffnesses, memo)
-    elimination = eliminate_constraints(
-        fixed.constraints,
-        grading.group_rows(springs),
-        scale_dofs(layout),
-        shared_groups=len(grading.deformations),
-        memo=memo,
-    )
-    reduced = tuple(express_in_free_coordinates(spring, elimination) for spring in springs)
-    parts = CoupledParts(layout, matrices, elimination, reduced, grading, memo)
+    parts = _free_parts(layout, matrices, fixed, memo)
+    # what acts
     loads = machine_loads(layout, machine, matrices, parts.basis, gravity)
     errors = displaced = None
     if has_errors(machine):
@@ -173,31 +167,54 @@ def couple(
     if machine.displacements:
         displaced = solve_error_loads(find_displacements(machine, springs), parts, fixed)
         loads |= displaced.loads
-    system = _sum_system(machine, parts)
-    warnings = grading.warnings + shapes.warnings + _redundancy_warnings(elimination, fixed.sources)
+    # how it answers
+    system, stiffened = _sum_system(machine, parts), None
+    if machine.gravity_stiffening:
+        system, stiffened = _stiffen_by_gravity(system, machine, parts, fixed, geometric)
     floating = find_floating_groups(
         machine, {name: part.supported for name, part in superelements.items()}
     )
-    warnings += _floating_warnings(floating, machine) + warn_of_held_displacements(machine, reduced)
-    if machine.gravity_stiffening:
-        system, geometric = _stiffen_by_gravity(system, machine, parts, fixed, geometric)
-        warnings += warn_of_stress(machine, layout)
     return CoupledMachine(
         system=system,
         basis=parts.basis,
         layout=layout,
         matrices=matrices,
-        joint_springs=reduced,
+        joint_springs=parts.springs,
         loads=loads,
         floating=floating,
-        redundant_constraints=len(elimination.redundant),
-        warnings=warnings,
+        redundant_constraints=len(parts.elimination.redundant),
+        warnings=(
+            *parts.grading.warnings,
+            *shapes.warnings,
+            *_redundancy_warnings(parts.elimination, fixed.sources),
+            *_floating_warnings(floating, machine),
+            *warn_of_held_displacements(machine, parts.springs),
+            *(warn_of_stress(machine, layout) if machine.gravity_stiffening else ()),
+        ),
         errors=errors,
         displaced=displaced,
         rayleigh=rayleigh,
-        geometric=geometric if machine.gravity_stiffening else None,
+        geometric=stiffened,
         fixed=fixed,
     )
+
+
+def _free_parts(
+    layout: DofLayout, matrices: ComponentMatrices, fixed: FixedRows, memo: CouplingMemo
+) -> CoupledParts:
+    """Return components and joints in the coordinates that the fixed rows leave free, stiff relative
+    motions apart from compliant ones.
+    """
+    grading = grade_springs(fixed.springs, layout, matrices.stiffnesses, memo)
+    elimination = eliminate_constraints(
+        fixed.constraints,
+        grading.group_rows(fixed.springs),
+        scale_dofs(layout),
+        shared_groups=len(grading.deformations),
+        memo=memo,
+    )
+    springs = tuple(express_in_free_coordinates(spring, elimination) for spring in fixed.springs)
+    return CoupledParts(layout, matrices, elimination, springs, grading, memo)
 
 
 def _sum_system(machine: Machine, parts: CoupledParts) -> SecondOrderSystem:
@@ -276,7 +293,9 @@ def _list_fixed_rows(
     for name, effective in matrices.constraints.items():
         free_rotations = matrices.free_rotations[name]
         joint_rotations = joined[:, layout.offsets[name]] @ free_rotations.T
-        component_rows = np.vstack([effective, _find_unseen(joint_rotations) @ free_rotations])
+        component_rows = np.vstack(
+            [effective, _find_loose_rotations(joint_rotations) @ free_rotations]
+        )
         block = np.zeros((len(component_rows), layout.size))
         block[:, layout.offsets[name]] = component_rows
         rows.append(block)
@@ -289,11 +308,11 @@ def _list_fixed_rows(
     return FixedRows(springs, np.vstack([*rows, shapes.rows]), tuple(sources), first)
 
 
-def _find_unseen(rotations: FloatArray) -> FloatArray:
+def _find_loose_rotations(rotations: FloatArray) -> FloatArray:
     """Find the orthonormal combinations ``(m, k)`` of free rotations that no joint acts on.
 
     Args:
-        rotations: ``(joint rows, k)`` what each row that acts sees of each free rotation.
+        rotations: ``(joint rows, k)`` free rotations in the rows that act.
     """
     count = rotations.shape[1]
     sizes = np.abs(rotations).max(axis=1, initial=0.0)
@@ -302,14 +321,14 @@ def _find_unseen(rotations: FloatArray) -> FloatArray:
     )
     # those that nothing touches stay as they are
     touched = np.flatnonzero(np.any(acting != 0.0, axis=0))
-    unseen = np.delete(np.eye(count), touched, axis=0)
+    untouched = np.delete(np.eye(count), touched, axis=0)
     if not len(touched):
-        return unseen
+        return untouched
     _, levels, combinations = np.linalg.svd(acting[:, touched])
-    rank = int((levels > UNSEEN_LEVEL * levels[0]).sum())
+    rank = int((levels > LOOSE_LEVEL * levels[0]).sum())
     between = np.zeros((len(touched) - rank, count))
     between[:, touched] = combinations[rank:]
-    return np.vstack([unseen, between])
+    return np.vstack([untouched, between])
 
 
 def _label_coordinates(layout: DofLayout, basis: FloatArray) -> tuple[str, ...]:

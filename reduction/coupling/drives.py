@@ -127,7 +127,10 @@ def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> C
     size = len(coupled.system.mass)
     counts = [count_coordinates(train) for train in trains]
     added = sum(counts)
-    springs = {spring.name: _pad_spring(spring, added) for spring in coupled.joint_springs}
+    springs = {
+        spring.name: dataclasses.replace(spring, rows=np.pad(spring.rows, ((0, 0), (0, added))))
+        for spring in coupled.joint_springs
+    }
     ends = np.cumsum(counts) - 1
     for train, last in zip(trains, ends, strict=True):
         if is_rigid(train):
@@ -302,15 +305,16 @@ def _place_drive(
     pitch = drive.lead / (2.0 * math.pi)
     turned = motion_rows(coupled.layout, slide.housing, spring.frame.origin)[3:]
     stator = slide.thread * pitch * (spring.frame.rotation[:, slide.row] @ turned @ coupled.basis)
+    rigid = make_rigid_train(
+        drive,
+        slide=slide.motion,
+        scale=slide.scale,
+        stator=stator,
+        moved_mass=moved_mass,
+        beta=machine.rayleigh.beta,
+    )
     if joint.kind != "ball_screw":
-        return make_rigid_train(
-            drive,
-            slide=slide.motion,
-            scale=slide.scale,
-            stator=stator,
-            moved_mass=moved_mass,
-            beta=machine.rayleigh.beta,
-        )
+        return rigid
     stiffness = float(spring.stiffness[0, 0])
     if 0 in spring.fixed or not stiffness > 0.0:
         raise ModelError(
@@ -318,30 +322,15 @@ def _place_drive(
             'write stiffness = { axial = "100 N/um" }'
         )
     # a coupling of the joint's own is part of its stiffness already
-    coupling_stiffness = math.inf if joint.screw is None else joint.screw.coupling
-    return DriveTrain(
-        name=drive.name,
-        axis=drive.axis,
-        joint=drive.joint,
-        control=_feed_inertia(drive, moved_mass),
+    coupling = math.inf if joint.screw is None else joint.screw.coupling
+    return dataclasses.replace(
+        rigid,
         stretch=slide.sign * _thread_row(spring),
         stiffness=stiffness,
-        thread=1.0
-        / (
-            1.0 / stiffness
-            - (pitch**2 / coupling_stiffness if math.isfinite(coupling_stiffness) else 0.0)
-        ),
-        slide=slide.motion,
-        scale=slide.scale,
-        stator=stator,
-        motor_mass=drive.motor_inertia / pitch**2,
+        thread=1.0 / (1.0 / stiffness - pitch**2 / coupling),
         damping=float(joint.damping[0, 0]),
-        beta=machine.rayleigh.beta,
         loss=joint.loss_factor * stiffness,
-        screw_mass=drive.screw_inertia / pitch**2,
-        coupling=min(coupling_stiffness, drive.coupling) / pitch**2,
-        friction=drive.friction,
-        cycle=drive.cycle,
+        coupling=min(coupling, drive.coupling) / pitch**2,
     )
 
 
@@ -459,9 +448,3 @@ def _scale_row(coupled: CoupledMachine, machine: Machine, point: str, axis: str)
     row = carrier.direction @ point_rows(coupled.layout, machine.points[point])[:3]
     carries_tool = machine.points[point].tool.component in carrier.moves
     return np.asarray(row if carries_tool else -row)
-
-
-def _pad_spring(spring: PlacedJoint, added: int) -> PlacedJoint:
-    return dataclasses.replace(
-        spring, rows=np.hstack([spring.rows, np.zeros((len(spring.rows), added))])
-    )

@@ -105,7 +105,10 @@ def eliminate_constraints(
     Source: Golub and Van Loan (2013), section 5.4.2 (QR with column pivoting); Barlow and Demmel
     (1990) on graded matrices.
     """
-    rows = [_normalised(block * scale) for block in (constraints, *groups)]
+    rows = []
+    for block in (constraints, *groups):
+        lengths = np.linalg.norm(block * scale, axis=1, keepdims=True)
+        rows.append(block * scale / np.where(lengths > 0.0, lengths, 1.0))
     memo = memo or CouplingMemo()
     pattern = np.vstack([block != 0.0 for block in rows])
     ends = np.cumsum([len(block) for block in rows])[:-1]
@@ -193,12 +196,6 @@ def _split_set(rows: Sequence[FloatArray], one: _Set, memo: CouplingMemo) -> _Sp
         if index == 0:
             redundant = own[split.dependent]
     return _Split((null, *spans[1:]), redundant)
-
-
-def _normalised(rows: FloatArray) -> FloatArray:
-    """Return the rows of length one; a zero row stays."""
-    lengths = np.linalg.norm(rows, axis=1, keepdims=True)
-    return np.asarray(rows / np.where(lengths > 0.0, lengths, 1.0))
 
 
 class _SplitSpan(NamedTuple):

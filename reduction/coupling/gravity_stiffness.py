@@ -77,7 +77,6 @@ def find_gravity_stiffness(
     """Find the geometric stiffness ``(n_all, n_all)`` in stacked dofs [N/m].
 
     Args:
-        machine: Its joints and components, and gravity.
         parts: Components and joints of the system.
         fixed: What was eliminated, and the joints as placed.
 

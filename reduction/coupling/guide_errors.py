@@ -130,7 +130,6 @@ def find_places(
 
     Args:
         positions: Of its axes; zero for those not named.
-        springs: Every joint as placed.
     """
     frames = {spring.name: spring.frame for spring in springs}
     sliding = {name: joint for name, joint in machine.joints.items() if joint.errors is not None}
@@ -208,9 +207,6 @@ def find_displacements(
 ) -> dict[str, dict[str, FloatArray]]:
     """Find the offsets ``(6,)`` in joint axes of prescribed displacements by name and joint: what
     the second end does relative to the first.
-
-    Args:
-        springs: Every joint as placed.
     """
     frames = {spring.name: spring.frame for spring in springs}
     displacements = {}

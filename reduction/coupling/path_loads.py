@@ -57,11 +57,7 @@ def inertia_load(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) 
     Raises:
         ModelError: A component that travels is itself fixed to the machine frame.
     """
-    travel = rigid_travel(coupled, directions)
-    stacked = np.zeros(coupled.layout.size)
-    for name, dofs in coupled.offsets.items():
-        stacked[dofs] = -coupled.matrices.masses[name] @ travel[dofs]
-    return np.asarray(coupled.basis.T @ stacked)
+    return np.asarray(-coupled.basis.T @ find_momenta(coupled, rigid_travel(coupled, directions)))
 
 
 def rigid_travel(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) -> FloatArray:
@@ -105,14 +101,12 @@ def body_loads(coupled: CoupledMachine, name: str) -> FloatArray:
     )
 
 
-def momentum_rows(coupled: CoupledMachine, travels: FloatArray) -> FloatArray:
-    """Return the rows ``(r, n_all)`` of the stacked dofs of their momenta along travels
-    ``(n_all, r)``.
-    """
-    rows = np.zeros(travels.T.shape)
+def find_momenta(coupled: CoupledMachine, motions: FloatArray) -> FloatArray:
+    """Return the masses of the components times motions ``(n_all, ...)`` of the stacked dofs."""
+    momenta = np.zeros_like(motions)
     for name, dofs in coupled.offsets.items():
-        rows[:, dofs] = travels[dofs].T @ coupled.matrices.masses[name]
-    return rows
+        momenta[dofs] = coupled.matrices.masses[name] @ motions[dofs]
+    return momenta
 
 
 def stack_modes(
@@ -126,10 +120,7 @@ def stack_modes(
         coupled: The coupling with the basis ``(n_all, n)`` and the masses of the components.
     """
     motions = coupled.basis @ modes.shapes
-    momenta = np.zeros_like(motions)
-    for name, dofs in coupled.offsets.items():
-        momenta[dofs] = coupled.matrices.masses[name] @ motions[dofs]
-    return PosedModes(system, modes, motions, momenta)
+    return PosedModes(system, modes, motions, find_momenta(coupled, motions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,12 +244,8 @@ def add_driven_path_input(
         directions: Velocity ``(3,)`` of every component that travels per unit speed along the path.
     """
     load = inertia_load(released, directions)
-    for (row, mass), travel in zip(
-        _turning_masses(trains, len(load)),
-        [travel for travel in travels for _ in range(2)],
-        strict=True,
-    ):
-        load = load - mass * travel.motor * row
+    rows, masses = _turning_masses(trains, len(load))
+    load = load - (masses * np.repeat([travel.motor for travel in travels], 2)) @ rows
     return dataclasses.replace(system, inputs={**system.inputs, PATH_INPUT: load})
 
 
@@ -272,9 +259,8 @@ def stack_driven_modes(
     the turns of motors and screws in space.
     """
     bodies = stack_modes(system, modes, released)
-    turning = _turning_masses(trains, len(system.mass))
-    turns = np.array([row for row, _ in turning]) @ modes.shapes
-    masses = np.array([mass for _, mass in turning])
+    rows, masses = _turning_masses(trains, len(system.mass))
+    turns = rows @ modes.shapes
     return dataclasses.replace(
         bodies,
         motions=np.vstack([bodies.motions, turns]),
@@ -290,20 +276,17 @@ def housing_loads(trains: Sequence[DriveTrain], turned: FloatArray, total: int) 
         trains: Drives of a machine with free motors.
         turned: ``(d, k)`` turn of each housing about its screw, as travel.
     """
-    loads = np.zeros((total, turned.shape[1]))
-    twice = np.repeat(turned, 2, axis=0)
-    for (row, mass), turn in zip(_turning_masses(trains, total), twice, strict=True):
-        loads -= mass * np.outer(row, turn)
-    return loads
+    rows, masses = _turning_masses(trains, total)
+    return np.asarray(-rows.T @ (masses[:, None] * np.repeat(turned, 2, axis=0)))
 
 
-def _turning_masses(trains: Sequence[DriveTrain], total: int) -> list[tuple[FloatArray, float]]:
-    """Turn in space ``(total,)`` of each motor and each screw, and its mass [kg]."""
-    masses = []
+def _turning_masses(trains: Sequence[DriveTrain], total: int) -> tuple[FloatArray, FloatArray]:
+    """Return the turns in space ``(2 d, total)`` of each motor and its screw, and their masses
+    ``(2 d,)`` [kg].
+    """
+    rows: list[FloatArray] = [np.zeros((0, total))]
     for train, turns in zip(trains, find_turns(trains, total), strict=True):
-        stator = np.concatenate([train.stator, np.zeros(total - len(train.stator))])
-        masses += [
-            (turns.motor + stator, train.motor_mass),
-            (turns.screw + stator, train.screw_mass),
-        ]
-    return masses
+        stator = np.pad(train.stator, (0, total - len(train.stator)))
+        rows.append(np.stack([turns.motor, turns.screw]) + stator)
+    masses = [mass for train in trains for mass in (train.motor_mass, train.screw_mass)]
+    return np.concatenate(rows), np.array(masses, dtype=float)

@@ -277,16 +277,11 @@ def _deformations(coupled: CoupledMachine, motions: Sequence[BodyMotion]) -> lis
     alike: dict[tuple[str, str], list[str]] = {}
     for motion in motions:
         alike.setdefault(_describe_deformation(coupled, motion), []).append(motion.component)
-    return [
-        " ".join(
-            [join_names(names), verb if len(names) > 1 else _third_person(verb), direction]
-        ).strip()
-        for (verb, direction), names in alike.items()
-    ]
-
-
-def _third_person(verb: str) -> str:
-    return f"{verb}es" if verb.endswith("ch") else f"{verb}s"
+    sentences = []
+    for (verb, direction), names in alike.items():
+        ending = "" if len(names) > 1 else "es" if verb.endswith("ch") else "s"
+        sentences.append(f"{join_names(names)} {verb}{ending} {direction}".strip())
+    return sentences
 
 
 def _describe_deformation(coupled: CoupledMachine, motion: BodyMotion) -> tuple[str, str]:

@@ -166,7 +166,6 @@ def pass_offsets(
 
     Args:
         outputs: Points or interfaces, with a direction.
-        joints: Whose forces are watched.
         probes: Names of probes to what they see.
     """
     machine, still = travel.machine, np.zeros(motions.moved.shape[1])

@@ -106,40 +106,30 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
     Raises:
         ModelError: A load does work on a free motion, or there is no such point.
     """
-    loads = {
-        GRAVITY: [load for name, load in coupled.loads.items() if name == GRAVITY],
-        FORCES: [
-            load for name, load in coupled.loads.items() if name not in (GRAVITY, GUIDE_ERRORS)
-        ],
-    }
-    deforming = {source: np.sum(terms, axis=0) for source, terms in loads.items() if terms}
-    applied = {} if coupled.errors is None else {GEOMETRY: coupled.loads[GUIDE_ERRORS]}
-    applied |= deforming
+    errors, still = coupled.errors, np.zeros(coupled.layout.size)
+    forces = [load for name, load in coupled.loads.items() if name not in (GRAVITY, GUIDE_ERRORS)]
+    applied = {} if errors is None else {GEOMETRY: coupled.loads[GUIDE_ERRORS]}
+    applied |= {GRAVITY: coupled.loads[GRAVITY]} if GRAVITY in coupled.loads else {}
+    applied |= {FORCES: np.sum(forces, axis=0)} if forces else {}
     unit = point_loads(coupled, point)
     moved = solve_machine_static(coupled, np.column_stack([*applied.values(), unit])).displacements
     influence = moved[:, len(applied) :]
-    carried = channel_rows(coupled, machine, point)
     rows = np.array([coupled.system.outputs[point, dof] for dof in DOF_NAMES])
-    size = coupled.layout.size
-    offsets: dict[str, FloatArray] = {source: np.zeros(size) for source in applied}
-    if coupled.errors is not None:
-        offsets[GEOMETRY] = coupled.errors.offset(size)
     sources: dict[str, FloatArray] = {}
     parts: dict[str, dict[str, FloatArray]] = {}
-    if coupled.errors is not None:
-        parts[GEOMETRY] = {
-            name: influence.T @ load + carried @ coupled.errors.offsets[name]
-            if name in coupled.errors.offsets
-            else influence.T @ load
-            for name, load in coupled.errors.loads.items()
-        }
-        sources[GEOMETRY] = np.sum(list(parts[GEOMETRY].values()), axis=0)
-    responses = {
-        source: _SourceResponse(moved[:, number], offsets[source])
-        for number, source in enumerate(applied)
-    }
-    for source in deforming:
-        motion = responses[source].moved
+    responses: dict[str, _SourceResponse] = {}
+    for number, source in enumerate(applied):
+        motion = moved[:, number]
+        if source == GEOMETRY and errors is not None:
+            responses[source] = _SourceResponse(motion, errors.offset(len(still)))
+            carried = channel_rows(coupled, machine, point)
+            parts[source] = {
+                name: influence.T @ load + carried @ errors.offsets.get(name, still)
+                for name, load in errors.loads.items()
+            }
+            sources[source] = np.sum(list(parts[source].values()), axis=0)
+            continue
+        responses[source] = _SourceResponse(motion, still)
         sources[source] = rows @ motion
         same = np.tile(motion[:, None], 6)
         parts[source] = mutual_energies(coupled, influence, same)

@@ -27,8 +27,7 @@ from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.building.drives import FRICTION
 from headstock.scene.reading.csv_files import MOST_CORNERS, CsvError, read_corners, read_history
 from headstock.scene.reading.files import resolve_file
-from headstock.scene.reading.findings import Findings
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath
 from headstock.scene.scene import Request, Scene
 from headstock.scene.schema import types
 from headstock.scene.schema.cutting import MillTable, ToolModeTable

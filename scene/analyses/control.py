@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.building.drives import DRIVE_CONTROL, check_sampling
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import KeyPath
 from headstock.scene.scene import Request
 from headstock.scene.schema import types
 

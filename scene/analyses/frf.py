@@ -12,7 +12,7 @@ from headstock.scene.building.draft import (
     build_channels,
 )
 from headstock.scene.building.drives import check_motors, check_sampling
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import KeyPath
 from headstock.scene.scene import LOAD, Motors, Request
 from headstock.scene.schema import types
 from headstock.solvers.second_order import Channel, Motion

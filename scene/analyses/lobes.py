@@ -23,8 +23,7 @@ from headstock.scene.building.cutting import (
 )
 from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.reading.files import resolve_file
-from headstock.scene.reading.findings import Findings, SceneError
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath, SceneError
 from headstock.scene.reading.units import ANGULAR_SPEED
 from headstock.scene.scene import Request, Scene
 from headstock.scene.schema import types

@@ -34,8 +34,7 @@ from headstock.scene.building.drives import (
     check_sampling,
     driven_axis,
 )
-from headstock.scene.reading.findings import Findings
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath
 from headstock.scene.reading.units import ANGULAR_SPEED, LENGTH, SPEED, Dimension, Quantity
 from headstock.scene.scene import Request, Scene
 from headstock.scene.schema import types

@@ -18,7 +18,7 @@ class StaticRequest(Request):
     poses: tuple[str, ...] = ()
 
 
-class _StaticTable(RequestTable):
+class StaticTable(RequestTable):
     """Compliance at points; without `at` at every point."""
 
     loads_probes = "by the scene"
@@ -29,18 +29,18 @@ class _StaticTable(RequestTable):
     """poses in which it is computed; default: all of them"""
 
 
-def _build(table: _StaticTable, draft: Draft) -> StaticRequest:
+def _build(table: StaticTable, draft: Draft) -> StaticRequest:
     """Build the request: all points and poses unless the table names some."""
     return StaticRequest(tuple(table.at or draft.table.points), tuple(table.poses or draft.poses))
 
 
-def _check(table: _StaticTable, draft: Draft) -> None:
+def _check(table: StaticTable, draft: Draft) -> None:
     """Report points and poses that do not exist."""
     for index, point in enumerate(table.at or ()):
         draft.check_name(("analyses", "static", "at", index), point, "points")
 
 
-def _check_subject(table: _StaticTable, draft: Draft) -> None:
+def _check_subject(table: StaticTable, draft: Draft) -> None:
     """Report that there is nothing to compute a compliance of."""
     scene = draft.table
     if table.at is None and not scene.points and not scene.loads:
@@ -52,7 +52,7 @@ def _check_subject(table: _StaticTable, draft: Draft) -> None:
 
 
 ANALYSIS = SceneAnalysis(
-    _StaticTable,
+    StaticTable,
     StaticRequest,
     "compliance at points, and static response to loads",
     build=_build,

@@ -24,8 +24,7 @@ from headstock.scene.reading.csv_files import (
     resampling_loss,
 )
 from headstock.scene.reading.files import resolve_file
-from headstock.scene.reading.findings import Findings
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath
 from headstock.scene.reading.units import ANGULAR_IMPULSE, FORCE, IMPULSE, MOMENT
 from headstock.scene.scene import Motors, Request
 from headstock.scene.schema import types

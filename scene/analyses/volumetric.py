@@ -6,7 +6,7 @@ from typing import ClassVar
 from headstock.geometry.frames import FloatArray
 from headstock.scene.building.draft import Draft, SceneAnalysis
 from headstock.scene.building.studies import build_grid, check_grid
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import KeyPath
 from headstock.scene.scene import Request, describe_grid
 from headstock.scene.schema.effects import GUIDE_ERRORS
 from headstock.scene.schema.types import Names, RequestTable, Text

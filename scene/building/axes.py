@@ -14,8 +14,7 @@ from headstock.geometry.mechanisms.exechon import TOOL_AXES, TOOL_POINT
 from headstock.geometry.parts.components import Support
 from headstock.scene.building.draft import Draft, is_known_end
 from headstock.scene.building.joints import build_joint, find_joint_faults, sound_joints
-from headstock.scene.reading.findings import Findings
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath
 from headstock.scene.reading.units import ANGLE, LENGTH, Dimension, Quantity
 from headstock.scene.schema.axes import AxisTable
 from headstock.scene.schema.scene import SceneTable

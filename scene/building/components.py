@@ -54,8 +54,7 @@ from headstock.meshing.sizing import (
 )
 from headstock.scene.building.draft import Draft
 from headstock.scene.reading.files import resolve_file
-from headstock.scene.reading.findings import Findings, suggest_names
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.schema.components import (
     ComponentTable,
     InterfaceTable,

@@ -10,8 +10,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.scene.building.draft import Draft
 from headstock.scene.expansion.catalogue import read_cutting_materials
-from headstock.scene.reading.findings import Findings, suggest_names
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.schema.cutting import (
     TYPICAL_RANGES,
     TYPICAL_RATIOS,

@@ -15,9 +15,8 @@ from headstock.geometry.parts.solids import Solid
 from headstock.scene.expansion.overrides import split_variant
 from headstock.scene.reading.csv_files import AxisPath
 from headstock.scene.reading.files import TomlTable
-from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.reading.names import NAMES
-from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Request, Scene
 from headstock.scene.schema.scene import SceneTable, load_record
 from headstock.scene.schema.types import RequestTable

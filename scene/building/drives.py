@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from headstock.geometry.machine.drives import AxisControl, Drive, GuideFriction, TorqueRipple
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.scene.building.draft import Draft
-from headstock.scene.reading.findings import Findings
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath
 from headstock.scene.reading.units import DAMPING
 from headstock.scene.schema.drives import DriveTable, FrictionTable
 from headstock.scene.schema.effects import CONTOUR_EFFECTS, GRAVITY_STIFFENING, find_effect_fault

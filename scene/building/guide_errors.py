@@ -6,8 +6,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.guide_errors import AxisErrors, ErrorProfile, RailErrors, Wave
 from headstock.scene.building.draft import Draft
 from headstock.scene.building.joints import KINDS
-from headstock.scene.reading.findings import Findings
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath
 from headstock.scene.reading.units import ANGLE, LENGTH, Dimension, Quantity
 from headstock.scene.schema.axes import LEG_KEYS, AxisTable
 from headstock.scene.schema.effects import GUIDE_ERRORS

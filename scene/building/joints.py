@@ -14,7 +14,7 @@ from headstock.geometry.machine.joints import ContactLayer, Joint, JointEnd, Scr
 from headstock.geometry.parts.patches import Outline, patch_outline
 from headstock.scene.building.components import build_patch
 from headstock.scene.building.draft import Draft, is_known_end
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import KeyPath
 from headstock.scene.reading.units import (
     DAMPING,
     ROTATIONAL_DAMPING,

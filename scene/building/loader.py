@@ -59,7 +59,7 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft], None], ...] = (
     loads.check_points,
     loads.check_supports,
     loads.check_loads,
-    loads.check_probes,
+    loads.check_scene_probes,
     axes.check_axes,
     guide_errors.check_guide_errors,
     axes.check_poses,

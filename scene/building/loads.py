@@ -10,7 +10,7 @@ from headstock.geometry.parts.components import Component, Load, Patch, Support
 from headstock.scene.building.components import bounding_box, build_patch, find_patch_fault
 from headstock.scene.building.draft import Draft, list_records
 from headstock.scene.building.joints import KINDS
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import KeyPath
 from headstock.scene.schema.axes import PointTable
 from headstock.scene.schema.components import ComponentTable, PatchTable
 from headstock.scene.schema.loads import LoadTable, SupportTable
@@ -146,7 +146,7 @@ def _check_displacement(key: KeyPath, table: LoadTable, draft: Draft) -> None:
         )
 
 
-def check_probes(draft: Draft) -> None:
+def check_scene_probes(draft: Draft) -> None:
     """Report probes in components that are not meshed, and probes of a machine that nothing
     loads.
     """
@@ -170,8 +170,14 @@ def check_probes(draft: Draft) -> None:
                 ("probes", name, "at"),
                 f"lies outside {probe.component}, which reaches over x, y, z from {ends} in its own frame",
             )
+    if scene.probes:
+        _check_probe_loads(draft)
+
+
+def _check_probe_loads(draft: Draft) -> None:
+    scene = draft.table
     loaded = {table.loads_probes for table in scene.analyses.requested.values()}
-    if not scene.probes or "by itself" in loaded:
+    if "by itself" in loaded:
         return
     if "by the scene" not in loaded:
         *first, last = [

@@ -10,8 +10,7 @@ from headstock.geometry.parts.mass_properties import solid_volume
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
 from headstock.scene.building.components import bounding_box
 from headstock.scene.building.draft import Draft
-from headstock.scene.reading.findings import Findings
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath
 from headstock.scene.schema.components import ComponentTable, MaterialTable
 from headstock.scene.schema.scene import SceneTable
 

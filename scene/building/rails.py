@@ -17,8 +17,7 @@ from headstock.geometry.parts.prismatic_bars import prismatic_bar
 from headstock.geometry.parts.solids import Solid
 from headstock.scene.building.components import build_interface
 from headstock.scene.building.draft import Draft, is_known_end
-from headstock.scene.reading.findings import Findings
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath
 from headstock.scene.scene import Scene
 from headstock.scene.schema.components import ComponentTable, InterfaceTable, RailTable
 from headstock.scene.schema.joints import JointTable

@@ -18,8 +18,7 @@ from headstock.scene.building.draft import Draft
 from headstock.scene.expansion.overrides import AS_WRITTEN, path_exists
 from headstock.scene.reading.csv_files import AxisPath, CsvError, read_waypoints
 from headstock.scene.reading.files import TomlTable, resolve_file
-from headstock.scene.reading.findings import Findings, suggest_names
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.reading.watch_paths import parse_watch
 from headstock.scene.schema.axes import PoseTable
 from headstock.scene.schema.scene import SceneTable

@@ -16,8 +16,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from headstock.scene.reading.files import TomlTable, TomlValue
-from headstock.scene.reading.findings import Findings, show_key
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath, show_key
 from headstock.scene.reading.units import quote_value
 from headstock.scene.schema.cutting import CuttingTable
 from headstock.scene.schema.types import StrictTable

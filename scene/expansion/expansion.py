@@ -23,8 +23,7 @@ from headstock.scene.reading.files import (
     TomlValue,
     count_entries,
 )
-from headstock.scene.reading.findings import Findings, show_key, suggest_names
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath, show_key, suggest_names
 from headstock.scene.schema.joints import CarriagesTable, ChainTable
 from headstock.scene.schema.validation import validate_part
 

@@ -17,8 +17,7 @@ from headstock.scene.reading.files import (
     resolve_file,
     write_toml,
 )
-from headstock.scene.reading.findings import Findings, Origin
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath, Origin
 from headstock.scene.reading.units import quote_value
 from headstock.scene.schema.scene import MAX_INCLUDED, IncludeTable
 from headstock.scene.schema.validation import validate_tables

@@ -17,8 +17,14 @@ from headstock.scene.expansion.expansion import (
 )
 from headstock.scene.expansion.parameters import MACHINE_SECTIONS, PARAMETERS
 from headstock.scene.reading.files import MAX_DEPTH, TomlTable, TomlValue
-from headstock.scene.reading.findings import Findings, Origin, Problem, show_key, suggest_names
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import (
+    Findings,
+    KeyPath,
+    Origin,
+    Problem,
+    show_key,
+    suggest_names,
+)
 from headstock.scene.schema.validation import is_list, known_keys, unknown_key
 
 ENTRY_SECTIONS = frozenset({*MACHINE_SECTIONS, "poses", "sweeps", "studies", "variants"})

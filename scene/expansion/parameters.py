@@ -25,8 +25,7 @@ from headstock.scene.reading.files import (
     TomlValue,
     count_entries,
 )
-from headstock.scene.reading.findings import Findings, suggest_names
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.reading.units import Measure, quote_value
 
 PARAMETERS = "parameters"

@@ -22,10 +22,10 @@ from headstock.meshing.process.strangers import (
     RECORD,
     SMALL_BYTES,
     WAYPOINTS,
-    Arrays,
     FileKind,
     read_apart,
 )
+from headstock.meshing.process.worker import Arrays
 from headstock.scene.reading.units import ANGLE, LENGTH, Unit, UnitError, quote_value, read_unit
 from headstock.solvers.milling.tool_dynamics import MeasuredAssembly, across_axis
 

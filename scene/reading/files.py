@@ -11,8 +11,8 @@ from typing import Literal
 
 from headstock.meshing.formats import MESH_SUFFIXES
 from headstock.meshing.process.strangers import PART, FileKind
-from headstock.scene.reading.findings import Findings, Origin
-from headstock.scene.reading.positions import KeyPath, find_lines
+from headstock.scene.reading.findings import Findings, KeyPath, Origin
+from headstock.scene.reading.positions import find_lines
 
 type TomlValue = str | int | float | bool | datetime | date | time | list[TomlValue] | TomlTable
 type TomlTable = dict[str, TomlValue]

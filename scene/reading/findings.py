@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NoReturn
 
-from headstock.scene.reading.positions import KeyPath
+KeyPath = tuple[str | int, ...]  # of a value of a scene, with places in lists
 
 MAX_SHOWN = 60
 MAX_PROBLEMS = 200  # then it is raised without looking on

@@ -9,8 +9,7 @@ import re
 from collections.abc import Mapping
 
 from headstock.scene.reading.files import TomlTable, TomlValue
-from headstock.scene.reading.findings import show_key
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import KeyPath, show_key
 from headstock.scene.reading.units import (
     DIMENSIONS,
     Dimension,

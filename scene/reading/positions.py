@@ -5,7 +5,7 @@ import functools
 import re
 from dataclasses import dataclass, field
 
-KeyPath = tuple[str | int, ...]
+from headstock.scene.reading.findings import KeyPath
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _SPACE = re.compile(r"[ \t]*")

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import KeyPath
 from headstock.scene.reading.units import Quantity
 from headstock.scene.schema import types
 

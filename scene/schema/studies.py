@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
 from headstock.geometry.frames import FloatArray
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import KeyPath
 from headstock.scene.reading.units import ANGLE, LENGTH, Quantity
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, WatchError, parse_watch
 from headstock.scene.schema import types

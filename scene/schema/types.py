@@ -92,7 +92,8 @@ class StrictTable(BaseModel):
         names = {field.name for field in dataclasses.fields(cast(type[Any], kind))}
         values = self.given((names & type(self).model_fields.keys()) - others.keys())
         tuples = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
-        return kind(**values | tuples, **others)
+        build = cast(Callable[..., Built], kind)
+        return build(**values | tuples, **others)
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -215,8 +216,11 @@ class Between:
 
     def _check(self, value: float) -> float:
         if not self.low <= value <= self.high:
-            shown = quote_value(value) if isinstance(value, int) else f"{value:g}"
-            raise problem(f"is {shown} but must lie between {self.low:g} and {self.high:g}")
+            shown = (
+                quote_value(number) if isinstance(number, int) else f"{number:g}"
+                for number in (value, self.low, self.high)
+            )
+            raise problem("is {} but must lie between {} and {}".format(*shown))
         return value
 
 
@@ -361,16 +365,6 @@ def _read_whole(value: object) -> int:
     return value
 
 
-def _read_count(lowest: int, highest: int = MAX_COUNT) -> Callable[[object], int]:
-    def read(value: object) -> int:
-        value = _read_whole(value)
-        if not lowest <= value <= highest:
-            raise problem(f"is {quote_value(value)} but must lie between {lowest} and {highest}")
-        return value
-
-    return read
-
-
 Number = Annotated[float, BeforeValidator(_read_number), JsonForm({"type": "number"})]
 PositiveNumber = Annotated[
     Number,
@@ -378,15 +372,11 @@ PositiveNumber = Annotated[
     JsonForm({"type": "number", "exclusiveMinimum": 0.0}),
 ]
 WholeNumber = Annotated[int, BeforeValidator(_read_whole), JsonForm({"type": "integer"})]
-Count = Annotated[int, BeforeValidator(_read_count(1)), JsonForm({"type": "integer", "minimum": 1})]
+Count = Annotated[WholeNumber, Between(1, MAX_COUNT), JsonForm({"type": "integer", "minimum": 1})]
 CountFromZero = Annotated[
-    int, BeforeValidator(_read_count(0)), JsonForm({"type": "integer", "minimum": 0})
+    WholeNumber, Between(0, MAX_COUNT), JsonForm({"type": "integer", "minimum": 0})
 ]
-RibCount = Annotated[
-    int,
-    BeforeValidator(_read_count(0, MAX_RIBS)),
-    JsonForm({"type": "integer", "minimum": 0, "maximum": MAX_RIBS}),
-]
+RibCount = Annotated[WholeNumber, Between(0, MAX_RIBS)]
 Flag = StrictBool
 
 

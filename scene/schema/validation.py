@@ -14,9 +14,8 @@ from pydantic_core import ErrorDetails
 
 from headstock.scene.reading.expressions import is_expression
 from headstock.scene.reading.files import TomlTable, TomlValue
-from headstock.scene.reading.findings import Findings, suggest_names
+from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.reading.names import REMOVED_KEYS, SCENE_KEYS
-from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import quote_value
 from headstock.scene.schema.scene import SceneTable, complete_scene
 from headstock.scene.schema.types import table_name

@@ -68,8 +68,8 @@ class ControlForces:
 def control_forces(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> ControlForces:
     """Return what the drives of a system from ``free_motors`` add to its dynamic stiffness."""
     pushed = input_columns(system, [(train.name, FORCE) for train in trains])
-    seen = output_rows(system, [measured_channel(train) for train in trains])
-    return ControlForces(tuple(trains), pushed, seen)
+    measured = output_rows(system, [measured_channel(train) for train in trains])
+    return ControlForces(tuple(trains), pushed, measured)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +90,8 @@ class ClosedResponse:
         """Receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies."""
         count = len(self.trains)
         open_response = take_off_anchors(self.free.form.evaluate(omega), self.trains)
-        seen, motors, moved = np.split(open_response, [count, 2 * count], axis=1)
-        answers = answer_motions(self.trains, omega, seen, motors)
+        measured, motors, moved = np.split(open_response, [count, 2 * count], axis=1)
+        answers = answer_motions(self.trains, omega, measured, motors)
         forces = np.linalg.solve(np.eye(count) + answers[..., :count], answers[..., count:])
         return np.asarray(moved[..., count:] - moved[..., :count] @ forces)
 
@@ -120,7 +120,7 @@ def prepare_closed_frf(
         UnstableControlError: A pole grows, so that there is no steady response.
     """
     loop = close_loops(system, trains, inputs=inputs, outputs=outputs)
-    found = require_stable(system, trains, loop, find_loop_poles(loop))
+    poles = require_stable(system, trains, loop, find_loop_poles(loop))
     free = prepare_frf(
         system,
         inputs=[*((train.name, FORCE) for train in trains), *inputs],
@@ -134,7 +134,7 @@ def prepare_closed_frf(
     return FrfModel(
         inputs=tuple(inputs),
         outputs=tuple(outputs),
-        form=ClosedResponse(free, tuple(trains), found),
+        form=ClosedResponse(free, tuple(trains), poles),
         direct=free.direct,
         at_rest=_rest(loop, len(outputs), len(inputs)),
         coordinates=None,

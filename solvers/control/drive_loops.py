@@ -204,8 +204,8 @@ def force_channels(trains: Iterable[DriveTrain]) -> tuple[Channel, ...]:
 
 def plant_outputs(trains: Sequence[DriveTrain]) -> tuple[Channel, ...]:
     """Outputs of a plant that close its loops: what controllers read, then motors, then slides."""
-    seen = (measured_channel(train) for train in trains)
-    return (*seen, *((train.name, what) for what in (MOTOR, SLIDE) for train in trains))
+    measured = (measured_channel(train) for train in trains)
+    return (*measured, *((train.name, what) for what in (MOTOR, SLIDE) for train in trains))
 
 
 def close_plant(
@@ -300,11 +300,11 @@ def _feed_back(
 ) -> StateSpace:
     count, asked = len(trains), len(outputs)
     to_forces, to_loads = slice(0, count), slice(count, None)
-    place = asked + np.arange(count)
+    rows_read = asked + np.arange(count)
     # what the controllers see: position, then velocity, of each drive; their inputs come five by
     # five
-    seen = np.vstack([plant.c[place], _motor_rates(plant, trains, asked)])
-    seen_d = np.vstack([plant.d[place], np.zeros((count, plant.d.shape[1]))])
+    read = np.vstack([plant.c[rows_read], _motor_rates(plant, trains, asked)])
+    seen_d = np.vstack([plant.d[rows_read], np.zeros((count, plant.d.shape[1]))])
     measured = np.concatenate([5 * np.arange(count) + 3, 5 * np.arange(count) + 4])
     spread = _spread_set_points(trains)
     direct = control.d[:, measured]
@@ -312,26 +312,26 @@ def _feed_back(
     # loop. It is solved here, so that force = gains @ (states, control states, set points, loads)
     # and no force is an input any more
     loop = np.eye(count) - direct @ seen_d[:, to_forces]
-    pushed = np.hstack([direct @ seen, control.c, control.d @ spread, direct @ seen_d[:, to_loads]])
+    pushed = np.hstack([direct @ read, control.c, control.d @ spread, direct @ seen_d[:, to_loads]])
     gains = np.linalg.solve(loop, pushed)
-    size, own, sets = len(plant.a), len(control.a), spread.shape[1]
+    size, dim, sets = len(plant.a), len(control.a), spread.shape[1]
     # measured = (states, control states, set points, loads)
     view = (
-        np.hstack([seen, np.zeros((2 * count, own + sets)), seen_d[:, to_loads]])
+        np.hstack([read, np.zeros((2 * count, dim + sets)), seen_d[:, to_loads]])
         + seen_d[:, to_forces] @ gains
     )
-    open_plant = np.hstack([plant.a, np.zeros((size, own + sets)), plant.b[:, to_loads]])
+    open_plant = np.hstack([plant.a, np.zeros((size, dim + sets)), plant.b[:, to_loads]])
     open_control = np.hstack(
-        [np.zeros((own, size)), control.a, control.b @ spread, np.zeros((own, len(inputs)))]
+        [np.zeros((dim, size)), control.a, control.b @ spread, np.zeros((dim, len(inputs)))]
     )
-    open_outputs = np.hstack([plant.c, np.zeros((len(plant.c), own + sets)), plant.d[:, to_loads]])
+    open_outputs = np.hstack([plant.c, np.zeros((len(plant.c), dim + sets)), plant.d[:, to_loads]])
     rows = np.vstack(
         [open_plant + plant.b[:, to_forces] @ gains, open_control + control.b[:, measured] @ view]
     )
     outs = np.vstack([open_outputs + plant.d[:, to_forces] @ gains, gains])
-    states = (*plant.states, *(f"control {number + 1}" for number in range(own)))
+    states = (*plant.states, *(f"control {number + 1}" for number in range(dim)))
     names = tuple((train.name, what) for what in (ENCODER, MOTOR, SLIDE, FORCE) for train in trains)
-    split = size + own
+    split = size + dim
     return StateSpace(
         rows[:, :split],
         rows[:, split:],
@@ -356,13 +356,9 @@ def _spread_set_points(trains: tuple[DriveTrain, ...]) -> FloatArray:
     """From set points of the axes to the inputs of the controllers ``(5 n_drives, 3 n_axes)``: one
     axis may have two drives.
     """
-    axes = list(dict.fromkeys(train.axis for train in trains))
-    spread = np.zeros((5 * len(trains), 3 * len(axes)))
-    for number, train in enumerate(trains):
-        spread[
-            5 * number : 5 * number + 3, 3 * axes.index(train.axis) : 3 * axes.index(train.axis) + 3
-        ] = np.eye(3)
-    return spread
+    axes = dict.fromkeys(train.axis for train in trains)
+    driven = np.array([[float(train.axis == axis) for axis in axes] for train in trains])
+    return np.kron(driven.reshape(len(trains), len(axes)), np.eye(5, 3))
 
 
 def find_velocity_lag(loop: ClosedLoop, axis: str) -> tuple[float, dict[Channel, float]]:

@@ -81,13 +81,13 @@ def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> Seco
     mass, stiffness = _pad(system.mass, total), _pad(system.stiffness, total)
     damping = None if system.damping is None else _pad(system.damping, total)
     hysteretic = None if system.hysteretic is None else _pad(system.hysteretic, total)
-    inputs = {channel: _pad_row(row, total) for channel, row in system.inputs.items()}
-    outputs = {channel: _pad_row(row, total) for channel, row in system.outputs.items()}
+    inputs = {channel: _pad(row, total) for channel, row in system.inputs.items()}
+    outputs = {channel: _pad(row, total) for channel, row in system.outputs.items()}
     labels = list(system.labels)
     for train, turns in zip(trains, find_turns(trains, total), strict=True):
         motor, screw = turns.motor, turns.screw
-        stretch, stator = _pad_row(train.stretch, total), _pad_row(train.stator, total)
-        slide, scale = _pad_row(train.slide, total), _pad_row(train.scale, total)
+        stretch, stator = _pad(train.stretch, total), _pad(train.stator, total)
+        slide, scale = _pad(train.slide, total), _pad(train.scale, total)
         freed = np.zeros((total, total))
         if turns.apart:
             freed += train.coupling * np.outer(motor - screw, motor - screw)
@@ -137,16 +137,16 @@ def find_turns(trains: Sequence[DriveTrain], total: int) -> list[Turns]:
         trains: As the motors were let go.
         total: Coordinates ``n`` of that system, those of motors and screws at its end.
     """
-    found = []
-    place = total - sum(map(count_coordinates, trains))
+    turns = []
+    start = total - sum(map(count_coordinates, trains))
     for train in trains:
         count = count_coordinates(train)
-        own = [*np.eye(total)[place : place + count]]
+        coordinates = [*np.eye(total)[start : start + count]]
         if is_rigid(train):
-            own.append(_pad_row(train.slide, total))
-        found.append(Turns(own[0], own[-1], len(own) == 2))
-        place += count
-    return found
+            coordinates.append(_pad(train.slide, total))
+        turns.append(Turns(coordinates[0], coordinates[-1], len(coordinates) == 2))
+        start += count
+    return turns
 
 
 def measured_channel(train: DriveTrain) -> Channel:
@@ -185,13 +185,6 @@ def _join(row: FloatArray, coordinate: FloatArray, stiffness: float) -> FloatArr
     return np.asarray(stiffness * (np.outer(coordinate, coordinate) - cross - cross.T))
 
 
-def _pad(matrix: FloatArray, total: int) -> FloatArray:
-    padded = np.zeros((total, total))
-    padded[: len(matrix), : len(matrix)] = matrix
-    return padded
-
-
-def _pad_row(row: FloatArray, total: int) -> FloatArray:
-    padded = np.zeros(total)
-    padded[: len(row)] = row
-    return padded
+def _pad(values: FloatArray, total: int) -> FloatArray:
+    """Return a row or a square matrix with zeros for further coordinates."""
+    return np.pad(values, (0, total - len(values)))

@@ -67,14 +67,14 @@ def find_margins(
     """
     frequencies = _grid(to_hz, around_hz)
     forces = [(train.name, FORCE) for train in trains]
-    seen = [measured_channel(train) for train in trains] + [(train.name, MOTOR) for train in trains]
-    anchored = evaluate_frf(prepare_frf(system, inputs=forces, outputs=seen), frequencies)
-    found = take_off_anchors(anchored.receptance, trains)
+    read = [measured_channel(train) for train in trains] + [(train.name, MOTOR) for train in trains]
+    anchored = evaluate_frf(prepare_frf(system, inputs=forces, outputs=read), frequencies)
+    receptance = take_off_anchors(anchored.receptance, trains)
     omega, count = 2.0 * np.pi * frequencies, len(trains)
     # L(i, j): per unit drive force
-    loops = answer_motions(trains, omega, found[:, :count], found[:, count:])
+    loops = answer_motions(trains, omega, receptance[:, :count], receptance[:, count:])
     ahead = [_control_paths(train.control, omega).ahead for train in trains]
-    follow = _follow(loops, found[:, :count], np.stack(ahead, axis=1))
+    follow = _follow(loops, receptance[:, :count], np.stack(ahead, axis=1))
     return tuple(
         _judge(train.name, frequencies, _open_loop(loops, number), np.abs(follow[:, number]))
         for number, train in enumerate(trains)
@@ -153,12 +153,12 @@ def _follow(loops: ComplexArray, motion: ComplexArray, ahead: ComplexArray) -> C
 def _open_loop(loops: ComplexArray, number: int) -> ComplexArray:
     """Loop of one drive with the others closed ``(n_freq,)``."""
     others = [i for i in range(loops.shape[1]) if i != number]
-    own = loops[:, number, number]
+    direct = loops[:, number, number]
     if not others:
-        return np.asarray(own)
+        return np.asarray(direct)
     rest = loops[:, others][:, :, others] + np.eye(len(others))
     through = np.linalg.solve(rest, loops[:, others, number][..., None])[..., 0]
-    return np.asarray(own - np.einsum("fi,fi->f", loops[:, number, others], through))
+    return np.asarray(direct - np.einsum("fi,fi->f", loops[:, number, others], through))
 
 
 def _judge(
@@ -195,31 +195,31 @@ def _real_crossings(frequencies: FloatArray, loop: ComplexArray) -> list[tuple[f
         & (loop.real[:-1] < 0.0)
         & (loop.real[1:] < 0.0)
     )
-    found = []
-    for place in crossed:
-        share = float(loop.imag[place] / (loop.imag[place] - loop.imag[place + 1]))
-        size = -float(loop.real[place] + share * (loop.real[place + 1] - loop.real[place]))
-        found.append(
+    crossings = []
+    for index in crossed:
+        share = float(loop.imag[index] / (loop.imag[index] - loop.imag[index + 1]))
+        size = -float(loop.real[index] + share * (loop.real[index + 1] - loop.real[index]))
+        crossings.append(
             (
                 size,
-                float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place])),
+                float(frequencies[index] + share * (frequencies[index + 1] - frequencies[index])),
             )
         )
-    return found
+    return crossings
 
 
 def _phase_margin(frequencies: FloatArray, loop: ComplexArray) -> tuple[float | None, float | None]:
     size = np.abs(loop) - 1.0
     crossed = np.flatnonzero(np.sign(size[:-1]) != np.sign(size[1:]))
     best: tuple[float | None, float | None] = (None, None)
-    for place in crossed:
-        share = size[place] / (size[place] - size[place + 1])
-        value = loop[place] + share * (loop[place + 1] - loop[place])
+    for index in crossed:
+        share = size[index] / (size[index] - size[index + 1])
+        value = loop[index] + share * (loop[index + 1] - loop[index])
         margin = 180.0 - abs(math.degrees(math.atan2(value.imag, value.real)))
         if best[0] is None or margin < best[0]:
             best = (
                 margin,
-                float(frequencies[place] + share * (frequencies[place + 1] - frequencies[place])),
+                float(frequencies[index] + share * (frequencies[index + 1] - frequencies[index])),
             )
     return best
 

@@ -60,11 +60,11 @@ class LoopPoles:
         sizes = np.abs(self.poles)
         # eigenvalues are known to the rounding of the fastest, which very stiff loops have
         rounding = np.finfo(float).eps * sizes.max(initial=0.0)
-        judged = np.flatnonzero(
+        growing = np.flatnonzero(
             (self.poles.real > np.maximum(GROWING * sizes, rounding))
             & (self.frequencies_hz <= self.limit_hz)
         )
-        return [int(index) for index in judged[np.argsort(-self.poles[judged].real)]]
+        return [int(index) for index in growing[np.argsort(-self.poles[growing].real)]]
 
 
 def find_loop_poles(loop: ClosedLoop) -> LoopPoles:
@@ -88,7 +88,7 @@ def find_loop_poles(loop: ClosedLoop) -> LoopPoles:
         frequencies_hz=np.where(real[kept], 0.0, poles.imag / (2.0 * math.pi)),
         damping_ratios=-poles.real / np.where(np.abs(poles) > 0.0, np.abs(poles), 1.0),
         shapes=shapes[: loop.plant_size],
-        drives=tuple(loop.trains[int(place)].name for place in np.argmax(power, axis=0)),
+        drives=tuple(loop.trains[int(index)].name for index in np.argmax(power, axis=0)),
         modes=tuple(int(mode) for mode in np.argmax(modal, axis=0)),
         limit_hz=_dead_time_limit(loop.trains),
     )

@@ -45,7 +45,7 @@ def gmsh_cell_order(shape: str, nodes: int) -> NDArray[np.int32]:
     return np.asarray(_GMSH.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), nodes))
 
 
-def create_mesh(
+def _create_mesh(
     comm: MPI.Comm, cells: NDArray[np.int64], points: FloatArray, element: basix.ufl._ElementBase
 ) -> dolfinx.mesh.Mesh:
     """Return the cells of this rank ``(n, k)`` with numbers of points ``(m, 3)`` [m] in dolfinx's
@@ -202,7 +202,6 @@ def assemble_elasticity(
     Args:
         mesh: On rank 0; what others hand in is not looked at.
         comm: Communicator to distribute over; collective.
-        with_corners: Assemble the corner level, too.
 
     Raises:
         AccuracyError: The assembled operators fail their symmetry or mass check.
@@ -228,10 +227,10 @@ def assemble_elasticity(
     nodes[space.dofmap.list] = rows_from_root(
         comm, None if mesh is None else mesh.cells[:, _cell_order(facts.kind)], cells
     )
-    degree, mass = _stiffness_degree(facts, order), None
+    (degree, mass_degree), mass = _quadrature_degrees(facts, order), None
     stiffness, column_map = _assemble_stiffness(space, material, degree, facts.kernel("stiffness"))
     if with_mass:
-        mass = _assemble_mass(scalar, material, _mass_degree(facts, order), facts.kernel("mass"))
+        mass = _assemble_mass(scalar, material, mass_degree, facts.kernel("mass"))
     sizes, noise = _measure_rows(stiffness)
     operators = ElasticOperators(
         comm=comm,
@@ -262,12 +261,12 @@ def _distribute_mesh(
     element = basix.ufl.element("Lagrange", shape, geometry_order, shape=(3,))
     if mesh is None:
         nothing = np.zeros((0, element.basix_element.dim), dtype=np.int64)
-        return create_mesh(comm, nothing, np.zeros((0, 3)), element)
+        return _create_mesh(comm, nothing, np.zeros((0, 3)), element)
     points, cells = mesh.points, mesh.cells[:, _cell_order(facts.kind)]
     if geometry_order == 1:
         corners, numbers = np.unique(cells[:, : CORNERS[shape]], return_inverse=True)
         points, cells = points[corners], numbers.reshape(len(cells), -1)
-    return create_mesh(comm, cells.astype(np.int64), points, element)
+    return _create_mesh(comm, cells.astype(np.int64), points, element)
 
 
 def _cell_order(kind: CellKind) -> NDArray[np.int32]:
@@ -368,19 +367,6 @@ def _measure_rows(stiffness: scipy.sparse.bsr_matrix) -> tuple[FloatArray, Float
     return sizes.ravel(), 0.5 * (sums + sums.transpose(0, 2, 1))
 
 
-def _stiffness_degree(mesh: _MeshFacts, order: int) -> int:
-    # exact on affine tets; curved and hexahedral maps are rational and get the customary full rule
-    if mesh.kind.startswith("tet"):
-        return 2 * (order - 1) if mesh.straight or order == 1 else 4
-    return 2 * order + 1 if order == 1 else 5
-
-
-def _mass_degree(mesh: _MeshFacts, order: int) -> int:
-    if mesh.kind.startswith("tet"):
-        return 2 * order if mesh.straight or order == 1 else 7
-    return 2 * order + 1 if mesh.straight else 7
-
-
 def _check_operators(operators: ElasticOperators, expected: float) -> None:
     """Refuse operators that are off, the mass from that expected [kg]."""
     comm = operators.comm
@@ -396,3 +382,14 @@ def _check_operators(operators: ElasticOperators, expected: float) -> None:
             raise AccuracyError(
                 f"the assembled mass is {mass:.12g} kg, density times mesh volume {expected:.12g} kg"
             )
+
+
+def _quadrature_degrees(mesh: _MeshFacts, order: int) -> tuple[int, int]:
+    """Return the degrees to which stiffness and mass are integrated: exact on affine tets; curved and
+    hexahedral maps are rational and get the customary full rule.
+    """
+    if not mesh.kind.startswith("tet"):
+        return (3 if order == 1 else 5), (2 * order + 1 if mesh.straight else 7)
+    if mesh.straight or order == 1:
+        return 2 * (order - 1), 2 * order
+    return 4, 7

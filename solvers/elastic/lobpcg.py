@@ -171,7 +171,9 @@ class _Block:
         change = np.hstack([shapes, along])
         change, _ = np.linalg.qr(change)
         for table in (self._basis, self._forces, self._massive):
-            _transform(table, change)
+            for first in range(0, len(table), ROWS_AT_A_TIME):  # in place, piece by piece
+                piece = table[first : first + ROWS_AT_A_TIME]
+                piece[:, : change.shape[1]] = piece[:, : len(change)] @ change
         self._projected = change.T @ (self._projected @ change)
         if len(self._bounds) == width == old:
             # another shape may have come in before one that had converged
@@ -227,11 +229,3 @@ class _Block:
 
     def _sum(self, values: FloatArray) -> FloatArray:
         return sum_over_ranks(self._solver.comm, values)
-
-
-def _transform(table: FloatArray, change: FloatArray) -> None:
-    """Combine the columns of a table in place, piece by piece."""
-    size, count = change.shape
-    for first in range(0, len(table), ROWS_AT_A_TIME):
-        rows = slice(first, first + ROWS_AT_A_TIME)
-        table[rows, :count] = table[rows, :size] @ change

@@ -155,7 +155,10 @@ class _CornerSolver:
         self._level = level
         self._fixed = level.at_corners(fixed)
         self._matrix = _corner_matrix(level, self._fixed)
-        self._solver = _aggregate(self._matrix)
+        self._solver, pc = apply_once(self._matrix, "headstock_corners_", GAMG_OPTIONS)
+        pc.setType(PETSc.PC.Type.GAMG)  # one cycle of smoothed aggregation
+        pc.setFromOptions()
+        self._solver.setUp()
         self._given, self._found = self._matrix.createVecs()
 
     def close(self) -> None:
@@ -218,15 +221,6 @@ def _corner_matrix(level: CornerLevel, fixed: BoolArray) -> PETSc.Mat:
         vector.normalize()
     result.setNearNullSpace(PETSc.NullSpace().create(vectors=vectors, comm=level.comm))
     return result
-
-
-def _aggregate(matrix: PETSc.Mat) -> PETSc.KSP:
-    """Return a solver that is one cycle of smoothed aggregation."""
-    solver, pc = apply_once(matrix, "headstock_corners_", GAMG_OPTIONS)
-    pc.setType(PETSc.PC.Type.GAMG)
-    pc.setFromOptions()
-    solver.setUp()
-    return solver
 
 
 def _orthonormal(motions: FloatArray, operators: ElasticOperators) -> FloatArray:

@@ -1,3 +1,3 @@
-"""Equations of motion of closed loops, their small motions and integrators. Never cutting
+"""Equations of motion of closed loops, and their small motions. Never cutting
 forces.
 """

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
-from headstock.geometry.mechanisms.closures import Kinematics, close_loops, evaluate_kinematics
+from headstock.geometry.mechanisms.closures import Kinematics, close_chains, evaluate_kinematics
 from headstock.geometry.mechanisms.mechanism import Mechanism
 from headstock.geometry.parts.components import RayleighDamping
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, evaluate_dynamics
@@ -119,7 +119,7 @@ def _gravity_stiffness(
         moved = states.astype(complex)
         moved[..., coordinate] += 1j * TINY
         # Newton's method is exact for a step this small, after one correction
-        closed = close_loops(mechanism, moved)
+        closed = close_chains(mechanism, moved)
         kinematics = evaluate_kinematics(mechanism, closed)
         force = evaluate_dynamics(model, kinematics).load
         maps = _free_maps(mechanism, kinematics, released)

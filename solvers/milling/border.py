@@ -179,7 +179,6 @@ def _scan(
     """The thinnest limit at a speed, by depths rising from the first, each so many times the last.
 
     Args:
-        speed: Where depths are tried.
         first: Depth to begin with [m].
         deepest: Depth to end with [m].
         hint: Near which the limit is expected [m]; NaN for nowhere.
@@ -289,7 +288,6 @@ def _confirm(speed: _Speed, depth: float, within: tuple[float, float]) -> Limit:
     """A crossing with more nodes: cuts close below it are stable, close above it they are not.
 
     Args:
-        speed: Where depths are tried.
         depth: Of the crossing [m].
         within: Depths between which it is, but for what more nodes change [m].
     """
@@ -345,7 +343,6 @@ def _find_crossing(speed: _Speed, low: float, high: float, tolerance: float) -> 
     cut excites, is larger; depths of that one enclose the border only.
 
     Args:
-        speed: Where depths are tried.
         low: Depth that is stable [m].
         high: One that is not [m].
         tolerance: Relative step of a secant that is the last one.

@@ -93,7 +93,10 @@ def _find_coefficients(values: Mapping[str, float]) -> tuple[Three, Three]:
             and Kac with Kre and Kae, or radial_ratio and axial_ratio to the tangential ones. SI.
     """
     if "kc11" in values:
-        chip, edge = _linearise_kienzle(values["kc11"], values["mc"], values["chip_thickness"])
+        # the tangent to Kienzle's force, whose kc11 is that of a millimetre by a millimetre
+        mc, thickness = values["mc"], values["chip_thickness"]
+        specific = values["kc11"] * (MM * thickness) ** -mc
+        chip, edge = (1.0 - mc) * specific, mc * specific * thickness
     else:
         chip, edge = values["Ktc"], values.get("Kte", 0.0)
     across = [
@@ -133,18 +136,6 @@ def build_coefficients(
 
     found = {key: reach(key, share) for key, share in ranges.items() if share > 0.0}
     return dataclasses.replace(build(values), ranges=found)
-
-
-def _linearise_kienzle(kc11: float, mc: float, thickness: float) -> tuple[float, float]:
-    """Chip [N/m^2] and edge coefficient [N/m] of the tangent to Kienzle's force.
-
-    Args:
-        kc11: Specific cutting force at a thickness and a width of one millimetre [N/m^2].
-        mc: How it falls with the thickness.
-        thickness: Of the chip [m].
-    """
-    specific = kc11 * (MM * thickness) ** -mc
-    return (1.0 - mc) * specific, mc * specific * thickness
 
 
 def mean_chip_thickness(feed_per_tooth: float, immersion: float) -> float:

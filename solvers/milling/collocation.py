@@ -273,7 +273,7 @@ class PeriodicCut:
     def _respond_at(
         self, poles: _PolesInCut, start: float, windows: tuple[Window, ...], depth: float = 1.0
     ) -> _PeriodResponse:
-        return respond_in_period(poles, self.cut, start, windows, depth)
+        return _respond_in_period(poles, self.cut, start, windows, depth)
 
     def frequency(self, multiplier: Multiplier) -> float:
         """Angular frequency of chatter [rad/s]: of all that a multiplier may have the one nearest to
@@ -341,7 +341,7 @@ class PeriodicCut:
         return Multiplier(value, int(np.flatnonzero(poles.kept)[np.argmax(moved)]))
 
 
-def respond_in_period(
+def _respond_in_period(
     poles: _PolesInCut, cut: MillingCut, start: float, windows: tuple[Window, ...], depth: float
 ) -> _PeriodResponse:
     """Responses of a tip over a tooth period.

@@ -223,7 +223,6 @@ def drive_forces(
 
     Args:
         times: ``(n,)`` [s].
-        history: The compliant coordinates then.
         force: ``(n, 3)`` force on the tool [N], ground frame of the chains.
 
     Returns:

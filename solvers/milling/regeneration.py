@@ -13,7 +13,6 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
 from headstock.solvers.milling.forces import (
     MillingCut,
     engaged,
@@ -21,7 +20,13 @@ from headstock.solvers.milling.forces import (
     radius_differences,
     tooth_angles,
 )
-from headstock.solvers.motion.alpha import AlphaSteps, CompliantHistory, LinearMotion, chunk_slices
+from headstock.solvers.motion.alpha import (
+    AlphaScheme,
+    AlphaSteps,
+    CompliantHistory,
+    LinearMotion,
+    chunk_slices,
+)
 
 WAVES = 3  # teeth that are looked back
 PASSES = 2

@@ -17,7 +17,6 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl
 from headstock.solvers.control.drive_loops import LinearBlock, make_controller, stack_blocks
 from headstock.solvers.errors import ConvergenceError
-from headstock.solvers.mechanisms.generalized_alpha import AlphaScheme
 from headstock.solvers.motion.friction import CoordinateFriction
 
 INVERSE_TOLERANCE = 1e-10  # of what an interpolated inverse leaves of the identity
@@ -25,6 +24,37 @@ MOST_PARTS = 64  # of the trajectory between two nodes
 CHUNK = 512  # states evaluated together: more would leave the cache
 INPUTS = 5  # of a controller: set position, speed, acceleration, measured position, motor speed
 SPEED, ACCELERATION, POSITION, MOTOR_SPEED = 1, 2, 3, 4
+
+
+@dataclass(frozen=True)
+class AlphaScheme:
+    """Parameters of generalised-α time integration for a spectral radius at infinite frequency: 1
+    keeps high frequencies, 0 kills them in one step.
+
+    Source: Chung and Hulbert (1993); Arnold and Brüls (2007).
+    """
+
+    rho: float = 0.9
+
+    @property
+    def alpha_m(self) -> float:
+        """Share of the old auxiliary acceleration."""
+        return (2.0 * self.rho - 1.0) / (self.rho + 1.0)
+
+    @property
+    def alpha_f(self) -> float:
+        """Share of the old acceleration."""
+        return self.rho / (self.rho + 1.0)
+
+    @property
+    def gamma(self) -> float:
+        """Newmark's gamma, for second order."""
+        return 0.5 + self.alpha_f - self.alpha_m
+
+    @property
+    def beta(self) -> float:
+        """Newmark's beta, for the most damping of high frequencies."""
+        return 0.25 * (self.gamma + 0.5) ** 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,10 +207,10 @@ class AlphaSteps:
         """Steps of a motion, with the parameters of the method."""
         self._motion = motion
         self._ahead, self.reach = _scheme_matrices(scheme, float(motion.times[1] - motion.times[0]))
-        place = (motion.times - motion.nodes[0]) / (motion.nodes[1] - motion.nodes[0])
-        left = np.clip(place.astype(np.intp), 0, len(motion.nodes) - 2)
+        location = (motion.times - motion.nodes[0]) / (motion.nodes[1] - motion.nodes[0])
+        left = np.clip(location.astype(np.intp), 0, len(motion.nodes) - 2)
         self._left: list[int] = left.tolist()
-        self._share: list[float] = (place - left).tolist()
+        self._share: list[float] = (location - left).tolist()
         self._interval = -1
         self._pull: FloatArray = np.zeros((0, 0))
         self._inverses: list[FloatArray] = []
@@ -219,35 +249,35 @@ class AlphaSteps:
         left: FloatArray = load - pulled[:size] - share * pulled[size:]
         if wave is not None:
             left = np.asarray(left + wave @ (drift[0] - (0.0 if past is None else past)))
-        own = self.respond(number, left)
+        accel = self.respond(number, left)
         if wave is not None:
             softer = self.respond(number, self.reach[0] * wave)
-            own = np.asarray(np.linalg.solve(np.eye(size) - softer, own))
+            accel = np.asarray(np.linalg.solve(np.eye(size) - softer, accel))
         if self._motion.friction is not None:
-            own = self._add_friction(self._motion.friction, number, drift=drift, own=own)
-        return np.asarray(drift + self.reach[:, None] * own)
+            accel = self._add_friction(self._motion.friction, number, drift=drift, accel=accel)
+        return np.asarray(drift + self.reach[:, None] * accel)
 
     def _add_friction(
-        self, friction: CoordinateFriction, number: int, *, drift: FloatArray, own: FloatArray
+        self, friction: CoordinateFriction, number: int, *, drift: FloatArray, accel: FloatArray
     ) -> FloatArray:
         """Accelerations ``(c,)`` with friction, from those without."""
         at = friction.coordinates
-        units = np.zeros((len(own), len(at)))
+        units = np.zeros((len(accel), len(at)))
         units[at, np.arange(len(at))] = 1.0
         pushed = self.respond(number, units)
-        speeds = drift[1, at] + self.reach[1] * own[at]
+        speeds = drift[1, at] + self.reach[1] * accel[at]
         return np.asarray(
-            own + pushed @ friction.settle(number, speeds, self.reach[1] * pushed[at])
+            accel + pushed @ friction.settle(number, speeds, self.reach[1] * pushed[at])
         )
 
     def respond(self, number: int, load: FloatArray) -> FloatArray:
         """Accelerations ``(c,)`` or ``(c, k)`` that loads of the same shape at a step bring about."""
-        place = self._visit(number) * len(self._inverses)
-        part = min(int(place), len(self._inverses) - 1)
-        share, size = place - part, len(load)
-        found = self._inverses[part] @ load
+        location = self._visit(number) * len(self._inverses)
+        part = min(int(location), len(self._inverses) - 1)
+        share, size = location - part, len(load)
+        product = self._inverses[part] @ load
         return np.asarray(
-            found[:size] + share * (found[size : 2 * size] + share * found[2 * size :])
+            product[:size] + share * (product[size : 2 * size] + share * product[2 * size :])
         )
 
     def _visit(self, number: int) -> float:
@@ -277,16 +307,15 @@ def _tabulate_inverse(ends: FloatArray) -> list[FloatArray]:
     first, change, unit = ends[0], ends[1] - ends[0], np.eye(ends.shape[-1])
     parts = 1
     while True:
-        known = np.linalg.inv(first + np.linspace(0.0, 1.0, 2 * parts + 1)[:, None, None] * change)
-        low, middle, high = known[:-2:2], known[1:-1:2], known[2::2]
+        exact = np.linalg.inv(first + np.linspace(0.0, 1.0, 2 * parts + 1)[:, None, None] * change)
+        low, middle, high = exact[:-2:2], exact[1:-1:2], exact[2::2]
         square = 2.0 * (low - 2.0 * middle + high)
         slope = high - low - square
         # a quarter of the trajectory into the first and the last part the parabola misses most
         places = np.array([0.25, parts - 0.75]) / parts
         missed = [
-            unit
-            - (first + place * change) @ (low[part] + 0.25 * (slope[part] + 0.25 * square[part]))
-            for place, part in zip(places, (0, -1), strict=True)
+            unit - (first + at * change) @ (low[part] + 0.25 * (slope[part] + 0.25 * square[part]))
+            for at, part in zip(places, (0, -1), strict=True)
         ]
         if np.abs(missed).max() < INVERSE_TOLERANCE or parts >= MOST_PARTS:
             return list(np.concatenate([low, slope, square], axis=1))
@@ -336,9 +365,9 @@ def interpolate_nodes(times: FloatArray, nodes: FloatArray, values: FloatArray) 
     Returns:
         ``(n, ...)``.
     """
-    place = (times - nodes[0]) / (nodes[1] - nodes[0])
-    left = np.clip(place.astype(np.intp), 0, len(nodes) - 2)
-    share = (place - left).reshape(-1, *([1] * (values.ndim - 1)))
+    location = (times - nodes[0]) / (nodes[1] - nodes[0])
+    left = np.clip(location.astype(np.intp), 0, len(nodes) - 2)
+    share = (location - left).reshape(-1, *([1] * (values.ndim - 1)))
     return np.asarray((1.0 - share) * values[left] + share * values[left + 1])
 
 
@@ -418,25 +447,25 @@ def close_motors(
     """
     count, size = len(controls), free.mass.shape[-1]
     block = stack_blocks([make_controller(control) for control in controls])
-    own = len(block.a)
-    motors, states = slice(size - count, size), slice(size, size + own)
+    order = len(block.a)
+    motors, states = slice(size - count, size), slice(size, size + order)
     columns = INPUTS * np.arange(count)
-    seen, turned = columns + POSITION, columns + MOTOR_SPEED
+    measured, turned = columns + POSITION, columns + MOTOR_SPEED
     at_motor = np.zeros((count, size))
     at_motor[:, motors] = np.eye(count)
     on_scale = np.array([control.encoder == "scale" for control in controls])
     reads = np.where(on_scale[:, None], scales, at_motor)
-    nodes, whole = len(free.nodes), size + own
+    nodes, whole = len(free.nodes), size + order
     mass, damping, stiffness = (np.zeros((nodes, whole, whole)) for _ in range(3))
     mass[:, :size, :size], damping[:, :size, :size] = free.mass, free.damping
     stiffness[:, :size, :size] = free.stiffness
     # force = c z + d (inputs), z' = a z + b (inputs): rows of the motors and of the states
     damping[:, motors, motors] -= block.d[:, turned]
     damping[:, states, motors] = -block.b[:, turned]
-    damping[:, states, states] = np.eye(own)
-    stiffness[:, motors, :size] -= block.d[:, seen] @ reads
+    damping[:, states, states] = np.eye(order)
+    stiffness[:, motors, :size] -= block.d[:, measured] @ reads
     stiffness[:, motors, states] = -block.c
-    stiffness[:, states, :size] = -block.b[:, seen] @ reads
+    stiffness[:, states, :size] = -block.b[:, measured] @ reads
     stiffness[:, states, states] = -block.a
     read: FloatArray = np.zeros((len(free.times), count))
     if beside is not None:
@@ -456,7 +485,7 @@ def close_motors(
         mass=mass,
         damping=damping,
         stiffness=stiffness,
-        tool=np.concatenate([free.tool, np.zeros((nodes, 3, own))], axis=-1),
+        tool=np.concatenate([free.tool, np.zeros((nodes, 3, order))], axis=-1),
         gravity_deflection=np.asarray(np.linalg.solve(stiffness, weight[..., None])[..., 0]),
         load=load,
     )

@@ -172,7 +172,7 @@ def solve_path_with_friction(
     """
     linear, space = solve_controlled_path(path, move, samples), path.loop.space
     given = functools.partial(path_inputs, path.loads, move)
-    found = solve_motion(
+    motion = solve_motion(
         path.loop,
         given,
         samples,
@@ -181,11 +181,11 @@ def solve_path_with_friction(
         longest=longest_step(path.loads),
     )
     now = given(samples)
-    total = found.outputs[:, path.rows] - np.outer(now[:, 0], path.travel)
+    total = motion.outputs[:, path.rows] - np.outer(now[:, 0], path.travel)
     acting = now @ spread_inputs(space.inputs, path.given).T
-    acting[:, space.columns.of(friction_channels(path.loop.trains))] = -found.friction
-    values = path.others.evaluate(found.right, acting)
-    return linear.with_total(total, WatchedValues(path.watched.channels, values)), found
+    acting[:, space.columns.of(friction_channels(path.loop.trains))] = -motion.friction
+    values = path.others.evaluate(motion.right, acting)
+    return linear.with_total(total, WatchedValues(path.watched.channels, values)), motion
 
 
 def _require_mounted(loop: ClosedLoop) -> None:
@@ -307,7 +307,7 @@ class VaryingLoop:
         """Inputs of the closed loop, of position, speed and acceleration along the path, then of
         loads: a controller is given what deviates.
         """
-        found = {self.path: np.array([0.0, 0.0, 1.0])}
+        rows = {self.path: np.array([0.0, 0.0, 1.0])}
         for train, travel in zip(self.trains, self.travels, strict=True):
             control = train.control
             deviating = (
@@ -316,8 +316,8 @@ class VaryingLoop:
                 control.acceleration_feed_forward * travel.axis,
             )
             kinds = ((train.name, kind) for kind in SET_POINTS)
-            found |= dict(zip(kinds, np.diag(deviating), strict=True))
-        return _add_loads(found, load_channels(self.loads))
+            rows |= dict(zip(kinds, np.diag(deviating), strict=True))
+        return _add_loads(rows, load_channels(self.loads))
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,7 +401,7 @@ def make_loop_table(loop: VaryingLoop, size: float) -> LoopTable:
     steps = tabulate_steps(
         functools.partial(_exact_step, loop), float(loop.plant.positions[-1]), size
     )
-    inputs = [_drive_inputs(loop, float(place)) for place in steps.spline.x]
+    inputs = [_drive_inputs(loop, float(position)) for position in steps.spline.x]
     parting = _part_poles([space.a for space, _, _ in inputs], loop.low_frequency_limit_hz)
     views = []
     for (space, b, direct), limit in zip(inputs, parting, strict=True):
@@ -461,16 +461,16 @@ def solve_varying_friction(
         lambda times: sample_move(move, times).positions,
         loop.rows(close_loops_along(loop, 0.0).space),
     )
-    found = integrate_track(
+    motion = integrate_track(
         track,
         functools.partial(path_inputs, loop.loads, move),
         samples,
         breaks=list_breaks(move),
         longest=longest_step(loop.loads),
     )
-    total, watched = np.split(found.outputs, [len(loop.outputs)], axis=1)
+    total, watched = np.split(motion.outputs, [len(loop.outputs)], axis=1)
     linear = solve_varying_control(loop, move, samples, table)
-    return linear.with_total(total, WatchedValues(loop.watched, watched)), found
+    return linear.with_total(total, WatchedValues(loop.watched, watched)), motion
 
 
 def _friction_at(loop: VaryingLoop, position: float) -> FrictionLoop:

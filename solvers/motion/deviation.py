@@ -215,8 +215,8 @@ def measure_cruise(
     size = FINER * len(rest)
     spectrum = np.abs(np.fft.rfft(rest * np.hanning(len(rest)), size))
     frequencies = np.fft.rfftfreq(size, span / (len(times) - 1))
-    known = frequencies >= LEAST_WAVES / span
-    best = float(frequencies[known][int(np.argmax(spectrum[known]))])
+    periodic = frequencies >= LEAST_WAVES / span
+    best = float(frequencies[periodic][int(np.argmax(spectrum[periodic]))])
     angles = 2.0 * np.pi * best * arms
     waves = np.column_stack([np.ones_like(arms), arms, np.cos(angles), np.sin(angles)])
     fitted = np.linalg.lstsq(waves, values)[0]

@@ -177,7 +177,7 @@ def integrate_track(
     allowed = tolerance * _state_scale(typical, outset.sizes, float(times[-1] - times[0]))
     grid = cut_steps(times, breaks, given, min(longest, ANGLE / _fastest_mode(typical)))
     wanted = np.searchsorted(grid, times)
-    kept = {int(place): number for number, place in enumerate(wanted)}
+    kept = {int(instant): number for number, instant in enumerate(wanted)}
     left = np.empty((len(times), typical.size))
     right = np.empty_like(left) if outset.jumps.any() else left
     works, posed = np.zeros((len(grid), len(WORKS))), np.zeros(len(grid))
@@ -194,9 +194,9 @@ def integrate_track(
         begun, ended = (np.empty((len(inside), typical.size)) for _ in range(2))
         for number in range(len(inside)):
             if part.start + number in kept:
-                place = kept[part.start + number]
-                left[place] = state
-                state = right[place] = state + outset.jumps[place]
+                instant = kept[part.start + number]
+                left[instant] = state
+                state = right[instant] = state + outset.jumps[instant]
             begun[number] = state
             state = ended[number] = integrator.advance(
                 number,
@@ -372,21 +372,21 @@ def solve_friction_transient(
     # several loads may act on one channel
     rows = {channel: np.array([float(other == channel) for other in inputs]) for channel in inputs}
     model = make_friction_loop(loop, rows)
-    found = integrate_track(
+    motion = integrate_track(
         still_track(model),
         _follow_loads(loads),
         loads.times,
         outset=_Outset(free.left[0], loads.impulses @ model.b.T, free.right),
     )
     friction_forces = (
-        friction_force(model.law, found.right[:-1] @ model.slides.T),
-        friction_force(model.law, found.left[1:] @ model.slides.T),
+        friction_force(model.law, motion.right[:-1] @ model.slides.T),
+        friction_force(model.law, motion.left[1:] @ model.slides.T),
     )
     return FrictionTransient(
-        found,
+        motion,
         friction_forces,
-        _read_outputs(model, loads, found, friction_forces, outputs),
-        _add_energies(model, found),
+        _read_outputs(model, loads, motion, friction_forces, outputs),
+        _add_energies(model, motion),
     )
 
 

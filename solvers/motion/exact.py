@@ -164,12 +164,12 @@ def _find_coordinates(
         ModelError: A channel is unknown, a damper acts on a dof without mass, or a matrix is not
             symmetric.
     """
-    found = to_modal_coordinates(equivalent_viscous(system), inputs, outputs)
-    if found is None:
+    coordinates = to_modal_coordinates(equivalent_viscous(system), inputs, outputs)
+    if coordinates is None:
         raise ModelError(
             "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
         )
-    return found
+    return coordinates
 
 
 def respond_exactly(
@@ -311,13 +311,13 @@ class StepTable:
         regular = np.abs(steps - self.size) <= SAME_STEP * self.size
         states = np.zeros((len(times), coefficients.shape[2]))
         for number, offset in enumerate(offsets):
-            known = np.concatenate([states[number], given[number]])
+            acting = np.concatenate([states[number], given[number]])
             if regular[number]:
-                cubic, square, slope, value = coefficients[:, intervals[number]] @ known
+                cubic, square, slope, value = coefficients[:, intervals[number]] @ acting
                 states[number + 1] = ((cubic * offset + square) * offset + slope) * offset + value
             else:
                 step = self.step(float(middles[number]), float(steps[number]))
-                states[number + 1] = step @ known
+                states[number + 1] = step @ acting
         return states
 
 
@@ -348,25 +348,25 @@ def tabulate_steps(
     Raises:
         AccuracyError: The greatest number of places does not suffice.
     """
-    known: dict[float, FloatArray] = {}
+    exact: dict[float, FloatArray] = {}
     count = FIRST_KNOTS
     while count <= MOST_KNOTS:
         places = np.linspace(0.0, length, count)
         before = (
-            CubicSpline(sorted(known), np.array([known[s] for s in sorted(known)]))
-            if known
+            CubicSpline(sorted(exact), np.array([exact[s] for s in sorted(exact)]))
+            if exact
             else None
         )
         missed = 0.0
-        for place in (float(value) for value in places if float(value) not in known):
-            known[place] = step(place, size)
+        for at in (float(value) for value in places if float(value) not in exact):
+            exact[at] = step(at, size)
             if before is not None:
                 missed = max(
                     missed,
-                    float(np.abs(before(place) - known[place]).max() / np.abs(known[place]).max()),
+                    float(np.abs(before(at) - exact[at]).max() / np.abs(exact[at]).max()),
                 )
         if before is not None and missed <= STEP_TOLERANCE:
-            spline = CubicSpline(places, np.array([known[float(s)] for s in places]))
+            spline = CubicSpline(places, np.array([exact[float(s)] for s in places]))
             return StepTable(step, size, spline)
         count = 2 * count - 1
     raise AccuracyError(

@@ -35,9 +35,9 @@ class StackedFriction:
 
 def stack_laws(laws: Sequence[GuideFriction | None]) -> StackedFriction:
     """Return the laws of several guides, to be evaluated together; None for a guide without friction."""
-    names = [each.name for each in dataclasses.fields(StackedFriction)]
-    known = [law or GuideFriction() for law in laws]
-    return StackedFriction(*(np.array([getattr(law, name) for law in known]) for name in names))
+    names = [law_field.name for law_field in dataclasses.fields(StackedFriction)]
+    filled = [law or GuideFriction() for law in laws]
+    return StackedFriction(*(np.array([getattr(law, name) for law in filled]) for name in names))
 
 
 def friction_force(law: FrictionLaw, velocity: FloatArray) -> FloatArray:

@@ -186,18 +186,18 @@ class FrictionIntegrator:
             now = given
             if level:
                 now = (narrow_given(level, part) @ given.reshape(len(GIVEN), -1)).ravel()
-            known = np.concatenate([state, now])
-            found = self._attempt(mixtures[level], known)
-            if found is None:
+            acting = np.concatenate([state, now])
+            attempt = self._attempt(mixtures[level], acting)
+            if attempt is None:
                 level, part = level + 1, 2 * part
                 if level > MOST_HALVINGS:
                     raise ConvergenceError(
                         "friction does not settle in any step; give it a larger smoothing, or the machine some damping"
                     )
                 continue
-            state, forces, missed = found
-            known = np.concatenate([known, forces])
-            self._taken.append(_Taken(number, mixtures[level], known))
+            state, forces, missed = attempt
+            acting = np.concatenate([acting, forces])
+            self._taken.append(_Taken(number, mixtures[level], acting))
             self._forces, self._last = forces.reshape(self._forces.shape), mixtures[level].size
             part += 1
             if level and part % 2 == 0 and missed < EASY:
@@ -216,7 +216,7 @@ class FrictionIntegrator:
         if key not in self._stacks:
             forget(self._stacks)
             places = range(first, first + len(shares))
-            self._stacks[key] = self._pile(*(self._track.step(place, size) for place in places))
+            self._stacks[key] = self._pile(*(self._track.step(pose, size) for pose in places))
         return self._stacks[key].mix(shares)
 
     def _pile(self, *steps: FrictionStep) -> _Stack:
@@ -272,19 +272,19 @@ class FrictionIntegrator:
 
     def collect_works(self, count: int) -> FloatArray:
         """Works ``(count, 4)`` in the steps of the grid since it was last asked."""
-        found = np.zeros((count, len(WORKS)))
+        works = np.zeros((count, len(WORKS)))
         alike: dict[int, list[_Taken]] = {}
         for taken in self._taken:
             alike.setdefault(id(taken.mixture.stack), []).append(taken)
         for group in alike.values():
-            known = np.array([taken.known for taken in group])
+            acting = np.array([taken.known for taken in group])
             shares = np.array([taken.mixture.shares for taken in group])
             numbers = np.array([taken.number for taken in group])
             steps = group[0].mixture.stack.steps
-            np.add.at(found, numbers, self._find_works(steps, shares, known))
+            np.add.at(works, numbers, self._find_works(steps, shares, acting))
         self.steps += len(self._taken)
         self._taken = []
-        return found
+        return works
 
     def _find_works(
         self, steps: Sequence[FrictionStep], shares: FloatArray, known: FloatArray
@@ -296,10 +296,10 @@ class FrictionIntegrator:
             total: FloatArray = np.zeros((1, 1, 1))
             for number, step in enumerate(steps):
                 rows = getattr(step.views, name)
-                seen = (known @ rows.reshape(-1, rows.shape[-1]).T).reshape(
+                part = (known @ rows.reshape(-1, rows.shape[-1]).T).reshape(
                     len(known), *rows.shape[:2]
                 )
-                total = total + shares[:, number, None, None] * seen
+                total = total + shares[:, number, None, None] * part
             return total
 
         sliding = view("sliding")

@@ -219,12 +219,12 @@ def make_friction_step(model: FrictionLoop, size: float) -> FrictionStep:
     part = scipy.linalg.expm(growth / PARTS)
     rows = _view_rows(model, friction, len(growth))
     first = np.concatenate(list(rows.values()))
-    seen: FloatArray = np.empty((PARTS + 1, *first.shape))
-    seen[0] = first
+    inside: FloatArray = np.empty((PARTS + 1, *first.shape))
+    inside[0] = first
     for number in range(PARTS):
-        seen[number + 1] = seen[number] @ part
-    ends = np.cumsum([len(each) for each in rows.values()])[:-1]
-    views = dict(zip(rows, np.split(seen @ values, ends, axis=1), strict=True))
+        inside[number + 1] = inside[number] @ part
+    ends = np.cumsum([len(block) for block in rows.values()])[:-1]
+    views = dict(zip(rows, np.split(inside @ values, ends, axis=1), strict=True))
     fourth = np.linalg.matrix_power(part, 4)
     end = (fourth[:n] @ fourth) @ fourth @ values
     inner = views["sliding"] + views["guides"]
@@ -377,12 +377,12 @@ class LoopTrack:
             return np.zeros(len(positions), dtype=np.intp), np.ones((len(positions), 1))
         left = np.searchsorted(self.places, positions, side="right") - 1
         firsts = np.clip(left - 1, 0, len(self.places) - ABOUT)
-        known = self.places[firsts[:, None] + np.arange(ABOUT)]
+        neighbours = self.places[firsts[:, None] + np.arange(ABOUT)]
         shares = np.ones((len(positions), ABOUT))
-        for own in range(ABOUT):
-            for other in set(range(ABOUT)) - {own}:
-                to_other = positions - known[:, other]
-                shares[:, own] *= to_other / (known[:, own] - known[:, other])
+        for column in range(ABOUT):
+            for other in set(range(ABOUT)) - {column}:
+                to_other = positions - neighbours[:, other]
+                shares[:, column] *= to_other / (neighbours[:, column] - neighbours[:, other])
         return firsts, shares
 
     def blend(
@@ -400,16 +400,16 @@ class LoopTrack:
         parts, places = [], []
         for first in np.unique(firsts):
             which = np.flatnonzero(firsts == first)
-            own = [find(self.loop(int(first) + column), which) for column in range(ABOUT)]
-            parts.append(np.einsum("np,pn...->n...", shares[which], np.array(own)))
+            values = [find(self.loop(int(first) + column), which) for column in range(ABOUT)]
+            parts.append(np.einsum("np,pn...->n...", shares[which], np.array(values)))
             places.append(which)
         return np.asarray(np.concatenate(parts)[np.argsort(np.concatenate(places))])
 
 
-def forget[K, V](known: dict[K, V]) -> None:
+def forget[K, V](memory: dict[K, V]) -> None:
     """Drop what has been known longest where that is much."""
-    if len(known) >= REMEMBERED:
-        del known[next(iter(known))]
+    if len(memory) >= REMEMBERED:
+        del memory[next(iter(memory))]
 
 
 def still_track(model: FrictionLoop) -> LoopTrack:

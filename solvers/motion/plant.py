@@ -230,9 +230,9 @@ class PoseModes:
 
     def sum_left_out(self, kept: int) -> FloatArray:
         """Return the static compliance ``(p, k)`` of all modes from a number on."""
-        found = self.coordinates
-        beyond = (found.outputs[:, kept:] / found.eigenvalues[kept:]) @ found.inputs[kept:]
-        return beyond if found.complete else beyond + found.residual
+        modes = self.coordinates
+        beyond = (modes.outputs[:, kept:] / modes.eigenvalues[kept:]) @ modes.inputs[kept:]
+        return beyond if modes.complete else beyond + modes.residual
 
 
 def look_at_pose(
@@ -309,8 +309,8 @@ def _find_held_outputs(posed: PosedModes, channels: PlantChannels) -> NDArray[np
 
 def _middle_of(positions: Iterable[float]) -> float:
     """Of rising positions the one nearest to the middle of the path."""
-    known = list(positions)
-    return min(known, key=lambda position: abs(position - 0.5 * (known[0] + known[-1])))
+    places = list(positions)
+    return min(places, key=lambda position: abs(position - 0.5 * (places[0] + places[-1])))
 
 
 def transport_modes(poses: Mapping[float, PoseModes], kept: int) -> dict[float, FloatArray]:
@@ -346,24 +346,27 @@ def turn_plant(pose: PoseModes, turn: FloatArray) -> SampledPlant:
             is full, and smooth along the path.
     """
     kept = len(turn)
-    found = keep_modes(pose.coordinates, kept - pose.coordinates.rigid_count)
-    flexible = slice(found.rigid_count, None)
-    damping = np.zeros((kept, kept)) if found.viscous is None else found.viscous
-    reach = np.abs(found.outputs[:, flexible]) @ np.abs(
-        found.inputs[flexible] / found.eigenvalues[flexible, None]
-    ) + np.abs(found.residual)
-    if len(found.eigenvalues) > found.rigid_count:
+    modes = keep_modes(pose.coordinates, kept - pose.coordinates.rigid_count)
+    flexible = slice(modes.rigid_count, None)
+    damping = np.zeros((kept, kept)) if modes.viscous is None else modes.viscous
+    reach = np.abs(modes.outputs[:, flexible]) @ np.abs(
+        modes.inputs[flexible] / modes.eigenvalues[flexible, None]
+    ) + np.abs(modes.residual)
+    if len(modes.eigenvalues) > modes.rigid_count:
         # a travel that bends nothing leaves elastic modes nothing but roundoff
-        rows, columns = largest_entries(found.outputs), largest_entries(found.inputs.T).T
-        reach = reach + ROUNDOFF * rows * columns / found.eigenvalues[flexible].min()
+        rows, columns = (
+            largest_entries(modes.outputs),
+            largest_entries(modes.inputs.T).T,
+        )
+        reach = reach + ROUNDOFF * rows * columns / modes.eigenvalues[flexible].min()
     return SampledPlant(
         channels=pose.channels,
-        stiffness=turn.T @ (found.eigenvalues[:, None] * turn),
+        stiffness=turn.T @ (modes.eigenvalues[:, None] * turn),
         damping=turn.T @ damping @ turn,
-        loads=turn.T @ found.inputs,
-        rows=found.outputs @ turn,
+        loads=turn.T @ modes.inputs,
+        rows=modes.outputs @ turn,
         direct=pose.feedthrough
-        + (np.zeros_like(found.residual) if found.complete else found.residual),
+        + (np.zeros_like(modes.residual) if modes.complete else modes.residual),
         reach=reach,
     )
 
@@ -426,9 +429,9 @@ class SampledMotion:
             if names and name not in names:
                 return np.zeros(0)
             shape = self.pieces[0][name].c.shape[2:]
-            found = np.empty((len(times), *shape))
+            values = np.empty((len(times), *shape))
             for piece, splines in enumerate(self.pieces):
-                found[piece_of == piece] = splines[name](inside[piece_of == piece])
-            return found
+                values[piece_of == piece] = splines[name](inside[piece_of == piece])
+            return values
 
         return SampledPlant(self.channels, *(find(name) for name in FIELDS))

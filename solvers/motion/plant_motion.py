@@ -61,7 +61,7 @@ def follow_motion(
         load_spacing: Time between which loads are linear [s].
     """
     nodes, load_nodes = even_nodes(times, node_spacing), even_nodes(times, load_spacing)
-    found, moved = sampled.at(nodes), sampled.channels.rows.of(tool)
+    plant, moved = sampled.at(nodes), sampled.channels.rows.of(tool)
     given = sampled.channels.columns.of(loads.channels)
     acting, rests = [], []
     for part in chunk_slices(len(load_nodes)):
@@ -75,17 +75,17 @@ def follow_motion(
     return LinearMotion(
         times=times,
         nodes=nodes,
-        mass=np.broadcast_to(np.eye(sampled.modes), found.stiffness.shape),
-        damping=found.damping,
-        stiffness=found.stiffness,
-        tool=found.rows_of(tool),
+        mass=np.broadcast_to(np.eye(sampled.modes), plant.stiffness.shape),
+        damping=plant.damping,
+        stiffness=plant.stiffness,
+        tool=plant.rows_of(tool),
         gravity_deflection=np.asarray(
             np.linalg.solve(
-                found.stiffness, found.loads_of([loads.weight]) * weight[:, None, None]
+                plant.stiffness, plant.loads_of([loads.weight]) * weight[:, None, None]
             )[..., 0]
         ),
         load=interpolate_nodes(times, load_nodes, np.concatenate(acting)),
-        flexibility=found.direct_of(tool, tool),
+        flexibility=plant.direct_of(tool, tool),
         rest=interpolate_nodes(times, load_nodes, np.concatenate(rests)),
     )
 
@@ -132,14 +132,14 @@ class SampledHistory:
             )
             if outputs
         ]
-        found = np.empty((len(motion.times), len(watch.channels)))
+        observed = np.empty((len(motion.times), len(watch.channels)))
         for part in chunk_slices(len(motion.times)):
             moved = states.compliant[part] - motion.deflect(part)
-            found[part] = apply_matrices(motion.between(rows, part), moved[:, :modes])
+            observed[part] = apply_matrices(motion.between(rows, part), moved[:, :modes])
             for others, values in added:
-                found[part] += apply_matrices(motion.between(others, part), values[part, :modes])
-            found[part] += apply_matrices(motion.between(direct, part), self.acting(part))
-        return found
+                observed[part] += apply_matrices(motion.between(others, part), values[part, :modes])
+            observed[part] += apply_matrices(motion.between(direct, part), self.acting(part))
+        return observed
 
     def _added_rows(
         self, channels: Sequence[Channel], outputs: Mapping[Channel, Channel]
@@ -170,10 +170,10 @@ def follow_outputs(
     rows, columns = sampled.channels.rows.of(outputs), sampled.channels.columns.of(inputs)
     parts = []
     for part in chunk_slices(len(times)):
-        found = sampled.at(times[part], "rows", "direct")
-        direct = found.direct[:, rows][:, :, columns]
+        plant = sampled.at(times[part], "rows", "direct")
+        direct = plant.direct[:, rows][:, :, columns]
         parts.append(
-            apply_matrices(found.rows[:, rows], coordinates[part])
+            apply_matrices(plant.rows[:, rows], coordinates[part])
             + apply_matrices(direct, acting[part])
         )
     return np.concatenate(parts)

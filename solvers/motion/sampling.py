@@ -147,9 +147,9 @@ def _count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tupl
     least = max(1, *(int(np.count_nonzero(part <= up_to_hz)) for part in frequencies))
     if least >= most:
         return most, np.inf
-    known = min(most, *(pose.motions.shape[1] for pose in poses.values()))
+    available = min(most, *(pose.motions.shape[1] for pose in poses.values()))
     gaps = {}
-    for count in range(least, known + (known == most)):
+    for count in range(least, available + (available == most)):
         gaps[count] = (
             np.inf
             if count == most
@@ -273,7 +273,7 @@ def sample_motion(
             without mass.
         AccuracyError: The greatest number of poses does not suffice.
     """
-    seen: dict[float, PoseModes] = {}
+    looks: dict[float, PoseModes] = {}
     spans = list(itertools.pairwise(breaks))
     wide, counts = set(range(len(spans))), [1] * len(spans)
     while wide:
@@ -286,8 +286,8 @@ def sample_motion(
                 f"{MOST_SAMPLES} poses along the trajectory do not suffice to follow its matrices to {MISS_TOLERANCE:g}; "
                 'write a lower modes_to, or pose_model = "frozen"'
             )
-        seen |= {time: _look(place(time), channels) for time in wanted if time not in seen}
-        poses = {time: seen[time] for time in sorted(wanted)}
+        looks |= {time: _look(place(time), channels) for time in wanted if time not in looks}
+        poses = {time: looks[time] for time in sorted(wanted)}
         kept, highest_hz = _count_fading_modes(poses.values(), channels.up_to_hz)
         turns = transport_modes(poses, kept)
         transported = {
@@ -371,14 +371,14 @@ def _look(posed: PosedModes, channels: PlantChannels, least: int = 0) -> PoseMod
     Raises:
         ModelError: The machine is free to move.
     """
-    found = look_at_pose(posed, channels, all_modes=False, least=least)
-    found = _fade_modes(found, channels.up_to_hz)
-    if found.coordinates.rigid_count:
+    modes = look_at_pose(posed, channels, all_modes=False, least=least)
+    modes = _fade_modes(modes, channels.up_to_hz)
+    if modes.coordinates.rigid_count:
         raise ModelError(
-            f"the machine is free to move in {found.coordinates.rigid_count} rigid-body motion(s), so a force on the tool"
+            f"the machine is free to move in {modes.coordinates.rigid_count} rigid-body motion(s), so a force on the tool"
             " drives it away; hold it by supports, joints to ground or drives"
         )
-    return found
+    return modes
 
 
 def _fade_modes(pose: PoseModes, up_to_hz: float) -> PoseModes:
@@ -389,19 +389,19 @@ def _fade_modes(pose: PoseModes, up_to_hz: float) -> PoseModes:
         up_to_hz: Up to here they are kept as they are; from ``FADED`` times that on nothing is left
             [Hz].
     """
-    found = pose.coordinates
-    shares = _shares(found.omega, up_to_hz)
-    viscous = found.viscous
+    modes = pose.coordinates
+    shares = _shares(modes.omega, up_to_hz)
+    viscous = modes.viscous
     if viscous is not None:
         # what couples modes by damping fades as they do; their own damping stays
-        own = np.diag(viscous.diagonal() * (1.0 - shares**2))
-        viscous = shares[:, None] * viscous * shares + own
+        diagonal = np.diag(viscous.diagonal() * (1.0 - shares**2))
+        viscous = shares[:, None] * viscous * shares + diagonal
     faded = dataclasses.replace(
-        found,
-        inputs=shares[:, None] * found.inputs,
-        outputs=found.outputs * shares,
+        modes,
+        inputs=shares[:, None] * modes.inputs,
+        outputs=modes.outputs * shares,
         viscous=viscous,
-        complete=found.complete and bool((shares == 1.0).all()),
+        complete=modes.complete and bool((shares == 1.0).all()),
     )
     return dataclasses.replace(pose, coordinates=faded)
 
@@ -411,8 +411,8 @@ def _shares(omega: FloatArray, up_to_hz: float) -> FloatArray:
     zero with continuous second derivative.
     """
     left = (FADED - omega / (2.0 * np.pi * up_to_hz)) / (FADED - 1.0)
-    place = np.clip(left, 0.0, 1.0)
-    return np.asarray(place**3 * (10.0 + place * (6.0 * place - 15.0)))
+    level = np.clip(left, 0.0, 1.0)
+    return np.asarray(level**3 * (10.0 + level * (6.0 * level - 15.0)))
 
 
 def _count_fading_modes(poses: Collection[PoseModes], up_to_hz: float) -> tuple[int, float]:
@@ -420,8 +420,8 @@ def _count_fading_modes(poses: Collection[PoseModes], up_to_hz: float) -> tuple[
     one that is kept by half or more [Hz].
     """
     shares = [(pose.coordinates.omega, _shares(pose.coordinates.omega, up_to_hz)) for pose in poses]
-    known = min(pose.motions.shape[1] for pose in poses)
-    kept = min(max(1, *(np.count_nonzero(share) for _, share in shares)), known)
+    available = min(pose.motions.shape[1] for pose in poses)
+    kept = min(max(1, *(np.count_nonzero(share) for _, share in shares)), available)
     highest = max(float(omega[share >= 0.5].max(initial=0.0)) for omega, share in shares)
     return int(kept), highest / (2.0 * np.pi)
 
@@ -500,7 +500,7 @@ def _miss(
             (off["rows"] @ turn.T) * shares * invert_sizes(size(plant.rows)),
             off["direct"] * invert_sizes(size(whole)),
         )
-        largest = max(largest, *(float(np.abs(each).max(initial=0.0)) for each in changes))
+        largest = max(largest, *(float(np.abs(change).max(initial=0.0)) for change in changes))
     return largest
 
 

@@ -62,7 +62,6 @@ def pair_modes(
     single shapes. Frequencies decide only between modes that correlate alike.
 
     Args:
-        first: One model's modes.
         mac_threshold: Correlation below which two modes are not the same.
 
     Source: Bjoerck and Golub (1973), angles between spaces.

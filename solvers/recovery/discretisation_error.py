@@ -364,7 +364,10 @@ def _stress_changes(
     )
     for cells in _blocks(np.flatnonzero(straight[:counted]), mesh.cells.shape[1] * taken.shape[2]):
         values = np.concatenate([smooth[mesh.cells[cells]], taken[cells]], axis=1)
-        sizes = np.sqrt(_straight_measures(mesh, cells) * factors[cells]).astype(np.float32)
+        corners = mesh.points[mesh.cells[cells, :4]]
+        a, b, c = (corners[:, axis] - corners[:, 0] for axis in (1, 2, 3))
+        measures = np.abs((np.cross(a, b) * c).sum(axis=1))
+        sizes = np.sqrt(measures * factors[cells]).astype(np.float32)
         yield cells, np.matmul(sizes[:, None, None] * change_rule, values)
     shapes = cell_shape_functions(mesh.kind, places).astype(np.float32)
     for cells in _blocks(np.flatnonzero(~straight[:counted]), len(places) * taken.shape[2]):
@@ -472,9 +475,3 @@ def _blocks(cells: IntArray, values_per_cell: int) -> Iterator[IntArray]:
     step = max(1, BLOCK_VALUES // values_per_cell)
     for start in range(0, len(cells), step):
         yield cells[start : start + step]
-
-
-def _straight_measures(mesh: ComponentMesh, cells: IntArray) -> FloatArray:
-    corners = mesh.points[mesh.cells[cells, :4]]
-    a, b, c = (corners[:, axis] - corners[:, 0] for axis in (1, 2, 3))
-    return np.asarray(np.abs((np.cross(a, b) * c).sum(axis=1)))

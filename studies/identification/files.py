@@ -8,9 +8,8 @@ from collections.abc import Mapping
 from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.storage.json_texts import JsonTable
 from headstock.scene.reading.files import TomlTable
-from headstock.scene.reading.findings import show_key
+from headstock.scene.reading.findings import KeyPath, show_key
 from headstock.scene.reading.keys import value_at, write_number, written_unit
-from headstock.scene.reading.positions import KeyPath
 from headstock.scene.scene import Scene
 from headstock.studies.identification.descent import StartRecord
 from headstock.studies.identification.identification import (

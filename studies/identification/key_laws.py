@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 from headstock.scene.expansion.expansion import expand_scene, replaced
 from headstock.scene.expansion.parameters import PARAMETERS
 from headstock.scene.reading.files import TomlTable, TomlValue
-from headstock.scene.reading.findings import Findings, show_key
+from headstock.scene.reading.findings import Findings, KeyPath, show_key
 from headstock.scene.reading.keys import NUMBER, find_keys, read_number
-from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Dimension
 from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError

@@ -10,7 +10,7 @@ import numpy as np
 
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.scene.expansion.parameters import PARAMETERS
-from headstock.scene.reading.findings import Findings, show_key
+from headstock.scene.reading.findings import Findings, KeyPath, show_key
 from headstock.scene.reading.keys import (
     NUMBER,
     find_keys,
@@ -19,7 +19,6 @@ from headstock.scene.reading.keys import (
     value_at,
     written_unit,
 )
-from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Dimension, Quantity
 from headstock.scene.scene import Scene
 from headstock.studies.identification.key_laws import ParameterValueError, find_laws, holds_number

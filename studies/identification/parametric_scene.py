@@ -39,9 +39,8 @@ from headstock.scene.building.components import (
 from headstock.scene.building.joints import KINDS
 from headstock.scene.expansion.parameters import PARAMETERS
 from headstock.scene.reading.files import TomlTable
-from headstock.scene.reading.findings import show_key
+from headstock.scene.reading.findings import KeyPath, show_key
 from headstock.scene.reading.keys import NUMBER, ReadValue, read_entries, replace_numbers
-from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.components import ComponentTable, MaterialTable

@@ -13,8 +13,7 @@ from headstock.reduction.coupling.slopes import ObservedDof
 from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.overrides import split_variant
 from headstock.scene.reading.files import read_scene
-from headstock.scene.reading.findings import Findings, suggest_names
-from headstock.scene.reading.positions import KeyPath
+from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.reading.units import COMPLIANCE, FREQUENCY, RATIO, Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.validation import validate_against

@@ -10,8 +10,8 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from headstock.reduction.coupling.slopes import ObservedDof
 from headstock.scene.reading import units
+from headstock.scene.reading.findings import KeyPath
 from headstock.scene.reading.keys import NUMBER
-from headstock.scene.reading.positions import KeyPath
 from headstock.scene.reading.units import COMPLIANCE, DIMENSIONS, Dimension, Quantity
 from headstock.scene.schema.types import (
     Between,

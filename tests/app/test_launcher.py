@@ -64,6 +64,11 @@ class Host:
         (self.bin / tool).write_text(text)
         (self.bin / tool).chmod(0o755)
 
+    def lack(self, tool: str) -> None:
+        """Take a tool away, and have nobody install it."""
+        (self.bin / tool).unlink()
+        self.write("apt-get", "#!/bin/sh\nexit 99\n")
+
     def mmdebstrap(self, *, seconds: float = 0.0, code: int = 0) -> None:
         self.write(
             "mmdebstrap", MMDEBSTRAP.format(log=self.log, pid=self.pid, seconds=seconds, code=code)
@@ -304,14 +309,6 @@ def test_the_root_with_slurm_is_built_once_and_entered_so_that_it_ends_with_the_
     assert words[-1] == SLURM_TESTS
 
 
-def test_slurm_is_not_started_by_an_ordinary_user(host: Host) -> None:
-    host.ordinary_user()
-    done = run([ROOT / "headstock", "test", SLURM_TESTS], host.environment())
-    assert done.returncode == 1
-    assert "needs root: write sudo" in done.stderr
-    assert host.builds() == 0
-
-
 @pytest.mark.parametrize(
     "ranks",
     [["--ranks", "1"], ["--ranks", "many"], ["--ranks"], ["--ranks", "-2"], ["--ranks", "99999"]],
@@ -488,14 +485,55 @@ def test_a_killed_build_ends_and_what_it_left_is_cleared_by_the_next(
     assert [".growing." in name for name in host.roots()] == [False]
 
 
-def test_a_failed_build_shows_the_end_of_its_log_and_leaves_no_root(host: Host) -> None:
-    host.mmdebstrap(code=25)
+# what stands in the way of a root: what the host lacks, the words that are said, how often it is built
+HINDRANCES: dict[str, tuple[Callable[[Host], object], str, int]] = {
+    "failed build": (lambda host: host.mmdebstrap(code=25), "E: no such mirror", 1),
+    "log of a failed build": (lambda host: host.mmdebstrap(code=25), "build.log", 1),
+    "no room": (lambda host: host.write("df", DF.format(kb=1_000_000)), "XDG_CACHE_HOME", 0),
+    "no tools": (
+        lambda host: (host.ordinary_user(), host.lack("mmdebstrap")),
+        "sudo apt-get install mmdebstrap bubblewrap",
+        0,
+    ),
+    "no uidmap": (
+        lambda host: (host.ordinary_user(), host.lack("newuidmap")),
+        "missing: newuidmap. Install with: sudo apt-get install mmdebstrap bubblewrap debian-archive-keyring uidmap",
+        0,
+    ),
+    "no subordinates": (
+        lambda host: host.ordinary_user(subordinates=False),
+        "sudo usermod --add-subuids 100000-165535 --add-subgids 100000-165535 somebody",
+        0,
+    ),
+    "no namespaces": (
+        lambda host: host.ordinary_user(namespaces=False),
+        "sudo sysctl kernel.unprivileged_userns_clone=1",
+        0,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HINDRANCES)
+def test_what_stands_in_the_way_of_a_root_is_said_with_its_remedy(host: Host, name: str) -> None:
+    hinder, words, builds = HINDRANCES[name]
+    hinder(host)
+    done = run([ROOT / "headstock", "exec", "true"], host.environment())
+    assert (done.returncode, done.stdout) == (1, "")
+    assert words in done.stderr
+    assert host.builds() == builds
+    assert host.roots() == []
+
+
+def test_slurm_and_views_that_cannot_be_had_are_said_with_their_remedies(host: Host) -> None:
+    host.ordinary_user()
+    done = run([ROOT / "headstock", "test", SLURM_TESTS], host.environment())
+    assert done.returncode == 1
+    assert "needs root: write sudo" in done.stderr
+    assert host.builds() == 0
+    host.write("bwrap", "#!/bin/sh\necho 'bwrap: No permissions' >&2\nexit 1\n")
     done = run([ROOT / "headstock", "exec", "true"], host.environment())
     assert done.returncode == 1
-    assert "E: no such mirror" in done.stderr
-    assert "build.log" in done.stderr
-    assert done.stdout == ""
-    assert host.roots() == []
+    assert "--privileged" in done.stderr
 
 
 def test_where_the_default_mirror_fails_the_one_of_the_hosts_apt_is_tried(host: Host) -> None:
@@ -508,23 +546,6 @@ def test_where_the_default_mirror_fails_the_one_of_the_hosts_apt_is_tried(host: 
     ] == [False, True]
 
 
-def test_too_little_room_is_said_before_anything_is_built(host: Host) -> None:
-    host.write("df", DF.format(kb=1_000_000))
-    done = run([ROOT / "headstock", "exec", "true"], host.environment())
-    assert done.returncode == 1
-    assert "XDG_CACHE_HOME" in done.stderr
-    assert host.builds() == 0
-
-
-def test_an_ordinary_user_without_the_tools_is_told_the_line_to_type(host: Host) -> None:
-    host.ordinary_user()
-    (host.bin / "mmdebstrap").unlink()
-    host.write("apt-get", "#!/bin/sh\nexit 99\n")
-    done = run([ROOT / "headstock", "exec", "true"], host.environment())
-    assert done.returncode == 1
-    assert "sudo apt-get install mmdebstrap bubblewrap" in done.stderr
-
-
 def test_an_ordinary_user_gets_the_root_through_a_tar_stream(host: Host) -> None:
     host.ordinary_user()
     done = run([ROOT / "headstock", "exec", "true"], host.environment())
@@ -532,26 +553,6 @@ def test_an_ordinary_user_gets_the_root_through_a_tar_stream(host: Host) -> None
     assert "--mode=unshare --format=tar" in host.log.read_text()
     assert [".growing." in name for name in host.roots()] == [False]
     assert list((host.cache / "headstock").glob("*.pipe")) == []
-
-
-@pytest.mark.parametrize("lacking", ["uidmap", "subordinates", "namespaces"])
-def test_what_an_ordinary_user_lacks_is_said_with_its_remedy_before_anything_is_built(
-    host: Host, lacking: str
-) -> None:
-    host.ordinary_user(subordinates=lacking != "subordinates", namespaces=lacking != "namespaces")
-    if lacking == "uidmap":
-        (host.bin / "newuidmap").unlink()
-        host.write("apt-get", "#!/bin/sh\nexit 99\n")
-    done = run([ROOT / "headstock", "exec", "true"], host.environment())
-    remedy = {
-        "uidmap": "missing: newuidmap. Install with: sudo apt-get install mmdebstrap bubblewrap debian-archive-keyring uidmap",
-        "subordinates": "sudo usermod --add-subuids 100000-165535 --add-subgids 100000-165535 somebody",
-        "namespaces": "sudo sysctl kernel.unprivileged_userns_clone=1",
-    }
-    assert done.returncode == 1
-    assert remedy[lacking] in done.stderr
-    assert host.builds() == 0
-    assert host.roots() == []
 
 
 def test_root_installs_missing_tools_by_itself(host: Host) -> None:
@@ -565,14 +566,6 @@ def test_root_installs_missing_tools_by_itself(host: Host) -> None:
     assert done.returncode == 0, done.stderr
     assert "installing mmdebstrap" in done.stderr
     assert host.builds() == 1
-
-
-def test_where_no_view_can_be_made_the_remedy_is_said(host: Host) -> None:
-    host.ordinary_user()
-    host.write("bwrap", "#!/bin/sh\necho 'bwrap: No permissions' >&2\nexit 1\n")
-    done = run([ROOT / "headstock", "exec", "true"], host.environment())
-    assert done.returncode == 1
-    assert "--privileged" in done.stderr
 
 
 # ---- what is written where ----

@@ -427,7 +427,7 @@ def write_step(file: Path, kind: str, **sizes: float) -> None:
     command = [
         sys.executable,
         "-m",
-        "headstock.meshing.cad.curved_samples",
+        "headstock.validation.coverage.curved_samples",
         kind,
         scaled,
         str(file),

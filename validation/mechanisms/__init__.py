@@ -1,1 +1,3 @@
-"""The Tripteor and other closed loops, also in absolute coordinates. Never serial machines."""
+"""The Tripteor and other closed loops, also in absolute coordinates, and their motion as the full DAE.
+Never serial machines.
+"""

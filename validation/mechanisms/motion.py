@@ -11,7 +11,7 @@ import numpy as np
 from headstock.geometry.errors import ClosureError, SingularPoseError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import (
-    close_loops,
+    close_chains,
     closure_residual,
     evaluate_kinematics,
 )
@@ -22,7 +22,6 @@ from headstock.solvers.mechanisms.dynamics import (
     gravity_energy,
     kinetic_energy,
 )
-from headstock.solvers.mechanisms.generalized_alpha import Linearisation, MotionState
 from headstock.solvers.mechanisms.partitioning import (
     Drive,
     PartitionedDynamics,
@@ -30,6 +29,7 @@ from headstock.solvers.mechanisms.partitioning import (
     driven_forces,
     partition_dynamics,
 )
+from headstock.validation.mechanisms.generalized_alpha import Linearisation, MotionState
 
 DriveLaw = Callable[[float], Drive]
 ForceLaw = Callable[[float], FloatArray]
@@ -357,7 +357,7 @@ def project_start(
     """
     mechanism, drive = problem.model.mechanism, problem.drive(time)
     given = np.concatenate([drive.position, position])
-    closed = close_loops(mechanism, given)
+    closed = close_chains(mechanism, given)
     kinematics = evaluate_kinematics(mechanism, closed)
     inner = kinematics.closure_jacobian[:, problem.free]
     rates = inner @ velocity + kinematics.closure_jacobian[:, mechanism.driven_slice] @ drive.speed

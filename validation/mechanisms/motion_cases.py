@@ -15,17 +15,17 @@ from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.geometry.mechanisms.mechanism import Mechanism
 from headstock.geometry.mechanisms.platforms import planar_3rpr, planar_3rpr_state
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
-from headstock.solvers.mechanisms.generalized_alpha import (
-    AlphaScheme,
-    MotionState,
-    integrate_constrained,
-)
 from headstock.solvers.mechanisms.partitioning import Drive
+from headstock.solvers.motion.alpha import AlphaScheme
 from headstock.solvers.mpi import MPI
 from headstock.validation.mechanisms.absolute_bodies import (
     AbsoluteState,
     AbsoluteSystem,
     solve_instant,
+)
+from headstock.validation.mechanisms.generalized_alpha import (
+    MotionState,
+    integrate_constrained,
 )
 from headstock.validation.mechanisms.mechanism_cases import absolute_state, absolute_tripteor
 from headstock.validation.mechanisms.motion import (

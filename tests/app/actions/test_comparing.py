@@ -15,10 +15,7 @@ from common import approx
 from fixture_machines import machine
 from headstock.app.command_line import main
 from headstock.app.texts.bounded_values import show_bound, show_bounded
-from headstock.geometry.parts.components import Component
 from headstock.pipeline.numbers.folders import read_run_numbers
-from headstock.reduction.components import elastic as elastic_reduction
-from headstock.reduction.superelement import Superelement
 
 SCENE = machine("""
 machine = "block"
@@ -340,38 +337,3 @@ def test_a_run_of_rigid_or_segmented_parts_states_no_errors(
     for table in (out / "tables").glob("modes_*.csv"):
         with table.open() as file:
             assert {row["± [Hz]"] for row in csv.DictReader(file)} == {""}
-
-
-def test_a_comparison_without_responses_takes_every_reduction_from_a_store_that_has_them(
-    scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # responses call for more modes than the modal analysis
-    elastic = 'fidelity = "elastic"\nmesh = { size = "40 mm", cells = "hex" }'
-    responses = '[analyses.frf]\nto = "6 kHz"\npoints = 5\noutputs = ["tcp"]\n[effects]\ndamping = { modal = 0.02 }\n'
-    scene.write_text(SCENE.replace('fidelity = "segmented"', elastic) + responses)
-    reductions: list[str] = []
-    reduce = elastic_reduction.reduce_elastic
-
-    def count(component: Component, *rest: Any, **settings: Any) -> Superelement:
-        reductions.append(component.name)
-        return reduce(component, *rest, **settings)
-
-    monkeypatch.setattr(elastic_reduction, "reduce_elastic", count)
-    for variant in ([], ["--variant", "thick"]):
-        assert main(["run", str(scene), "-o", str(tmp_path / "run"), "--no-figures", *variant]) == 0
-    assert len(reductions) == 2
-    assert (
-        main(["compare", str(scene), "--set", "analyses.frf=false", "-o", str(tmp_path / "out")])
-        == 0
-    )
-    assert len(reductions) == 2
-    compared = json.loads((tmp_path / "out" / "compare.json").read_text())["variants"]
-    ran = json.loads((tmp_path / "run" / "summary.json").read_text())["components"]["bar"]
-    # what is stored is richer than what is asked for
-    assert compared["thick"]["reduced_dofs"] < ran["reduced_dofs"]
-    efforts = [variant["effort"] for variant in compared.values()]
-    assert [(effort["elastic_components"], effort["from_store"]) for effort in efforts] == [
-        (1, 1),
-        (0, 0),
-        (1, 1),
-    ]

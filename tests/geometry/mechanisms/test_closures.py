@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from headstock.geometry.errors import ClosureError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import (
-    close_loops,
+    close_chains,
     closure_bias,
     closure_residual,
     evaluate_kinematics,
@@ -132,7 +132,7 @@ def test_other_machines_are_data(mechanism: Mechanism, base: FloatArray, freedom
     assert np.abs(closure_residual(mechanism, state)).max() < 1e-15
     nearby = state.copy()
     nearby[mechanism.passive_slice] += 0.02
-    assert np.allclose(close_loops(mechanism, nearby), state, atol=1e-11)
+    assert np.allclose(close_chains(mechanism, nearby), state, atol=1e-11)
     mobility = find_mobility(mechanism, state)
     assert (mobility.freedom, mobility.redundant) == (freedom, 0)
     assert mobility.passive_condition < 100.0
@@ -150,7 +150,7 @@ def test_loops_that_cannot_close_end_with_a_name() -> None:
     state = planar_3rpr_state(BASE, PLATFORM, (0.45, 0.4), 0.3)
     state[:3] = 0.1, 0.1, 0.1
     with pytest.raises(ClosureError, match="planar 3-RPR"):
-        close_loops(mechanism, state)
+        close_chains(mechanism, state)
 
 
 @pytest.mark.parametrize(("change", "message"), [

@@ -12,7 +12,7 @@ from headstock.geometry.errors import ClosureError
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.machine.machine import Pose, place_components
 from headstock.geometry.mechanisms.closures import (
-    close_loops,
+    close_chains,
     closure_residual,
     evaluate_kinematics,
     find_mobility,
@@ -79,7 +79,7 @@ def test_newton_finds_the_closed_form_from_a_pose_nearby() -> None:
     here, there = (solve_tool_pose(MACHINE, np.array([x, 0.1, 0.2]), DOWN) for x in (0.0, 0.05))
     start = here.copy()
     start[MACHINE.mechanism.driven_slice] = there[MACHINE.mechanism.driven_slice]
-    assert np.allclose(close_loops(MACHINE.mechanism, start), there, atol=1e-12)
+    assert np.allclose(close_chains(MACHINE.mechanism, start), there, atol=1e-12)
 
 
 def test_every_assembly_puts_the_wrist_centre_in_the_same_place_with_another_platform() -> None:
@@ -175,9 +175,9 @@ def test_a_closed_singular_pose_stays_as_it_is_and_is_named(size: float, turn: f
     base = size * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     mechanism = planar_3rpr(base, 0.3 * base)
     state = planar_3rpr_state(base, 0.3 * base, (0.0, 0.0), 0.0)
-    np.testing.assert_allclose(close_loops(mechanism, state), state, atol=1e-9)
+    np.testing.assert_allclose(close_chains(mechanism, state), state, atol=1e-9)
     both = np.array([state, planar_3rpr_state(base, 0.3 * base, (0.1 * size, 0.0), 0.4)])
-    np.testing.assert_allclose(close_loops(mechanism, both), both, atol=1e-9)
+    np.testing.assert_allclose(close_chains(mechanism, both), both, atol=1e-9)
     assert find_mobility(mechanism, state).passive_condition > 1e10
 
 
@@ -187,7 +187,7 @@ def test_a_singular_pose_with_open_loops_is_out_of_reach() -> None:
     state = planar_3rpr_state(base, 0.3 * base, (0.0, 0.0), 0.0)
     state[:3] *= 0.5
     with pytest.raises(ClosureError):
-        close_loops(planar_3rpr(base, 0.3 * base), state)
+        close_chains(planar_3rpr(base, 0.3 * base), state)
 
 
 SCENE = Path(__file__).resolve().parents[3] / "machines" / "tripteor.toml"

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ from headstock.pipeline.planning.analyses import (
 from headstock.pipeline.planning.budgets import BudgetError, check_elapsed, reduced_dofs
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.reductions import MOST_DEFAULT_MODES, default_mode_count
+from headstock.pipeline.planning.reductions import MOST_DEFAULT_MODES
 from headstock.pipeline.planning.resources import RanksOnNodes
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.analyses.modal import ModalRequest
@@ -40,6 +40,7 @@ from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Analyses, Limits, Scene
 
+MACHINES = Path(__file__).parents[3] / "machines"
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 INTERFACES = {"foot": Interface("foot", (Patch("z-"),)), "tip": Interface("tip", (Patch("z+"),))}
 STATIC = StaticRequest(at=("tcp",))
@@ -96,6 +97,7 @@ def test_a_rigid_component_is_never_meshed() -> None:
         ("modal", "reference"),
         ("write", None),
     ]
+    assert all(stage.reason for stage in plan_scene(scene).stages)
 
 
 @pytest.mark.process
@@ -124,59 +126,46 @@ def test_a_static_analysis_keeps_no_eigenpairs_whatever_the_scene_keeps_for_othe
     assert "no eigenpairs" in next(stage.reason for stage in plan.stages if stage.kind == "reduce")
 
 
+UP_TO = ModalRequest(up_to_hz=500.0)
+
+
+def respond(to_hz: float) -> FrfRequest:
+    return FrfRequest((("tcp", "x"),), (("tcp", "x"),), to_hz=to_hz)
+
+
+def up_to(hz: float) -> ReductionSettings:
+    return ReductionSettings(modes_to_hz=hz, modes=MOST_DEFAULT_MODES)
+
+
 @pytest.mark.parametrize(
-    "settings", [ReductionSettings(modes=12), ReductionSettings(modes_to_hz=900.0)]
+    ("asked", "changes", "kept"),
+    [
+        # the scene decides
+        ({"modal": UP_TO}, {"reduction": ReductionSettings(modes=12)}, ReductionSettings(modes=12)),
+        ({"modal": UP_TO}, {"reduction": up_to(900.0)}, up_to(900.0)),
+        ({"modal": UP_TO}, {}, up_to(MODE_MARGIN * 500.0)),
+        # responses need modes much further up
+        ({"modal": UP_TO, "frf": respond(200.0)}, {}, up_to(FRF_MARGIN * 200.0)),
+        # exact without interfaces: no margin but for their errors
+        ({"modal": UP_TO}, {"interfaces": {}}, up_to(1.5 * 500.0)),
+        ({"frf": respond(500.0)}, {"interfaces": {}}, up_to(1.5 * 500.0)),
+        # a count grows with what is wanted
+        ({"modal": ModalRequest(count=1)}, {}, ReductionSettings(modes=20)),
+        ({"modal": ModalRequest(count=6)}, {}, ReductionSettings(modes=20)),
+        ({"modal": ModalRequest(count=30)}, {}, ReductionSettings(modes=68)),
+    ],
 )
-def test_the_scene_decides_how_many_modes_are_kept(settings: ReductionSettings) -> None:
-    column = make_component("column", reduction=settings)
-    plan = plan_scene(make_scene(column, modal=ModalRequest(up_to_hz=500.0)))
-    assert plan.components["column"].reduction == settings and plan.with_modes
+def test_modes_are_kept_by_what_is_asked_of_them(
+    asked: dict[str, Any], changes: dict[str, object], kept: ReductionSettings
+) -> None:
+    plan = plan_scene(make_scene(make_component("column", **changes), **asked))
+    assert plan.components["column"].reduction == kept and plan.with_modes
 
 
-def test_a_frequency_response_needs_modes_much_further_up_and_no_modal_analysis() -> None:
-    request = FrfRequest((("tcp", "x"),), (("tcp", "x"),), to_hz=200.0)
-    plan = plan_scene(
-        make_scene(make_component("column"), frf=request, modal=ModalRequest(up_to_hz=500.0))
-    )
-    assert plan.components["column"].reduction == ReductionSettings(
-        modes_to_hz=FRF_MARGIN * 200.0, modes=MOST_DEFAULT_MODES
-    )
-    alone = plan_scene(make_scene(make_component("column"), frf=request))
+def test_a_frequency_response_needs_no_modal_analysis() -> None:
+    alone = plan_scene(make_scene(make_component("column"), frf=respond(200.0)))
     assert alone.with_modes
     assert [stage.kind for stage in alone.stages][-3:] == ["couple", "frf", "write"]
-
-
-def test_modes_reach_three_times_the_wanted_frequency() -> None:
-    plan = plan_scene(make_scene(make_component("column"), modal=ModalRequest(up_to_hz=500.0)))
-    assert plan.components["column"].reduction == ReductionSettings(
-        modes_to_hz=MODE_MARGIN * 500.0, modes=MOST_DEFAULT_MODES
-    )
-
-
-@pytest.mark.parametrize("what", ["modal", "frf"])
-def test_modes_of_a_component_without_interfaces_are_exact_and_need_no_margin_but_for_their_errors(
-    what: str,
-) -> None:
-    bare = dataclasses.replace(make_component("column"), interfaces={})
-    frf = FrfRequest((("tcp", "x"),), (("tcp", "x"),), to_hz=500.0)
-    scene = (
-        make_scene(bare, modal=ModalRequest(up_to_hz=500.0))
-        if what == "modal"
-        else make_scene(bare, frf=frf)
-    )
-    plan = plan_scene(scene)
-    assert plan.components["column"].reduction == ReductionSettings(
-        modes_to_hz=1.5 * 500.0, modes=MOST_DEFAULT_MODES
-    )
-
-
-@pytest.mark.parametrize(("wanted", "kept"), [(1, 20), (6, 20), (30, 68)])
-def test_without_a_frequency_a_count_is_kept_that_grows_with_what_is_wanted(
-    wanted: int, kept: int
-) -> None:
-    plan = plan_scene(make_scene(make_component("column"), modal=ModalRequest(count=wanted)))
-    assert plan.components["column"].reduction == ReductionSettings(modes=kept)
-    assert default_mode_count(wanted) == kept
 
 
 def test_gravity_is_planned_only_when_named() -> None:
@@ -232,12 +221,25 @@ def test_estimated_dofs_are_those_of_the_mesh_within_a_quarter(
     assert stages[0].estimated_dofs == approx(dofs, rel=0.25)
 
 
-def test_a_mesh_beyond_the_scenes_limits_is_refused_with_numbers() -> None:
-    scene = make_scene(make_component("column"), modal=SIX)
-    with pytest.raises(BudgetError, match=r"'column'.*limits\.elements allows 10"):
-        plan_scene(dataclasses.replace(scene, limits=Limits(elements=10)))
-    with pytest.raises(BudgetError, match=r"'column'.*limits\.memory allows 1 MB"):
-        plan_scene(dataclasses.replace(scene, limits=Limits(memory_bytes=1e6)))
+@pytest.mark.parametrize(
+    ("size", "limits", "said"),
+    [
+        (0.025, Limits(elements=10), r"'column'.*limits\.elements allows 10"),
+        (0.025, Limits(memory_bytes=1e6), r"'column'.*limits\.memory allows 1 MB"),
+        (0.0023, Limits(), "this machine has"),
+        # even where the scene allows it
+        (1e-4, Limits(elements=10_000_000), "3000000"),
+        (0.006, Limits(time_s=1.0), r"reduce of component 'column' .* limits\.time allows 1 s"),
+    ],
+    ids=["elements", "memory", "machine", "mesher", "time"],
+)
+def test_what_is_beyond_a_limit_is_refused_with_numbers(
+    size: float, limits: Limits, said: str
+) -> None:
+    many = ReductionSettings(modes=5000) if "machine" in said else ReductionSettings()
+    part = make_component("column", mesh=MeshSettings(size=size), reduction=many)
+    with pytest.raises(BudgetError, match=said):
+        plan_scene(dataclasses.replace(make_scene(part, modal=SIX), limits=limits))
 
 
 def test_a_part_whose_factors_do_not_fit_is_iterated_and_the_plan_says_so() -> None:
@@ -273,29 +275,6 @@ def test_factors_beyond_32_bit_integers_are_planned_for_iteration_however_much_m
     assert "more than CHOLMOD is sure to number (2.1e+09)" in why
 
 
-def test_a_mesh_beyond_this_machine_is_refused_before_anything_is_computed() -> None:
-    big = make_component(
-        "column", mesh=MeshSettings(size=0.0023), reduction=ReductionSettings(modes=5000)
-    )
-    with pytest.raises(BudgetError, match="this machine has"):
-        plan_scene(make_scene(big, modal=SIX))
-
-
-def test_a_mesh_beyond_the_mesher_is_refused_even_where_the_scene_allows_it() -> None:
-    scene = make_scene(make_component("column", mesh=MeshSettings(size=1e-4)), modal=SIX)
-    with pytest.raises(BudgetError, match="3000000"):
-        plan_scene(dataclasses.replace(scene, limits=Limits(elements=10_000_000)))
-
-
-def test_a_run_that_would_take_far_too_long_is_refused_with_numbers() -> None:
-    scene = make_scene(make_component("column", mesh=MeshSettings(size=0.006)), modal=SIX)
-    with pytest.raises(
-        BudgetError, match=r"reduce of component 'column' .* limits\.time allows 1 s"
-    ):
-        plan_scene(dataclasses.replace(scene, limits=Limits(time_s=1.0)))
-    assert plan_scene(dataclasses.replace(scene, limits=Limits(time_s=600.0))).stages
-
-
 def test_a_run_that_has_used_up_its_time_stops_before_the_next_stage() -> None:
     stage = Stage("reduce", "column", "because")
     check_elapsed(9.9, 10.0, stage)
@@ -312,17 +291,9 @@ def test_linear_elements_are_warned_of() -> None:
     assert "lock" in plan.warnings[0]
 
 
-def test_every_stage_has_a_reason() -> None:
-    scene = make_scene(
-        make_component("base", fidelity="rigid"), make_component("column"), static=STATIC, modal=SIX
-    )
-    stages = plan_scene(scene).stages
-    assert len(stages) > 3 and all(stage.reason for stage in stages)
-
-
 def test_a_contour_that_looks_back_or_repeats_its_steps_is_planned_for_longer() -> None:
     """Seconds of a block of 5 mm on rigid legs under control took 1.5, 11.5, 2.7 and 12.9."""
-    scene = Path(__file__).parents[3] / "machines" / "tripteor.toml"
+    scene = MACHINES / "tripteor.toml"
     base = (
         "effects.friction=true",
         'analyses.contouring.side="5 mm"',
@@ -357,7 +328,7 @@ def test_a_path_is_planned_for_its_samples_its_dofs_and_its_friction(
     variant: str, feeds: tuple[int, ...], seconds: float, megabytes: float | None
 ) -> None:
     """Processor seconds and megabytes of the three-axis machine."""
-    scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
+    scene = MACHINES / "three_axis.toml"
     wanted = ", ".join(f'"{feed} mm/min"' for feed in feeds)
     settings = ["analyses.path.on_request=false", f"analyses.path.feeds=[{wanted}]"]
     if "controlled" in variant:
@@ -377,7 +348,7 @@ def test_a_path_of_a_mechanism_is_planned_for_the_steps_and_modes_that_it_takes(
     variant: str, seconds: float, megabytes: float
 ) -> None:
     """Processor seconds and megabytes of 49 mm with the Tripteor, without a low-pass."""
-    scene = Path(__file__).parents[3] / "machines" / "tripteor.toml"
+    scene = MACHINES / "tripteor.toml"
     path = (
         'analyses.path={from={X="-20 mm",Y="40 mm",Z="200 mm"},to={X="20 mm",Y="60 mm",Z="220 mm"},'
         'feeds=["3 m/min"],time_constant="50 ms",outputs=[["tcp","z"]]}'
@@ -391,7 +362,7 @@ def test_a_path_of_a_mechanism_is_planned_for_the_steps_and_modes_that_it_takes(
 @pytest.mark.parametrize(("friction", "seconds"), [("false", 0.5), ("true", 0.7)])
 def test_loads_over_time_are_planned_for_their_friction(friction: str, seconds: float) -> None:
     """Processor seconds of the three-axis machine in a pose."""
-    scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
+    scene = MACHINES / "three_axis.toml"
     request = (
         'analyses={ transient={ motors="controlled", duration="100 ms", up_to="500 Hz",'
         ' loads={ hit={ at=["tcp", "y"], shape="half_sine", size="200 N", time="4 ms" } } } }'
@@ -415,7 +386,7 @@ def test_loads_over_time_are_planned_for_their_friction(friction: str, seconds: 
 def test_ways_of_bodies_that_deform_are_planned_for_longer_with_their_error(
     kind: str, section: str, variant: str | None, more: bool
 ) -> None:
-    scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
+    scene = MACHINES / "three_axis.toml"
     seconds = []
     for estimate in ("true", "false"):
         settings = (
@@ -430,7 +401,7 @@ def test_ways_of_bodies_that_deform_are_planned_for_longer_with_their_error(
 
 
 def test_a_path_that_is_too_long_for_the_memory_is_refused_with_its_remedy() -> None:
-    scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
+    scene = MACHINES / "three_axis.toml"
     settings = (
         "analyses.path.on_request=false",
         'analyses.path.feeds=["20 mm/min"]',
@@ -475,7 +446,7 @@ def test_contours_of_machines_of_few_and_many_bodies_are_planned_within_half_and
 
 
 def test_stages_in_a_pose_are_planned_for_longer_the_more_dofs_bodies_bring() -> None:
-    scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
+    scene = MACHINES / "three_axis.toml"
     planned = [
         sum(
             stage.estimated_seconds or 0.0
@@ -508,7 +479,7 @@ def test_equal_components_take_the_time_of_one_as_long_as_they_are_equal() -> No
 def test_modes_of_plates_up_to_a_frequency_are_guessed_within_half_and_twice_their_number(
     scene: str, name: str, modes: int
 ) -> None:
-    loaded = load_scene(Path(__file__).parents[3] / "machines" / f"{scene}.toml")
+    loaded = load_scene(MACHINES / f"{scene}.toml")
     component = loaded.machine.components[name]
     assert isinstance(component.solid, Box)
     guessed = reduced_dofs(component, math.prod(component.solid.size)) - 6 * len(

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from common import approx
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.closures import close_loops
+from headstock.geometry.mechanisms.closures import close_chains
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_pose
 from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.pipeline.answers.answer import find_answers
@@ -68,7 +68,7 @@ def kinematic_deviation(scene: Scene, pose: str) -> FloatArray:
     tool = exechon.markers.index("tcp")
     before, after = (
         place_markers(exechon, each).positions[tool]
-        for each in (state, close_loops(exechon, longer))
+        for each in (state, close_chains(exechon, longer))
     )
     return np.asarray(turn @ (after - before))
 

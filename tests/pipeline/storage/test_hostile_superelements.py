@@ -256,6 +256,8 @@ LYING: dict[str, tuple[Change, str]] = {
         "loads/push/particular has shape",
     ),
     "points in a plane": (put("recovery/points", np.ones((3, 2))), "recovery/points has shape"),
+    "a mass of another size": (put("mass", np.eye(7)), "mass has shape"),
+    "stiffness without numbers": (put("stiffness", np.full((8, 8), np.nan)), "not finite"),
     "no such node": (attribute("node", 7, "attachments/foot"), "sits on node 7"),
 }
 NAMED: dict[str, tuple[Change, str]] = {

@@ -331,24 +331,6 @@ def test_a_superelement_file_comes_back_as_it_went_in(tmp_path: Path) -> None:
     assert_same_record(read_superelement(path), make_superelement())
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"mass": np.eye(7)}, "mass has shape"),
-        ({"stiffness": np.full((8, 8), np.nan)}, "not finite"),
-        ({"interface_maps": {"foot": InterfaceMap(3, Frame())}}, "sits on node 3"),
-        ({"loads": {"push": StaticLoad(np.zeros(3))}}, "loads/push"),
-    ],
-)
-def test_a_superelement_file_that_contradicts_itself_is_refused(
-    tmp_path: Path, change: dict[str, object], message: str
-) -> None:
-    path = tmp_path / "column.h5"
-    write_superelement(path, dataclasses.replace(make_superelement(), **change))  # type: ignore[arg-type]
-    with pytest.raises(RecordError, match=message):
-        read_superelement(path)
-
-
 @pytest.mark.parametrize("content", [b"", b"not hdf5", b"\x89HDF\r\n\x1a\n" + 200 * b"\0"])
 def test_a_file_that_is_no_superelement_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "column.h5"

@@ -14,7 +14,7 @@ from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.parts.components import Component, Patch
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.coupling.coupled_shapes import shape_moments
+from headstock.reduction.coupling.coupled_shapes import _shape_moments
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
@@ -209,7 +209,7 @@ def test_a_disk_is_what_is_written_whatever_the_mesh_has() -> None:
 def test_a_disk_shares_its_shapes_however_it_is_turned(angle: float) -> None:
     coupled = glue(with_disk("lower"), with_disk("upper", angle=angle))
     ends = (JointEnd("lower", "cut"), JointEnd("upper", "cut"))
-    moments = shape_moments(Joint("glue", ends, "rigid"), coupled.layout, *ends)
+    moments = _shape_moments(Joint("glue", ends, "rigid"), coupled.layout, *ends)
     np.testing.assert_allclose(moments @ moments.T, np.eye(24), atol=1e-12)
 
 

@@ -161,7 +161,7 @@ def test_modes_of_a_ball_above_two_thirds_of_the_cut_off_are_covered_or_unknown(
         [
             sys.executable,
             "-m",
-            "headstock.meshing.cad.curved_samples",
+            "headstock.validation.coverage.curved_samples",
             "ball",
             json.dumps(sizes),
             str(tmp_path / "ball.step"),

@@ -6,7 +6,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from headstock.scene.reading.positions import KeyPath, find_lines
+from headstock.scene.reading.findings import KeyPath
+from headstock.scene.reading.positions import find_lines
 
 TEXT = '''name = "a # b"  # [no.table]
 

@@ -7,13 +7,13 @@ import pytest
 
 from common import approx
 from headstock.geometry.errors import ClosureError
-from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_constrained
 from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.solvers.milling.contouring import linear_motion
 from headstock.solvers.milling.path_drives import follow_path
 from headstock.solvers.milling.tool_path import SquareContour, plan_contour
 from headstock.solvers.motion.alpha import integrate_linear
+from headstock.validation.mechanisms.generalized_alpha import MotionState, integrate_constrained
 from headstock.validation.mechanisms.motion import ConstrainedMotion, project_start
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.mechanisms.generalized_alpha import (
-    AlphaScheme,
+from headstock.solvers.mechanisms.partitioning import Drive
+from headstock.solvers.motion.alpha import AlphaScheme
+from headstock.validation.mechanisms.generalized_alpha import (
     MotionState,
     integrate_constrained,
 )
-from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.validation.mechanisms.motion import ConstrainedMotion, PartitionedMotion
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 

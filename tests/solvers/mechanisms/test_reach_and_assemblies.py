@@ -14,7 +14,7 @@ from headstock.geometry.errors import (
     UnreachablePoseError,
 )
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
-from headstock.geometry.mechanisms.closures import close_loops
+from headstock.geometry.mechanisms.closures import close_chains
 from headstock.geometry.mechanisms.exechon import (
     ASSEMBLIES,
     Assembly,
@@ -122,8 +122,8 @@ def test_newton_keeps_the_assembly_it_starts_in_and_names_what_it_cannot_close()
         exact = planar_3rpr_state(base, platform, (x, y), angle)
         nearby = exact.copy()
         nearby[mechanism.passive_slice] += 0.01
-        assert np.allclose(close_loops(mechanism, nearby), exact, atol=1e-6)
+        assert np.allclose(close_chains(mechanism, nearby), exact, atol=1e-6)
     unreachable = start.copy()
     unreachable[:3] = 0.05
     with pytest.raises(ClosureError, match="planar 3-RPR"):
-        close_loops(mechanism, unreachable)
+        close_chains(mechanism, unreachable)

@@ -18,14 +18,14 @@ from headstock.geometry.mechanisms.closures import find_mobility
 from headstock.geometry.mechanisms.platforms import planar_3rpr_state
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
-from headstock.solvers.mechanisms.generalized_alpha import (
+from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes
+from headstock.solvers.mechanisms.partitioning import Drive
+from headstock.validation.mechanisms.generalized_alpha import (
     LOCAL_ERROR,
     Linearisation,
     MotionState,
     integrate_constrained,
 )
-from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes
-from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.validation.mechanisms.motion import PartitionedMotion
 from headstock.validation.mechanisms.motion_cases import (
     BASE,

@@ -8,12 +8,11 @@ import pytest
 
 from headstock.geometry.errors import JointLimitError, UnreachablePoseError
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.mechanisms.closures import close_loops
+from headstock.geometry.mechanisms.closures import close_chains
 from headstock.geometry.mechanisms.exechon import LENGTHS, survey_tool_poses
 from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.solvers.errors import ConvergenceError, ModelError
-from headstock.solvers.mechanisms.generalized_alpha import MotionState, integrate_constrained
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
 from headstock.solvers.milling.contouring import (
     drive_forces,
@@ -45,6 +44,7 @@ from headstock.solvers.motion.alpha import (
     Regeneration,
     integrate_linear,
 )
+from headstock.validation.mechanisms.generalized_alpha import MotionState, integrate_constrained
 from headstock.validation.mechanisms.motion import PartitionedMotion
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 
@@ -89,7 +89,7 @@ def test_drives_lead_the_tool_along_the_path() -> None:
     states = drive.rigid_states(times)
     tool = mechanism.markers.index("tcp")
     states[:, mechanism.driven_slice] = speeds.position
-    placed = place_markers(mechanism, close_loops(mechanism, states)).positions[:, tool]
+    placed = place_markers(mechanism, close_chains(mechanism, states)).positions[:, tool]
     mounting = machine().scene.mounted.mounting
     assert np.abs(mounting.origin + placed @ mounting.rotation.T - points.position).max() < 2e-8
 
@@ -107,7 +107,7 @@ def test_measured_leg_lengths_lead_the_tool_where_closed_loops_put_it() -> None:
     assert np.abs(found - path.at(times).position).max() > 1e-4
     states = survey_tool_poses(machine_, found, machine().scene.tool).states
     states[:, legs] = lengths
-    closed = place_markers(mechanism, close_loops(mechanism, states))
+    closed = place_markers(mechanism, close_chains(mechanism, states))
     tool = closed.positions[:, mechanism.markers.index("tcp")]
     mounting = machine_.mounting
     assert np.abs(mounting.origin + tool @ mounting.rotation.T - found).max() < 1e-11

@@ -1,7 +1,7 @@
 """Curved solids made with OpenCASCADE and written as STEP: parts on which error estimates are
 tried.
 
-``python3 -m headstock.meshing.cad.curved_samples KIND SIZES_AS_JSON FILE`` (a worker process: gmsh
+``python3 -m headstock.validation.coverage.curved_samples KIND SIZES_AS_JSON FILE`` (a worker process: gmsh
 holds one model at a time).
 """
 

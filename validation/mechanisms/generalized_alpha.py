@@ -16,6 +16,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ConvergenceError
+from headstock.solvers.motion.alpha import AlphaScheme
 
 MAX_ITERATIONS = 12
 DIVERGED = 1e3  # correction over the size of positions from which Newton's method has lost its way
@@ -75,35 +76,6 @@ class _ConstrainedProblem(Protocol):
 
     def linearise(self, state: MotionState) -> Linearisation:
         """Derivatives of the residual near a state."""
-
-
-@dataclass(frozen=True)
-class AlphaScheme:
-    """Parameters of the method for a spectral radius at infinite frequency: 1 keeps high
-    frequencies, 0 kills them in one step.
-    """
-
-    rho: float = 0.9
-
-    @property
-    def alpha_m(self) -> float:
-        """Share of the old auxiliary acceleration."""
-        return (2.0 * self.rho - 1.0) / (self.rho + 1.0)
-
-    @property
-    def alpha_f(self) -> float:
-        """Share of the old acceleration."""
-        return self.rho / (self.rho + 1.0)
-
-    @property
-    def gamma(self) -> float:
-        """Newmark's gamma, for second order."""
-        return 0.5 + self.alpha_f - self.alpha_m
-
-    @property
-    def beta(self) -> float:
-        """Newmark's beta, for the most damping of high frequencies."""
-        return 0.25 * (self.gamma + 0.5) ** 2
 
 
 @dataclass(frozen=True, eq=False)
