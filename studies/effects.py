@@ -18,8 +18,8 @@ from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.shared_work import use_threads
 from headstock.studies.kind_changes import LITTLE, MUCH, Change, ChangeSummary, compare_kinds
+from headstock.studies.model_influence import Action, ModelFinding, RunPrice
 from headstock.studies.model_trials import ModelKind
-from headstock.studies.model_worth import Action, ModelFinding, RunPrice
 from headstock.studies.shared_runs import (
     PlannedRun,
     load_choice,
@@ -326,13 +326,13 @@ def _summarise_finding(each: ModelFinding) -> _ModelSummary:
         "tried": each.trial.tried,
         "settings": list(each.trial.settings),
         "obstacle": each.obstacle or None,
-        "worth": each.worth,
+        "worth": each.influence,
         "missing_modes": list(each.missing),
         "added_modes": list(each.added),
         "price_as_written": _summarise_price(each.written),
         "price_as_tried": _summarise_price(each.tried),
         "time_saved_share": each.saved_share,
-        "worth_over_price": each.worth_over_price,
+        "worth_over_price": each.influence_over_price,
         "action": each.action,
         "verdict": each.verdict,
         "changes": [change.summarise() for change in each.changes],

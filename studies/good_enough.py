@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from headstock.pipeline.numbers.estimates import show_share
 from headstock.scene.scene import Scene
 from headstock.studies.effects import EffectTrial, switch_effect
+from headstock.studies.model_influence import CLEARLY, ModelFinding
 from headstock.studies.model_trials import ModelKind
-from headstock.studies.model_worth import CLEARLY, ModelFinding
 
 VARIANT = "good_enough"
 ROUNDING = 1e-6  # what moves less moves nothing
@@ -22,12 +22,12 @@ class Drop:
     Attributes:
         settings: ``key=value`` overrides that leave it out.
         reason: What that moves and saves.
-        worth: Largest change of any number.
+        influence: Largest change of any number.
     """
 
     settings: tuple[str, ...]
     reason: str
-    worth: float
+    influence: float
 
 
 def choose_drops(
@@ -51,7 +51,7 @@ def choose_drops(
     taken: set[tuple[tuple[str, ...], ModelKind]] = set()
     able = [each for each in findings if each.action == "drop"]
     # a body that is not elastic any more has neither a mesh nor modes of its own
-    for each in sorted(able, key=lambda each: (each.trial.kind != "elasticity", each.worth)):
+    for each in sorted(able, key=lambda each: (each.trial.kind != "elasticity", each.influence)):
         bodies = each.trial.bodies
         if {(bodies, "elasticity"), (bodies, each.trial.kind)} & taken:
             continue
@@ -63,7 +63,7 @@ def choose_drops(
         if each.saved_share < most - CLEARLY:
             continue
         taken.add((bodies, each.trial.kind))
-        drops.append(Drop(each.trial.settings, each.verdict, each.worth))
+        drops.append(Drop(each.trial.settings, each.verdict, each.influence))
     return drops
 
 
@@ -76,7 +76,7 @@ def keep_within(
         allowed: Largest change of any number, over that number.
         try_together: Largest change by some of them.
     """
-    left = sorted(drops, key=lambda drop: drop.worth)
+    left = sorted(drops, key=lambda drop: drop.influence)
     while left and try_together(left) > allowed:
         left.pop()
     return [drop for drop in drops if drop in left]

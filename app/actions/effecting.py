@@ -50,14 +50,14 @@ from headstock.studies.good_enough import (
     name_variant,
 )
 from headstock.studies.kind_changes import MUCH, Change
-from headstock.studies.model_trials import MODEL_KINDS, ModelTrial, list_model_trials
-from headstock.studies.model_worth import (
+from headstock.studies.model_influence import (
     CLEARLY,
     ModelFinding,
     RunPrice,
     rank_findings,
     try_models,
 )
+from headstock.studies.model_trials import MODEL_KINDS, ModelTrial, list_model_trials
 
 EFFECTS = "effects"
 KINDS = (EFFECTS, *MODEL_KINDS)  # what may be tried
@@ -268,7 +268,7 @@ def _write_good_enough(
                 f"what may be dropped cannot be dropped together: {found.obstacle}"
             )
         tried[settings] = found
-        return found.worth
+        return found.influence
 
     # of a lumped mechanism, effects alone can be dropped, each for less than a tenth of that
     kept = drops if scene.is_lumped else keep_within(drops, MUCH, try_together)
@@ -286,7 +286,7 @@ def _write_good_enough(
     if settings in tried:
         found = tried[settings]
         print(
-            f"together they move {found.changes[0].label} by {show_share(found.worth)}:"
+            f"together they move {found.changes[0].label} by {show_share(found.influence)}:"
             f" {found.written.cpu_seconds:.2g} s become {found.tried.cpu_seconds:.2g} s"
         )
     print(f"  ./headstock run {target} --variant {whole}")
@@ -329,7 +329,7 @@ def print_findings(findings: Sequence[ModelFinding]) -> None:
     print("\nModels, one change at a time; processor seconds with meshing and reduction")
     if tried:
         print(f"as written: {_show_price(tried[0].written)}")
-    idle = [each for each in tried if each.worth < IDLE]
+    idle = [each for each in tried if each.influence < IDLE]
     for each in [each for each in tried if each not in idle]:
         print(f"\n{each.trial.name} ({_show_price(each.tried)})")
         for what, modes in (("lacks", each.missing), ("adds", each.added)):

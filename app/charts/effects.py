@@ -9,7 +9,7 @@ from headstock.app.charts.charts import FAINT, INK, add_legend, calm_axes, encod
 from headstock.app.charts.study import COLORS
 from headstock.app.pictures.libraries import FuncFormatter, Line2D, MaxNLocator, NullLocator, Patch
 from headstock.studies.effects import EffectsSummary
-from headstock.studies.model_worth import CLEARLY
+from headstock.studies.model_influence import CLEARLY
 
 SMALLEST = 1e-5  # what moves less is drawn as that
 ROW_INCHES, EDGE_INCHES = 0.27, 0.9

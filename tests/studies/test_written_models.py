@@ -23,8 +23,8 @@ from headstock.studies.good_enough import (
     name_variant,
 )
 from headstock.studies.kind_changes import Change, compare_kinds
+from headstock.studies.model_influence import ModelFinding, RunPrice
 from headstock.studies.model_trials import ModelTrial
-from headstock.studies.model_worth import ModelFinding, RunPrice
 
 pytestmark = pytest.mark.fem
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -231,9 +231,9 @@ def test_of_models_that_save_as_much_the_one_that_moves_least_is_taken() -> None
 
 def test_what_is_too_much_together_is_given_up_from_the_largest_on() -> None:
     drops = [Drop((f"a{number}=1",), "", worth) for number, worth in enumerate((4.0, 1.0, 2.0))]
-    kept = keep_within(drops, 3.5, lambda some: sum(drop.worth for drop in some))
-    assert [drop.worth for drop in kept] == [1.0, 2.0]
-    assert not keep_within(drops, 0.5, lambda some: sum(drop.worth for drop in some))
+    kept = keep_within(drops, 3.5, lambda some: sum(drop.influence for drop in some))
+    assert [drop.influence for drop in kept] == [1.0, 2.0]
+    assert not keep_within(drops, 0.5, lambda some: sum(drop.influence for drop in some))
 
 
 def test_a_variant_keeps_every_letter_before_it_and_has_a_name_of_its_own(tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ import pytest
 from headstock.app.actions.effecting import COLUMNS, print_findings
 from headstock.pipeline.numbers.numbers import make_key
 from headstock.studies.kind_changes import Change
+from headstock.studies.model_influence import ModelFinding, RunPrice
 from headstock.studies.model_trials import ModelTrial
-from headstock.studies.model_worth import ModelFinding, RunPrice
 
 
 def change(share: float, tried: float, written: float, *, mode: int = 7) -> Change:

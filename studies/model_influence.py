@@ -172,7 +172,7 @@ class ModelFinding:
     obstacle: str = ""
 
     @property
-    def worth(self) -> float:
+    def influence(self) -> float:
         """Largest change of any number; all of it where a mode is missing or added."""
         largest = max((change.share for change in self.changes), default=0.0)
         return max(largest, 1.0) if self.missing or self.added else largest
@@ -186,11 +186,11 @@ class ModelFinding:
         return 1.0 - self.tried.cpu_seconds / whole if whole else 0.0
 
     @property
-    def worth_over_price(self) -> float:
+    def influence_over_price(self) -> float:
         """Largest change over the share of the time that it takes or saves, which counts as
         ``CLEARLY`` where it is less.
         """
-        return self.worth / max(CLEARLY, abs(self.saved_share))
+        return self.influence / max(CLEARLY, abs(self.saved_share))
 
     @property
     def action(self) -> Action:
@@ -199,11 +199,15 @@ class ModelFinding:
             return "not tried"
         if self.trial.sense == "richer":
             return (
-                "enough" if self.worth < LITTLE else "third digit" if self.worth < MUCH else "take"
+                "enough"
+                if self.influence < LITTLE
+                else "third digit"
+                if self.influence < MUCH
+                else "take"
             )
-        if self.worth < LITTLE:
+        if self.influence < LITTLE:
             return "drop" if self.saved_share >= CLEARLY else "either"
-        if self.worth < MUCH:
+        if self.influence < MUCH:
             return "third digit"
         return "keep" if self.trial.sense == "simpler" else "matters"
 
@@ -212,16 +216,16 @@ class ModelFinding:
         """One sentence: what it moves most, what it costs, what to do."""
         if self.obstacle:
             return f"not tried: {self.obstacle}"
-        return f"{self._describe_worth()}, {self._describe_price()}: {self._describe_action()}"
+        return f"{self._describe_influence()}, {self._describe_price()}: {self._describe_action()}"
 
-    def _describe_worth(self) -> str:
+    def _describe_influence(self) -> str:
         if self.missing:
             return f"lacks {_first_of(self.missing)}"
         if self.added:
             return f"shows {_first_of(self.added)}, which the scene as written lacks"
-        if self.worth == 0.0:
+        if self.influence == 0.0:
             return "moves nothing that was asked for"
-        return f"moves {self.changes[0].label} by {show_share(self.worth)}"
+        return f"moves {self.changes[0].label} by {show_share(self.influence)}"
 
     def _describe_price(self) -> str:
         share = 100.0 * abs(self.saved_share)
@@ -514,5 +518,5 @@ def rank_findings(findings: Sequence[ModelFinding]) -> list[ModelFinding]:
     """Those that move most for their price come first, those that were not tried last."""
     return sorted(
         findings,
-        key=lambda each: (bool(each.obstacle), -each.worth_over_price, each.trial.name),
+        key=lambda each: (bool(each.obstacle), -each.influence_over_price, each.trial.name),
     )

@@ -16,8 +16,8 @@ from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.studies.kind_changes import Change
+from headstock.studies.model_influence import ModelFinding, RunPrice, rank_findings, try_models
 from headstock.studies.model_trials import ModelTrial, Sense, list_model_trials
-from headstock.studies.model_worth import ModelFinding, RunPrice, rank_findings, try_models
 
 pytestmark = pytest.mark.fem
 MACHINES = Path(__file__).resolve().parents[2] / "machines"
@@ -112,7 +112,7 @@ def test_a_body_that_bends_loses_a_mode_by_name_and_one_that_does_not_may_be_rig
     assert column.action == "keep" and any("column bends" in mode for mode in column.missing)
     block = by_change["block", "rigid"]
     assert not block.missing and block.action == "drop", block.verdict
-    assert 0.0 < block.worth < 1e-3 and block.saved_share > 0.3
+    assert 0.0 < block.influence < 1e-3 and block.saved_share > 0.3
     assert block.tried.peak_memory_mb > 0.0
     kinds = {change.label for change in block.changes}
     assert kinds >= {"frequencies", "static compliance"}
@@ -167,4 +167,4 @@ def test_the_worth_of_following_the_pose_is_the_difference_that_one_run_tells(
     (change,) = [each for each in found.changes if each.label == "path deviation"]
     assert any(1e6 * (change.present or 0.0) == approx(peak, rel=1e-3) for peak in peaks[written])
     assert any(1e6 * (change.without or 0.0) == approx(peak, rel=1e-3) for peak in peaks[tried])
-    assert 0.01 < found.worth < 1.0 and change.key["output"] != "tcp y"  # zero by symmetry
+    assert 0.01 < found.influence < 1.0 and change.key["output"] != "tcp y"  # zero by symmetry
