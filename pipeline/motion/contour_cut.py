@@ -131,20 +131,6 @@ def _mount_tool(
     )
 
 
-def _tool_force(
-    request: ContouringRequest, plan: ContourPlan, velocity: FloatArray, times: FloatArray
-) -> FloatArray:
-    """``(n, 3)`` cutting force on the tool in the machine frame; the tool enters and leaves over
-    its radius.
-    """
-    feed = np.hypot(velocity[:, 0], velocity[:, 1])
-    force = (
-        repeated_forces(request.cut, request.steps_per_turn, feed)
-        * _engagement(plan, times)[:, None]
-    )
-    return np.asarray((force[:, None, :] @ travel_frames(velocity, request.contour.part))[:, 0])
-
-
 def travel_frames(velocity: FloatArray, part: Side) -> FloatArray:
     """``(n, 3, 3)`` with rows along the travel, away from the part on one side of it, and up, from
     velocities ``(n, 3)``.
@@ -182,14 +168,17 @@ def _given_force(
     times: FloatArray,
     record: ForceRecord | None,
 ) -> FloatArray:
-    """``(n, 3)`` force that does not depend on the motion, machine frame."""
+    """``(n, 3)`` force on the tool that does not depend on the motion, machine frame: as recorded, or of
+    rigid teeth, of a tool that enters and leaves over its radius.
+    """
     if not request.cutting:
         return np.zeros((len(times), 3))
-    return (
-        _tool_force(request, plan, velocity, times)
-        if record is None
-        else resample_forces(record, times)
-    )
+    if record is not None:
+        return resample_forces(record, times)
+    feed = np.hypot(velocity[:, 0], velocity[:, 1])
+    force = repeated_forces(request.cut, request.steps_per_turn, feed)
+    force = (force * _engagement(plan, times)[:, None])[:, None, :]
+    return np.asarray((force @ travel_frames(velocity, request.contour.part))[:, 0])
 
 
 def _engagement(plan: ContourPlan, times: FloatArray) -> FloatArray:

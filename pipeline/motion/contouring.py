@@ -33,22 +33,19 @@ from headstock.pipeline.motion.coupled_contour import (
 )
 from headstock.pipeline.motion.lumped_contour import lumped_face_dynamics, run_lumped_contour
 from headstock.pipeline.motion.milled_faces import mill_faces
+from headstock.pipeline.numbers.numbers import Number
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.mechanism import placed_mechanism
 from headstock.pipeline.stages.refined_models import (
-    Repeated,
-    repeat_at_ends,
     repeat_with_refined,
-    silence,
 )
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.estimates.corrected_elements import COMBINED_REFINEMENTS
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.reading.csv_files import ForceRecord, read_forces, resampling_loss
 from headstock.solvers.milling.border import find_border
-from headstock.solvers.milling.coefficients import CuttingCoefficients
 from headstock.solvers.milling.collocation import FINER, PeriodicCut, safe_depth
-from headstock.solvers.milling.forces import describe_sense
+from headstock.solvers.milling.forces import MillingCut, describe_sense
 from headstock.solvers.milling.stability import TipDynamics, require_poles
 from headstock.solvers.milling.tool_path import SquareContour, TraceFit, plan_contour
 
@@ -175,42 +172,6 @@ def _mill(
     )
 
 
-def _repeat_contour(
-    state: RunState,
-    request: ContouringRequest,
-    record: ForceRecord | None,
-    course: ContourCourse | None,
-) -> Repeated:
-    """Return the numbers of the contour once more, on the machine with finer meshes and more modes, with
-    the true curved faces, and with cutting coefficients at the ends of their ranges.
-    """
-    repeated = repeat_with_refined(
-        state,
-        COMBINED_REFINEMENTS,
-        lambda machine: tuple(_mill(machine, request, record, course).answer.list_numbers()),
-        asked=request.estimate,
-    )
-    if request.cutting and record is None and request.estimate:
-        repeated = repeat_at_ends(
-            request.cut.coefficients,
-            lambda coefficients: tuple(
-                _mill(
-                    silence(state), _with_coefficients(request, coefficients), None, course
-                ).answer.list_numbers()
-            ),
-            repeated,
-        )
-    return repeated
-
-
-def _with_coefficients(
-    request: ContouringRequest, coefficients: CuttingCoefficients
-) -> ContouringRequest:
-    return dataclasses.replace(
-        request, cut=dataclasses.replace(request.cut, coefficients=coefficients)
-    )
-
-
 def explain_gaps(run: ContourRun) -> list[str]:
     """Explain why faces that were reached have no gap."""
     return [
@@ -273,7 +234,18 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
             )
     for reason in milled.reasons:
         state.warn(reason)
-    repeated = _repeat_contour(state, request, record, milled.course)
+
+    def solve(machine: RunState, cut: MillingCut | None) -> list[Number]:
+        asked = request if cut is None else dataclasses.replace(request, cut=cut)
+        return [*_mill(machine, asked, record, milled.course).answer.list_numbers()]
+
+    repeated = repeat_with_refined(
+        state,
+        COMBINED_REFINEMENTS,
+        solve,
+        request.cut if request.cutting and record is None else None,
+        asked=request.estimate,
+    )
     answer = dataclasses.replace(
         answer,
         force_loss=loss,

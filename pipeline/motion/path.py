@@ -18,13 +18,13 @@ from headstock.pipeline.motion.stepped_path import SteppedPath, lay_rotary_path,
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Key, Number
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.refined_models import repeat_at_ends, repeat_with_refined, silence
+from headstock.pipeline.stages.refined_models import repeat_with_refined, silence
 from headstock.pipeline.stages.run_state import Outcome, RunState
 from headstock.reduction.estimates.corrected_elements import SEPARATE_REFINEMENTS
 from headstock.reduction.motions.path_errors import NODES
 from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.errors import ModelError, UnstableControlError
-from headstock.solvers.milling.coefficients import CuttingCoefficients
+from headstock.solvers.milling.forces import MillingCut
 from headstock.solvers.motion.deviation import (
     PathDeviation,
     filter_deviation,
@@ -155,36 +155,19 @@ def _estimate_errors(
     """
     frozen = dataclasses.replace(request, follows_pose=False)
 
-    def solve(machine: RunState, asked: PathRequest) -> SolvedMoves:
-        return _solve_moves(_lay_path(machine, asked, pose_errors=request.follows_pose))
-
-    def list_numbers(moves: SolvedMoves) -> tuple[Number, ...]:
+    def solve(machine: RunState, cut: MillingCut | None) -> tuple[Number, ...]:
+        milled = request.cut
+        if milled is not None and cut is not None:
+            milled = dataclasses.replace(milled, cut=cut)
+        asked = dataclasses.replace(frozen, cut=milled)
+        moves = _solve_moves(_lay_path(machine, asked, pose_errors=request.follows_pose))
         return tuple(list_run_numbers(_run_moves(frozen, moves)))
 
-    repeated = repeat_with_refined(
-        state,
-        SEPARATE_REFINEMENTS,
-        lambda machine: list_numbers(solve(machine, frozen)),
-        asked=request.estimate,
-    )
-    if request.cut is not None and request.estimate:
-        repeated = repeat_at_ends(
-            request.cut.cut.coefficients,
-            lambda coefficients: list_numbers(
-                solve(silence(state), _with_coefficients(frozen, coefficients))
-            ),
-            repeated,
-        )
-    if repeated.sources and request.follows_pose:
-        solved = solve(silence(state), frozen)
-    return repeated.estimate(list_numbers(solved)), repeated.left_out
-
-
-def _with_coefficients(request: PathRequest, coefficients: CuttingCoefficients) -> PathRequest:
-    if request.cut is None:
-        return request
-    cut = dataclasses.replace(request.cut.cut, coefficients=coefficients)
-    return dataclasses.replace(request, cut=dataclasses.replace(request.cut, cut=cut))
+    cut = None if request.cut is None else request.cut.cut
+    repeated = repeat_with_refined(state, SEPARATE_REFINEMENTS, solve, cut, asked=request.estimate)
+    again = repeated.sources and request.follows_pose
+    base = solve(silence(state), cut) if again else list_run_numbers(_run_moves(frozen, solved))
+    return repeated.estimate(tuple(base)), repeated.left_out
 
 
 def _run_moves(request: PathRequest, solved: SolvedMoves) -> tuple[PathRun, ...]:

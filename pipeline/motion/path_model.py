@@ -19,7 +19,6 @@ from headstock.pipeline.motion.probe_motions import (
     probe_outputs,
     read_probes,
     smoothing_channels,
-    watch_path_probes,
     watch_probes,
 )
 from headstock.pipeline.planning.analyses import MODE_MARGIN
@@ -194,7 +193,8 @@ class PathObservers:
     @property
     def watch(self) -> Watch:
         """Outputs that are watched during a motion."""
-        return watch_joints(self.joints).join(watch_path_probes(self.probes))
+        probes = watch_probes(self.probes).join(Watch(smoothing_channels(self.probes)))
+        return watch_joints(self.joints).join(probes)
 
     def join(self, system: SecondOrderSystem) -> SecondOrderSystem:
         """Return the system with their outputs."""

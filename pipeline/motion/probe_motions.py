@@ -202,11 +202,6 @@ def probe_values(names: Iterable[str]) -> dict[str, tuple[Channel, ...]]:
     return {name: watch_probes([name]).channels for name in names}
 
 
-def watch_path_probes(probes: Mapping[str, PlacedProbe]) -> Watch:
-    """The same, then what recovery changes in the stresses of all of them."""
-    return watch_probes(probes).join(Watch(smoothing_channels(probes)))
-
-
 def smoothing_channels(probes: Mapping[str, PlacedProbe]) -> tuple[Channel, ...]:
     """Channels of what recovery changes in the stresses at probes and around, where that is known."""
     return tuple(

@@ -325,18 +325,15 @@ class SteppedPath:
         force = self._cut_forces(move, times)
         history = integrate_linear(motion, motion.load + motion.tool_load(force))
         limit_hz = 0.0 if servo else choose_model(request).low_frequency_limit_hz
-        split = _split_motion(motion, machine.rows(request.outputs), history, limit_hz=limit_hz)
+        rows = machine.rows(request.outputs)
+        total, quasi_static, slow = _split_motion(motion, rows, history, limit_hz=limit_hz)
         deviating = loads.deviating(times)
         direct = motion.apply(machine.plant.direct_of(request.outputs, loads.channels), deviating)
         of_force = motion.apply(machine.plant.direct_of(request.outputs, self.tool), force)
         shown = slice(BEFORE, None, parts)
         total, quasi_static, slow = (
             (part - part[0])[shown]
-            for part in (
-                split.total + direct + of_force,
-                split.quasi_static + direct,
-                split.low_frequency,
-            )
+            for part in (total + direct + of_force, quasi_static + direct, slow)
         )
         taken = read = np.zeros((len(samples), 0))
         if servo is not None:
@@ -437,21 +434,11 @@ def lay_rotary_path(state: RunState, request: PathRequest) -> SteppedPath:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _SplitMotion:
-    """Motion at the outputs ``(n, p)`` beside that by weight alone, of the modes that are kept: all
-    of it, what is held statically, and that of modes slower than a ramp.
-    """
-
-    total: FloatArray
-    quasi_static: FloatArray
-    low_frequency: FloatArray
-
-
 def _split_motion(
     motion: LinearMotion, rows: FloatArray, history: CompliantHistory, *, limit_hz: float
-) -> _SplitMotion:
-    """Take the motion at the outputs apart.
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Motion at the outputs ``(n, p)``, less that by weight alone, of the modes that are kept: all of it,
+    its quasi-static share, and that of modes slower than a ramp.
 
     Args:
         rows: ``(k, p, c)`` motion at the outputs at its nodes.
@@ -469,7 +456,7 @@ def _split_motion(
         held = held - held @ projector
     weight = motion.deflect()
     moved = history.compliant - weight
-    return _SplitMotion(
+    return (
         motion.apply(rows, moved),
         motion.apply(held, motion.load) - motion.apply(rows - slow, weight),
         motion.apply(slow, moved),

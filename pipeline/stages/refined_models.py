@@ -39,7 +39,7 @@ from headstock.solvers.errors import (
     ModelError,
     UnstableControlError,
 )
-from headstock.solvers.milling.coefficients import CuttingCoefficients
+from headstock.solvers.milling.forces import MillingCut
 
 SOURCES = {
     FINER_MESH: DISCRETISATION,
@@ -86,41 +86,43 @@ class Repeated:
 def repeat_with_refined(
     state: RunState,
     refinements: Sequence[Refinement],
-    solve: Callable[[RunState], Iterable[Number]],
+    solve: Callable[[RunState, MillingCut | None], Iterable[Number]],
+    cut: MillingCut | None,
     *,
     asked: bool,
 ) -> Repeated:
-    """Repeat an analysis on the machine without each source of error.
+    """Repeat an analysis on the machine without each source of error, and at the farther end of each range
+    of its cutting coefficients.
 
     Args:
+        solve: The analysis of a machine with a cut.
+        cut: The one whose coefficients have ranges; None where none is evaluated.
         asked: The scene asks for errors.
     """
+    at_ends: list[Tried] = []
+    if cut is not None and asked:
+
+        def widen(base: MillingCut, key: str) -> MillingCut:
+            return dataclasses.replace(base, coefficients=base.coefficients.farther_end(key))
+
+        changes = [
+            Change((key, CUTTING), functools.partial(widen, key=key))
+            for key in cut.coefficients.ranges
+        ]
+        silent = silence(state)
+        at_ends = try_changes(cut, changes, lambda other: solve(silent, other), refused=REFUSED)
     if state.scene.is_lumped:
-        return Repeated(untried=LUMPED.left_out)
+        return Repeated(tuple(at_ends), untried=LUMPED.left_out)
     if not asked:
         return Repeated(untried=(NOT_ASKED,))
-    tried = try_changes(state, list_refined_models(state, refinements), solve, refused=REFUSED)
+    tried = try_changes(
+        state,
+        list_refined_models(state, refinements),
+        lambda machine: solve(machine, cut),
+        refused=REFUSED,
+    )
     left_out = name_what_is_left_out(state.parts).left_out
-    return Repeated(tuple(tried), _find_silent_meshes(state), left_out)
-
-
-def repeat_at_ends(
-    coefficients: CuttingCoefficients,
-    solve: Callable[[CuttingCoefficients], Iterable[Number]],
-    repeated: Repeated,
-) -> Repeated:
-    """Repeat an analysis at the farther end of each range of the cutting coefficients, too.
-
-    Args:
-        solve: The analysis with other coefficients.
-        repeated: What was repeated before.
-    """
-    changes = [
-        Change((key, CUTTING), lambda own, key=key: own.farther_end(key))
-        for key in coefficients.ranges
-    ]
-    tried = try_changes(coefficients, changes, solve, refused=REFUSED)
-    return dataclasses.replace(repeated, tried=(*repeated.tried, *tried))
+    return Repeated((*tried, *at_ends), _find_silent_meshes(state), left_out)
 
 
 def list_refined_models(
