@@ -201,11 +201,6 @@ def _gather_rows(
     return tuple(sorted(wanted, key=lambda row: row.frequency_hz))
 
 
-def full_dofs(solution: VariantSolution) -> int:
-    """Degrees of freedom of all components before reduction."""
-    return sum(facts.full_dofs for facts in solution.components.values())
-
-
 def _richness(solution: VariantSolution) -> tuple[int, int]:
     """Number of components with deformations of their own, and of segmented ones."""
     kinds = [facts.fidelity for facts in solution.components.values()]

@@ -15,7 +15,7 @@ from headstock.pipeline.storage.json_texts import check_finite, null_open
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.reduction.motions.body_motions import name_families
 from headstock.reduction.motions.compliance_budget import PointBudget
-from headstock.studies.comparison import Comparison, ModeRow, full_dofs
+from headstock.studies.comparison import Comparison, ModeRow
 from headstock.studies.kind_changes import select_compared
 from headstock.studies.responses import HOLDS, EntrySummary
 from headstock.studies.variants import Effort, VariantSolution
@@ -221,7 +221,7 @@ def _summarise_variant(solution: VariantSolution, comparison: Comparison) -> Var
         "variant": choice.variant,
         "overrides": list(choice.overrides),
         "fidelity": {name: facts.fidelity for name, facts in solution.components.items()},
-        "full_dofs": full_dofs(solution),
+        "full_dofs": sum(facts.full_dofs for facts in solution.components.values()),
         "reduced_dofs": sum(facts.reduced_dofs for facts in solution.components.values()),
         "coupled_dofs": len(solution.machine.system.labels),
         "frequencies_hz": check_finite(f"frequencies of variant {choice.name}", frequencies),

@@ -379,23 +379,21 @@ def pose_model(state: RunState) -> PoseModel:
 
 
 def component_supports(state: RunState, component: Component) -> tuple[Support, ...]:
-    """Supports on a component."""
-    return tuple(
-        support
-        for support in state.scene.machine.supports.values()
-        if support.component == component.name
-    )
+    """Return the supports on a component."""
+    return _select(component, state.scene.machine.supports)
 
 
 def component_loads(state: RunState, component: Component) -> tuple[Load, ...]:
-    """Loads on a component."""
-    return tuple(
-        load for load in state.scene.machine.loads.values() if load.component == component.name
-    )
+    """Return the loads on a component."""
+    return _select(component, state.scene.machine.loads)
 
 
 def component_probes(state: RunState, component: Component) -> tuple[Probe, ...]:
-    """Probes in a component."""
-    return tuple(
-        probe for probe in state.scene.machine.probes.values() if probe.component == component.name
-    )
+    """Return the probes in a component."""
+    return _select(component, state.scene.machine.probes)
+
+
+def _select[T: (Support, Load, Probe)](
+    component: Component, items: Mapping[str, T]
+) -> tuple[T, ...]:
+    return tuple(item for item in items.values() if item.component == component.name)

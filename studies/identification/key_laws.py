@@ -4,7 +4,7 @@ them from its own ``[parameters]``.
 
 import itertools
 from collections import OrderedDict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from headstock.scene.expansion.expansion import expand_scene, replaced
@@ -17,7 +17,7 @@ from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError
 from headstock.studies.identification.targets import KeyRule, Parameter
 
-REMEMBERED = 64  # calculated scenes that are kept
+REMEMBERED = 64  # calculated scenes, or builds of one entry, that are kept
 STEP = 2.0**-10  # of a derivative of what is calculated, relative to the parameter
 # where between its bounds a parameter is put to see what follows it: nowhere special
 SOMEWHERE = 0.381966
@@ -36,6 +36,16 @@ UNSEEN_KEYS = {
 
 class ParameterValueError(ModelError):
     """A value of a parameter with which the scene cannot be built."""
+
+
+def remember[K, V](known: OrderedDict[K, V], key: K, make: Callable[[], V]) -> V:
+    """Return what is known under a key, or make it; what was asked for latest is kept."""
+    if key not in known:
+        known[key] = make()
+        if len(known) > REMEMBERED:
+            known.popitem(last=False)
+    known.move_to_end(key)
+    return known[key]
 
 
 @dataclass(frozen=True)
@@ -76,31 +86,28 @@ class KeyLaw:
         Raises:
             ParameterValueError: It cannot be calculated with them.
         """
-        base, product, shift = self._base(values), 1.0, 0.0
-        for parameter, rule in self.rules:
-            p = values[parameter.name]
-            if rule.kind == "set":
-                base = rule.factor * p + rule.offset
-            elif rule.kind == "multiply":
-                product *= (p / parameter.reference) ** rule.factor
-            else:
-                shift += rule.factor * (p - parameter.reference)
-        return base * product + shift
+        return self._evaluate(values, "")[0]
 
     def slope(self, values: Mapping[str, float], name: str) -> float:
         """Its derivative by one parameter."""
-        base, product, shift, product_slope = self._base(values), 1.0, 0.0, 0.0
-        base_slope = self._base_slope(values, name)
+        return self._evaluate(values, name)[1]
+
+    def _evaluate(self, values: Mapping[str, float], name: str) -> tuple[float, float]:
+        """Return the number and its derivative by a parameter; zero by none."""
+        base, base_slope = self._base(values), self._base_slope(values, name)
+        product, product_slope, shift, shift_slope = 1.0, 0.0, 0.0, 0.0
         for parameter, rule in self.rules:
-            p, mine = values[parameter.name], parameter.name == name
+            p, factor, mine = values[parameter.name], rule.factor, parameter.name == name
             if rule.kind == "set":
-                base, base_slope = rule.factor * p + rule.offset, rule.factor if mine else 0.0
+                base, base_slope = factor * p + rule.offset, factor if mine else 0.0
             elif rule.kind == "multiply":
-                product *= (p / parameter.reference) ** rule.factor
-                product_slope += rule.factor / p if mine else 0.0
-            elif mine:
-                shift += rule.factor
-        return product * (base_slope + base * product_slope) + shift
+                product *= (p / parameter.reference) ** factor
+                product_slope += factor / p if mine else 0.0
+            else:
+                shift += factor * (p - parameter.reference)
+                shift_slope += factor if mine else 0.0
+        slope = product * (base_slope + base * product_slope) + shift_slope
+        return base * product + shift, slope
 
     def _base(self, values: Mapping[str, float]) -> float:
         return (
@@ -145,14 +152,13 @@ class _CalculatedNumbers:
             ParameterValueError: The scene cannot be calculated with these values.
         """
         given = tuple(law.value(values) for law in self.laws)
-        if given not in self._known:
+
+        def calculate() -> dict[KeyPath, float]:
             keys = dict.fromkeys(itertools.chain.from_iterable(self.followers.values()))
             raw = self._expand(given)
-            self._known[given] = {key: read_number(raw, key).value for key in keys}
-            if len(self._known) > REMEMBERED:
-                self._known.popitem(last=False)
-        self._known.move_to_end(given)
-        return self._known[given]
+            return {key: read_number(raw, key).value for key in keys}
+
+        return remember(self._known, given, calculate)
 
     def leaves(self, values: Mapping[str, float]) -> dict[KeyPath, TomlValue]:
         """All values of the scene in full."""

@@ -44,10 +44,14 @@ from headstock.scene.reading.keys import NUMBER, ReadValue, read_entries, replac
 from headstock.scene.reading.units import Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.components import ComponentTable, MaterialTable
-from headstock.studies.identification.key_laws import KeyLaw, ParameterValueError, find_laws
+from headstock.studies.identification.key_laws import (
+    KeyLaw,
+    ParameterValueError,
+    find_laws,
+    remember,
+)
 from headstock.studies.identification.targets import Parameter
 
-REMEMBERED = 64  # builds of one entry that are kept
 # neighbours nearer than this share of their frequency are turned together: two bending modes of a
 # square section are any two of their plane
 CLOSE = 0.02
@@ -120,16 +124,10 @@ class _ParametricShape:
             ParameterValueError: It cannot be built with these values.
         """
         numbers = tuple(law.value(values) for law in self.laws)
-        if numbers in self._known:
-            self._known.move_to_end(numbers)
-            return self._known[numbers]
         try:
-            self._known[numbers] = self._make(numbers)
+            return remember(self._known, numbers, lambda: self._make(numbers))
         except (ValidationError, ValueError, HeadstockError) as error:
             raise ParameterValueError(f"components.{self.name}: {_explain(error)}") from error
-        if len(self._known) > REMEMBERED:
-            self._known.popitem(last=False)
-        return self._known[numbers]
 
     def content(self) -> tuple[object, ...]:
         """Return what decides what is built, name and place left out; to be compared only."""

@@ -288,19 +288,15 @@ def _summarise_limits(limits: LimitMap) -> LimitMapSummary:
 
 def _summarise_figures(values: FloatArray) -> dict[str, Numbers]:
     scales = {
-        "most_negative_real": UM_PER_KN,
-        "chatter_limit": N_PER_UM,
-        "minimum_dynamic_stiffness": N_PER_UM,
+        "most_negative_real": ("_um_per_kN", UM_PER_KN),
+        "chatter_limit": ("_N_per_um", N_PER_UM),
+        "minimum_dynamic_stiffness": ("_N_per_um", N_PER_UM),
     }
-    suffix = {
-        "most_negative_real": "_um_per_kN",
-        "chatter_limit": "_N_per_um",
-        "minimum_dynamic_stiffness": "_N_per_um",
-    }
-    return {
-        name + suffix.get(name, ""): _nulls(scales.get(name, 1.0) * values[:, column])
-        for column, name in enumerate(FIGURES)
-    }
+    summary = {}
+    for column, name in enumerate(FIGURES):
+        suffix, scale = scales.get(name, ("", 1.0))
+        summary[name + suffix] = _nulls(scale * values[:, column])
+    return summary
 
 
 def _nulls(values: FloatArray) -> Numbers:
