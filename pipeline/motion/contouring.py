@@ -208,9 +208,7 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
     """Run the contour the scene asks for."""
     if not state.is_root:
         return Outcome()
-    request = state.scene.analyses.get(ContouringRequest)
-    if request is None:
-        raise ValueError("a contour stage needs a contour in the scene")
+    request = state.scene.analyses[ContouringRequest]
     if not request.cutting:
         state.warn(
             "the contour is simulated without cutting; write [effects] cutting_force = true to cut"
