@@ -357,6 +357,7 @@ def test_teeth_shake_the_moving_machine_as_all_modes_of_a_pose_do(tmp_path: Path
     assert abs(tone((found.gap @ face.outward)[last]) - expected) < 0.04 * abs(expected)
 
 
+@pytest.mark.trials
 def test_stiff_legs_move_as_the_lumped_mechanism(tmp_path: Path) -> None:
     tripteor = load_tripteor()
     model = dataclasses.replace(tripteor.model, velocity_terms=False)
