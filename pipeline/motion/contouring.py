@@ -46,7 +46,7 @@ from headstock.scene.reading.csv_files import ForceRecord, read_forces, resampli
 from headstock.solvers.milling.border import find_border
 from headstock.solvers.milling.collocation import FINER, PeriodicCut, safe_depth
 from headstock.solvers.milling.forces import MillingCut, describe_sense
-from headstock.solvers.milling.stability import TipDynamics, require_poles
+from headstock.solvers.milling.tip_poles import TipDynamics, require_poles
 from headstock.solvers.milling.tool_path import SquareContour, plan_contour
 
 DEEPEST = 0.2  # depth of cut up to which a limit is looked for [m]

@@ -9,7 +9,7 @@ with ``G`` of period ``T``, the time from tooth to tooth, which is the delay as 
 end where ``G`` has a corner: where the lower or the upper end of an edge enters or leaves the part.
 Within a window all functions are smooth, so that multipliers converge exponentially with the number
 of nodes (spectral collocation: Butcher and Bobrenkov 2011; Insperger and Stepan 2011, sec. 3, have
-the independent method of :mod:`.stability`). Multipliers say whether the cut is stable: all below
+semi-discretisation as an independent method). Multipliers say whether the cut is stable: all below
 one.
 """
 
@@ -24,7 +24,7 @@ import scipy.linalg
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.milling.coefficients import CuttingCoefficients, Three
 from headstock.solvers.milling.forces import EndMill, MillingCut, Sense, chip_stiffness
-from headstock.solvers.milling.stability import ComplexArray, TipPoles, keep_poles
+from headstock.solvers.milling.tip_poles import ComplexArray, TipPoles, keep_poles
 from headstock.solvers.milling.windows import Window, divide_period
 
 FINER = 3  # nodes more in each window, where a limit is confirmed
