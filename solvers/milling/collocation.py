@@ -283,11 +283,11 @@ class PeriodicCut:
         pole = float(abs(self._tip.values[multiplier.pole].imag))
         angle = float(np.angle(multiplier.value))
         waves = [round((pole * period - side * angle) / turn) for side in (1, -1)]
-        found = [
+        candidates = [
             (turn * number + side * angle) / period
             for number, side in zip(waves, (1, -1), strict=True)
         ]
-        return min((each for each in found if each >= 0.0), key=lambda each: abs(each - pole))
+        return min((each for each in candidates if each >= 0.0), key=lambda each: abs(each - pole))
 
     def matrix(self, depth: float, more: int = 0) -> FloatArray:
         """Coordinates of the tip and motions at the nodes a period later per those before.
@@ -308,11 +308,11 @@ class PeriodicCut:
             some, before = slice(last, last + len(forced)), state[:, :last]
             identity = _identity(len(forced))
             solved = np.linalg.inv(identity - depth * forced)
-            own = solved @ response.free[:, span].reshape(len(forced), -1)
+            moved = solved @ response.free[:, span].reshape(len(forced), -1)
             pushed = depth * response.pushed[:, :, span].reshape(-1, len(forced))
-            whole[some, :last] = own @ before
+            whole[some, :last] = moved @ before
             whole[some, some] = identity - solved
-            state[:, :last] = (turn + pushed @ own) @ before
+            state[:, :last] = (turn + pushed @ moved) @ before
             state[:, some] = -pushed @ solved
             last = some.stop
         whole[:coordinates] = response.turns[-1] @ state
@@ -409,12 +409,12 @@ def _identity(size: int) -> FloatArray:
 def _multiply(factors: ComplexArray) -> FloatArray:
     """``(w, 2 q, 2 q)`` that multiply coordinates by complex factors ``(w, q)``."""
     count = factors.shape[1]
-    found = np.zeros((len(factors), 2, count, 2, count))
+    matrices = np.zeros((len(factors), 2, count, 2, count))
     place = np.arange(count)
-    found[:, 0, place, 0, place] = found[:, 1, place, 1, place] = factors.real
-    found[:, 1, place, 0, place] = factors.imag
-    found[:, 0, place, 1, place] = -factors.imag
-    return found.reshape(len(factors), 2 * count, -1)
+    matrices[:, 0, place, 0, place] = matrices[:, 1, place, 1, place] = factors.real
+    matrices[:, 1, place, 0, place] = factors.imag
+    matrices[:, 0, place, 1, place] = -factors.imag
+    return matrices.reshape(len(factors), 2 * count, -1)
 
 
 def _dominant_pair(matrix: FloatArray) -> tuple[complex, ComplexArray]:
