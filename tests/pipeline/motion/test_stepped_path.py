@@ -481,6 +481,7 @@ def test_a_line_looks_as_high_as_ramps_teeth_and_waves_excite_it(
     assert request.band_hz == approx(band)
 
 
+@pytest.mark.trials
 def test_modes_above_what_ramps_excite_change_a_line_by_next_to_nothing(tmp_path: Path) -> None:
     """Legs of segments, with modes up to 960 Hz and up to 3 kHz."""
     scene = keep_analyses(
