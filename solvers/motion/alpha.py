@@ -4,6 +4,11 @@
 motions that are left out the static flexibility ``R`` at the tool remains. What has these matrices
 is integrated alike: a lumped mechanism in its compliant coordinates, a machine of bodies or finite
 elements in its modes.
+
+Motors under control are coordinates of it, and the states of their controllers rows of first order.
+Coordinates are deviations from the rigid machine that moves as the set points say, so a controller
+sees what its motor lacks: with set speed ``v`` and acceleration ``a`` its inputs are ``(0, v, a, x,
+v + x')``, and the force that the rigid motion needs is a load on its motor.
 """
 
 import dataclasses

@@ -1,6 +1,6 @@
 """A machine under control in time, with friction in its guides, and where the energy went.
 
-Steps are exact but for friction (``friction_steps``). They are as long as what is given and the natural
+Steps are exact but for friction (``friction_loop``). They are as long as what is given and the natural
 modes allow, and are halved where friction changes faster than its parabola follows.
 """
 
