@@ -97,7 +97,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "drawings": {"texts", "tables"},
         "views": {"texts", "tables", "drawings"},
         "terminal": {"texts", "tables", "pictures", "views"},
-        "charts": {"texts", "tables", "pictures"},
+        "charts": {"texts", "tables", "pictures", "drawings"},
         "report": {"texts", "tables", "pictures", "drawings", "views"},
         "commands": {"terminal"},
         "actions": {

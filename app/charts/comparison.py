@@ -13,10 +13,11 @@ from headstock.app.charts.charts import (
     INK,
     add_legend,
     calm_axes,
-    draw_models,
     encode_figure,
     new_figure,
 )
+from headstock.app.charts.results import encode_drawings
+from headstock.app.drawings.frf import draw_overlay
 from headstock.app.pictures.libraries import Axes
 from headstock.app.tables.comparison import alike_rigid_modes, list_points, row_frequencies
 from headstock.app.texts.bounded_values import show_digits
@@ -52,7 +53,8 @@ def draw_comparison(
         figures["compliances"] = _draw_compliances(summary, points)
     entries = _list_entries(summary, lines)
     if entries:
-        figures["responses"] = draw_models(lines, entries)
+        drawn = draw_overlay(list(lines.values()), "models", list(lines), entries)
+        figures["responses"] = encode_drawings([drawn])
     if any(variant["mac"] for variant in summary["variants"].values()):
         figures["mac"] = _draw_mac(summary)
     return figures

@@ -26,7 +26,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.probes import MEGA, probe_units
 from headstock.pipeline.results.views import COLORS
-from headstock.solvers.second_order import name_channel
+from headstock.solvers.second_order import Channel, name_channel
 from headstock.solvers.stresses import STRESS_NAMES
 
 PAGE_WIDTH, SMALLEST_CELL, LARGEST_CELL = 1150, 300, 720
@@ -36,7 +36,9 @@ DIGITS = 4
 LEAST_PLAIN, MOST_PLAIN = 0.001, 10_000.0  # decades outside are written as powers
 LEGEND_STEP = 16.0
 BAND = '<path class="band" d="{}Z" fill="{}" opacity="0.25" stroke="none"/>'
-PATH = '<path d="{}" fill="none" stroke="{}" stroke-width="1.5" stroke-linejoin="round"/>'
+PATH = '<path d="{}" fill="none" stroke="{}" stroke-width="{}" stroke-linejoin="round"/>'
+WIDTH, OVERLAYS_ACROSS = 1.5, 3
+type _Entry = tuple[Channel, Channel]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +81,7 @@ def draw_probes(curves: ResponseCurves, identity: str) -> Markup:
 
 
 def _draw_grid(curves: ResponseCurves, cells: list[_Cell], columns: int, identity: str) -> Markup:
-    width, height = columns * cells[0].width, _cell_height() * (len(cells) // columns)
+    width, height = _size(cells, columns)
     parts = [_draw_cell(curves, cell) for cell in cells]
     parts.append(Markup('<g class="cursor" visibility="hidden"></g>'))
     script = Markup(
@@ -90,10 +92,21 @@ def _draw_grid(curves: ResponseCurves, cells: list[_Cell], columns: int, identit
     )
 
 
-def draw_overlay(responses: Sequence[ResponseCurves], identity: str) -> Markup:
-    """The Bode plots of several poses over each other, a colour for each."""
-    layouts = [_lay_out(curves)[0] for curves in responses]
-    columns = _lay_out(responses[0])[1]
+def draw_overlay(
+    responses: Sequence[ResponseCurves],
+    identity: str,
+    names: Sequence[str] = (),
+    entries: Sequence[_Entry] = (),
+) -> Markup:
+    """The Bode plots of several poses, or models, over each other, a colour for each.
+
+    Args:
+        identity: ``id`` in the page.
+        names: Of the curves; their poses without it.
+        entries: Output and input of each plot; all of them without it.
+    """
+    laid_out = [_lay_out(curves, entries) for curves in responses]
+    layouts, columns = [cells for cells, _ in laid_out], laid_out[0][1]
     widest = dataclasses.replace(
         responses[0],
         frequencies_hz=np.array(
@@ -106,22 +119,28 @@ def draw_overlay(responses: Sequence[ResponseCurves], identity: str) -> Markup:
     parts = []
     for place, frame in enumerate(layouts[0]):
         same = [layout[place] for layout in layouts]
-        low, high = min(cell.low for cell in same), max(cell.high for cell in same)
+        low, high = magnitude_range(np.concatenate([cell.size for cell in same]))
         parts.append(_draw_frame(widest, dataclasses.replace(frame, low=low, high=high)))
-        for curves, cell, color in zip(responses, same, itertools.cycle(COLORS), strict=False):
-            own = dataclasses.replace(cell, low=low, high=high, color=color)
-            parts.append(_draw_curves(own, _places(widest, own, curves.frequencies_hz)))
-    width, height = columns * layouts[0][0].width, _cell_height() * (len(layouts[0]) // columns)
-    for number, (curves, color) in enumerate(zip(responses, itertools.cycle(COLORS), strict=False)):
+        for number, (curves, cell) in enumerate(zip(responses, same, strict=True)):
+            own = dataclasses.replace(cell, low=low, high=high, color=COLORS[number % len(COLORS)])
+            # what lies over the curve of another model is thinner, so that both are seen
+            width = WIDTH + (len(responses) - 1 - number if names else 0)
+            parts.append(_draw_curves(own, _places(widest, own, curves.frequencies_hz), width))
+    width, height = _size(layouts[0], columns)
+    for number, name in enumerate(names or [f"pose {curves.pose}" for curves in responses]):
         y = height + LEGEND_STEP * number + 12.0
         parts.append(
             Markup('<rect x="{}" y="{:.0f}" width="18" height="3" fill="{}"/>').format(
-                LEFT, y - 5.0, color
+                LEFT, y - 5.0, COLORS[number % len(COLORS)]
             )
         )
-        parts.append(_text(LEFT + 24, y, f"pose {curves.pose}"))
+        parts.append(_text(LEFT + 24, y, name))
     height += LEGEND_STEP * len(responses) + 6.0
     return _picture(parts, identity, width, height)
+
+
+def _size(cells: Sequence[_Cell], columns: int) -> tuple[float, float]:
+    return columns * cells[0].width, _cell_height() * -(-len(cells) // columns)
 
 
 def _picture(parts: Sequence[Markup], identity: str, width: float, height: float) -> Markup:
@@ -133,31 +152,17 @@ def _picture(parts: Sequence[Markup], identity: str, width: float, height: float
 
 def _lay_out_probes(curves: ResponseCurves) -> tuple[list[_Cell], int]:
     probes, inputs = curves.probes[:MOST_FIELDS], curves.inputs[:MOST_FIELDS]
-    width = min(LARGEST_CELL, max(SMALLEST_CELL, PAGE_WIDTH / len(inputs)))
     cells = []
-    for row, probe in enumerate(probes):
-        error = probe.von_mises_error
-        for column, given in enumerate(inputs):
-            unit, _, per = probe_units(given)
-            factor = per * MEGA
-            size = factor * probe.von_mises[:, column]
-            low, high = magnitude_range(size)
-            largest = int(np.nanargmax(np.nanmax(np.abs(probe.stress[:, :, column]), axis=0)))
-            own = np.full(size.shape, np.nan) if error is None else factor * error[:, column]
-            cells.append(
-                _Cell(
-                    f"{probe.name} / {name_channel(given)}, phase of {STRESS_NAMES[largest]}",
-                    unit,
-                    CURVE,
-                    size,
-                    broken_phase(probe.stress[:, largest, column]),
-                    own,
-                    (column * width, row * _cell_height()),
-                    width,
-                    low,
-                    high,
-                )
-            )
+    for place, (probe, (column, given)) in enumerate(itertools.product(probes, enumerate(inputs))):
+        unit, _, per = probe_units(given)
+        largest = int(np.nanargmax(np.nanmax(np.abs(probe.stress[:, :, column]), axis=0)))
+        title = f"{probe.name} / {name_channel(given)}, phase of {STRESS_NAMES[largest]}"
+        phase = broken_phase(probe.stress[:, largest, column])
+        error = None if probe.von_mises_error is None else probe.von_mises_error[:, column]
+        size = probe.von_mises[:, column]
+        cells.append(
+            _make_cell(title, (unit, per * MEGA), CURVE, size, phase, error, (place, len(inputs)))
+        )
     return cells, len(inputs)
 
 
@@ -166,35 +171,54 @@ def has_more_fields(curves: ResponseCurves) -> bool:
     return max(len(curves.outputs), len(curves.inputs)) > MOST_FIELDS
 
 
-def _lay_out(curves: ResponseCurves) -> tuple[list[_Cell], int]:
+def _lay_out(curves: ResponseCurves, entries: Sequence[_Entry] = ()) -> tuple[list[_Cell], int]:
+    """The plots of these entries, or of as many as can be read in a grid of outputs and inputs; and
+    how many are beside each other.
+    """
     outputs, inputs = curves.outputs[:MOST_FIELDS], curves.inputs[:MOST_FIELDS]
-    width = min(LARGEST_CELL, max(SMALLEST_CELL, PAGE_WIDTH / len(inputs)))
-    values, cells = curves.values, []
-    errors = np.full(values.shape, np.nan) if curves.value_errors is None else curves.value_errors
-    for row, output in enumerate(outputs):
-        for column, given in enumerate(inputs):
-            unit, factor = response_unit(curves.motion, output, given)
-            size = np.asarray(factor * np.abs(values[:, row, column]), dtype=float)
-            low, high = magnitude_range(size)
-            color = DIRECT if output == given else CURVE
-            corner = (column * width, row * _cell_height())
-            phase = broken_phase(values[:, row, column])
-            error = np.asarray(factor * errors[:, row, column], dtype=float)
-            cells.append(
-                _Cell(
-                    name_entry(output, given),
-                    unit,
-                    color,
-                    size,
-                    phase,
-                    error,
-                    corner,
-                    width,
-                    low,
-                    high,
-                )
+    columns = min(OVERLAYS_ACROSS, len(entries)) or len(inputs)
+    cells = []
+    for number, (output, given) in enumerate(entries or itertools.product(outputs, inputs)):
+        place = (..., curves.outputs.index(output), curves.inputs.index(given))
+        value = curves.values[place]
+        error = None if curves.value_errors is None else curves.value_errors[place]
+        cells.append(
+            _make_cell(
+                name_entry(output, given),
+                response_unit(curves.motion, output, given),
+                DIRECT if output == given else CURVE,
+                np.abs(value),
+                broken_phase(value),
+                error,
+                (number, columns),
             )
-    return cells, len(inputs)
+        )
+    return cells, columns
+
+
+def _make_cell(
+    title: str,
+    shown: tuple[str, float],
+    color: str,
+    size: FloatArray,
+    phase: FloatArray,
+    error: FloatArray | None,
+    place: tuple[int, int],
+) -> _Cell:
+    """A plot of magnitudes and phases.
+
+    Args:
+        shown: Unit, and factor to it.
+        error: Of the magnitudes; None where there is none.
+        place: Number of the plot, and how many are beside each other.
+    """
+    unit, factor = shown
+    number, columns = place
+    size = np.asarray(factor * size, dtype=float)
+    own = np.full(size.shape, np.nan) if error is None else np.asarray(factor * error, dtype=float)
+    width = min(LARGEST_CELL, max(SMALLEST_CELL, PAGE_WIDTH / columns))
+    corner = (number % columns * width, number // columns * _cell_height())
+    return _Cell(title, unit, color, size, phase, own, corner, width, *magnitude_range(size))
 
 
 def _cell_height() -> float:
@@ -216,12 +240,11 @@ def _draw_cell(curves: ResponseCurves, cell: _Cell) -> Markup:
     return _draw_frame(curves, cell) + _draw_band(cell, along) + _draw_curves(cell, along)
 
 
-def _draw_curves(cell: _Cell, along: FloatArray) -> Markup:
-    size = Markup(PATH).format(
-        _path(along, cell.size_level(cell.size), np.isfinite(cell.size)), cell.color
-    )
-    return size + Markup(PATH).format(
-        _path(along, cell.phase_level(cell.phase), np.isfinite(cell.phase)), cell.color
+def _draw_curves(cell: _Cell, along: FloatArray, width: float = WIDTH) -> Markup:
+    levels = ((cell.size_level, cell.size), (cell.phase_level, cell.phase))
+    return Markup("").join(
+        Markup(PATH).format(_path(along, level(values), np.isfinite(values)), cell.color, width)
+        for level, values in levels
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 LIFETIME = 150  # seconds
 # imported where they are used: nothing is drawn before what it needs is loaded
-CHARTS = "headstock.app.charts.charts"
+CHARTS = "headstock.app.charts.results"
 PICTURE, RENDERER = "headstock.app.pictures.picture", "headstock.app.pictures.renderer"
 
 

@@ -100,16 +100,15 @@ def list_probe_peaks(response: ResponseSummary) -> list[_ProbePeakRow]:
     ]
 
 
+def _of_peak(key: str, file: str, screen: str, report: str) -> Column[Any]:
+    return Column(lambda row: row.peak[key], file, screen, report)
+
+
 PROBE_PEAK_COLUMNS: tuple[Column[_ProbePeakRow], ...] = (
     Column(lambda row: row.probe, "probe", "probe", "Probe"),
     Column(lambda row: row.component, "component", "in", "Component"),
     Column(lambda row: " ".join(row.peak["input"]), "load", "load", "Load"),
-    Column(
-        lambda row: row.peak["static_von_mises"],
-        "von Mises at rest",
-        ">von Mises at rest",
-        "von Mises at rest",
-    ),
+    _of_peak("static_von_mises", "von Mises at rest", ">von Mises at rest", "von Mises at rest"),
     *bound_column(
         lambda row: row.peak["peak_von_mises"],
         lambda row: row.peak["peak_von_mises_error"],
@@ -117,8 +116,8 @@ PROBE_PEAK_COLUMNS: tuple[Column[_ProbePeakRow], ...] = (
         ">largest",
         "largest over a cycle",
     ),
-    Column(lambda row: row.peak["peak_hz"], "at [Hz]", ">at Hz", "at [Hz]"),
-    Column(lambda row: row.peak["unit"], "unit", "unit", "Unit"),
+    _of_peak("peak_hz", "at [Hz]", ">at Hz", "at [Hz]"),
+    _of_peak("unit", "unit", "unit", "Unit"),
 )
 
 

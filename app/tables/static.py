@@ -76,6 +76,13 @@ def static_by_pose(summary: RunSummary) -> dict[str, dict[str, PointSummary]]:
     return {(poses or ["reference"])[0]: summary["static"]}
 
 
+def longest_share(budget: Mapping[str, Mapping[str, float]]) -> float:
+    """The largest share of a budget in any direction, whose bar fills a picture."""
+    return (
+        max((share for shares in budget.values() for share in shares.values()), default=0.0) or 1.0
+    )
+
+
 def shared_budget(point: PointSummary) -> dict[str, dict[str, float]]:
     """The budget of a point; empty where one part alone gives way, which says nothing."""
     budget = point["budget"]

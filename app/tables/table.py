@@ -6,6 +6,7 @@ import math
 import operator
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -51,16 +52,16 @@ class Column[Row]:
     error: Callable[[Row], float | None] | None = None
 
 
-def bound_column[Row](
-    value: Callable[[Row], Cell],
-    error: Callable[[Row], float | None],
+def bound_column(
+    value: Callable[[Any], Cell],
+    error: Callable[[Any], float | None],
     file: str,
     screen: str = "",
     report: str = "",
     *,
     error_file: str = "",
     open_errors: bool = True,
-) -> tuple[Column[Row], Column[Row]]:
+) -> tuple[Column[Any], Column[Any]]:
     """Return the column of a number with its ±, and the one of the ± that files have.
 
     Args:
@@ -68,7 +69,7 @@ def bound_column[Row](
         open_errors: A ± that nobody knows is shown as such.
     """
 
-    def show_error(row: Row) -> float | None:
+    def show_error(row: Any) -> float | None:
         size = error(row)
         return math.nan if size is None and open_errors else size
 

@@ -12,6 +12,7 @@ from headstock.app.tables.probes import PROBE_COLUMNS, PROBE_MOTION_COLUMNS, PRO
 from headstock.app.tables.static import (
     DEVIATION_COLUMNS,
     list_displacements,
+    longest_share,
     shared_budget,
     static_by_pose,
     tabulate_budget,
@@ -92,10 +93,7 @@ def _write_section(run: FinishedRun) -> Section:
         "shared_budget": shared_budget,
         "draw_budget": draw_budget,
         "moved": _write_moved,
-        "longest": lambda budget: (
-            max((share for shares in budget.values() for share in shares.values()), default=1.0)
-            or 1.0
-        ),
+        "longest": longest_share,
     }
     return Section("stiffness", "Static stiffness", template="views/static.html", names=names)
 

@@ -122,23 +122,25 @@ def _import_step(solid: StepFile) -> int:
         if b"ISO-10303-21" not in file.read(4096):
             raise PartFileError(f"{path.name} is not a STEP file (no ISO-10303-21 header)")
     text = re.sub(
-        rb"'[^']*'", lambda found: b"'" + b"\n" * found[0].count(b"\n") + b"'", path.read_bytes()
+        rb"'[^']*'",
+        lambda imported: b"'" + b"\n" * imported[0].count(b"\n") + b"'",
+        path.read_bytes(),
     )
     _refuse_odd_numbers(text, path.name)
     _refuse_other_files(text, path.name)
     try:
-        found = gmsh.model.occ.importShapes(str(path), highestDimOnly=True)
+        imported = gmsh.model.occ.importShapes(str(path), highestDimOnly=True)
     except Exception as error:  # gmsh raises the bare class
         raise MeshError(f"{path.name} cannot be read as STEP: {error}") from error
     gmsh.model.occ.synchronize()
-    volumes = [tag for dim, tag in found if dim == 3]
+    volumes = [tag for dim, tag in imported if dim == 3]
     if not volumes:
         raise PartFileError(
-            f"{path.name} holds no solid, only {len(found)} surfaces or curves; export it as a solid body"
+            f"{path.name} holds no solid, only {len(imported)} surfaces or curves; export it as a solid body"
         )
     chosen = _choose_solid(solid.solid, volumes, path.name)
     gmsh.model.occ.remove(
-        [(dim, tag) for dim, tag in found if (dim, tag) != (3, chosen)], recursive=True
+        [(dim, tag) for dim, tag in imported if (dim, tag) != (3, chosen)], recursive=True
     )
     box = gmsh.model.occ.getBoundingBox(3, chosen)
     extent = STEP_UNIT * max(box[axis + 3] - box[axis] for axis in range(3))

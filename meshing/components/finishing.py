@@ -106,36 +106,54 @@ def finish_mesh(data: MeshData, component: Component, groups: Groups) -> Compone
         cad_volume = properties.volume
         areas |= properties.patch_areas
         _check_sizes(points, patches, volume, properties, component)
-    flat = _find_flat_tets(points, cells, kind)
-    # a cell that is flat because its wall is thin is as good as it can be; what else is wrong with
-    # it counts
-    shapes = jacobians.copy()
-    shapes[flat.cells] = np.maximum(jacobians[flat.cells], flat.qualities)
-    worst = int(np.argmin(shapes))
-    a, b, c = (points[cells[flat.cells, k]] - points[cells[flat.cells, 0]] for k in (1, 2, 3))
-    sizes = np.abs(np.einsum("ci,ci->c", a, np.cross(b, c))) / 6.0  # edges taken as straight
-    poor = cells[shapes < POOR_QUALITY]
-    quality = MeshQuality(
-        float(shapes[worst]),
-        repaired,
-        volume,
-        cad_volume,
-        areas,
-        poor_share=mesh_volume(points, poor, kind) / mesh_volume(points, cells, kind)
-        if len(poor)
-        else 0.0,
-        worst_place=np.asarray(points[cells[worst, : corner_count(kind)]].mean(axis=0)),
-        worst_face=_face_at(data, cells[worst]),
-        flatness=float(sizes @ (flat.lengths**6 / flat.thickness**4)) / volume
-        if kind == "tet10"
-        else 0.0,
-        flat_size=float(np.median(flat.lengths)) if len(flat.cells) else 0.0,
-        flat_thickness=float(np.median(flat.thickness)) if len(flat.cells) else 0.0,
+    quality = dataclasses.replace(
+        _rate_cells(data, points, cells, kind, jacobians, volume),
+        repaired=repaired,
+        cad_volume=cad_volume,
+        cad_areas=areas,
         remarks=_list_remarks(data, component, repaired, len(cells)),
     )
     gaps = _find_gaps(points, surface, data, component, quality, straight=straight)
     missing = None if data.left_out is None else _place_features(points, cells, kind, data.left_out)
     return ComponentMesh(points, cells, kind, straight, patches, quality, gaps, missing)
+
+
+def _rate_cells(
+    data: MeshData,
+    points: FloatArray,
+    cells: IntArray,
+    kind: CellKind,
+    jacobians: FloatArray,
+    volume: float,
+) -> MeshQuality:
+    """Return how good cells are; see ``MeshQuality``.
+
+    Args:
+        jacobians: Scaled Jacobian ``(n_cells,)`` of each.
+        volume: Of the mesh [m^3].
+    """
+    flat = _find_flat_tets(points, cells, kind)
+    # a cell that is flat because its wall is thin is as good as it can be; what else is wrong with
+    # it counts
+    shapes = jacobians.copy()
+    shapes[flat.cells] = np.maximum(jacobians[flat.cells], flat.qualities)
+    worst, poor = int(np.argmin(shapes)), cells[shapes < POOR_QUALITY]
+    a, b, c = (points[cells[flat.cells, k]] - points[cells[flat.cells, 0]] for k in (1, 2, 3))
+    sizes = np.abs(np.einsum("ci,ci->c", a, np.cross(b, c))) / 6.0  # edges taken as straight
+    bent = float(sizes @ (flat.lengths**6 / flat.thickness**4)) / volume
+    share = mesh_volume(points, poor, kind) / mesh_volume(points, cells, kind) if len(poor) else 0.0
+    return MeshQuality(
+        float(shapes[worst]),
+        0,
+        volume,
+        float("nan"),
+        poor_share=share,
+        worst_place=np.asarray(points[cells[worst, : corner_count(kind)]].mean(axis=0)),
+        worst_face=_face_at(data, cells[worst]),
+        flatness=bent if kind == "tet10" else 0.0,
+        flat_size=float(np.median(flat.lengths)) if len(flat.cells) else 0.0,
+        flat_thickness=float(np.median(flat.thickness)) if len(flat.cells) else 0.0,
+    )
 
 
 def _list_remarks(

@@ -254,14 +254,16 @@ def _add_tags(
         cells: What the cells of each block count as among the solid ones; none of surface elements.
     """
     for name, tags in _read_tags(reader, grid, [len(nodes) for _, nodes in blocks]):
-        solid = [(index, own) for index, own in zip(cells, tags, strict=False) if len(index)]
-        values = np.unique(np.concatenate([own for _, own in solid])) if solid else ()
+        solid = [
+            (index, values_of) for index, values_of in zip(cells, tags, strict=False) if len(index)
+        ]
+        values = np.unique(np.concatenate([values_of for _, values_of in solid])) if solid else ()
         for value in values if 1 < len(values) <= MOST_GROUPS else ():
-            chosen = np.concatenate([index[own == value] for index, own in solid])
+            chosen = np.concatenate([index[values_of == value] for index, values_of in solid])
             raw.add_section(f"{name}_{value}", chosen, "", None)
         sheets = [
-            (*block, own)
-            for block, own in zip(blocks, tags, strict=True)
+            (*block, values_of)
+            for block, values_of in zip(blocks, tags, strict=True)
             if block[0].startswith(tuple(MESHIO_FACETS))
         ]
         _add_sheet_tags(raw, name, sheets)
@@ -275,11 +277,11 @@ def _add_sheet_tags(
     Args:
         sheets: Kind, nodes ``(n, k)`` and values ``(n,)`` of each block of them.
     """
-    values = np.unique(np.concatenate([own for _, _, own in sheets])) if sheets else ()
+    values = np.unique(np.concatenate([tags for _, _, tags in sheets])) if sheets else ()
     for value in values:
         label = name if len(values) == 1 else f"{name}_{value}"
-        for kind, nodes, own in sheets:
-            raw.add_sheets(label, kind, nodes[own == value])
+        for kind, nodes, tags in sheets:
+            raw.add_sheets(label, kind, nodes[tags == value])
 
 
 def _read_tags(

@@ -30,7 +30,7 @@ from headstock.solvers.milling.lobes import (
     find_lobes,
     mean_cutting_stiffness,
 )
-from headstock.solvers.milling.stability import (
+from headstock.solvers.milling.tip_poles import (
     TipPoles,
     require_poles,
     settle_fastest,

@@ -33,7 +33,7 @@ from headstock.solvers.milling.border import find_border
 from headstock.solvers.milling.coefficients import CuttingCoefficients
 from headstock.solvers.milling.collocation import FINER, PeriodicCut, safe_depth
 from headstock.solvers.milling.lobes import LobeDiagram, chatter_eigenvalues
-from headstock.solvers.milling.stability import TipPoles, turn_tip
+from headstock.solvers.milling.tip_poles import TipPoles, turn_tip
 from headstock.solvers.second_order import ComplexArray, input_columns, output_rows
 
 BEST_SPEEDS = 3

@@ -37,7 +37,7 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_coordinates import modal_motion
 from headstock.solvers.milling.forces import describe_sense
 from headstock.solvers.milling.lobes import chatter_shapes
-from headstock.solvers.milling.stability import turn_tip
+from headstock.solvers.milling.tip_poles import turn_tip
 from headstock.solvers.milling.tool_dynamics import (
     MeasuredAssembly,
     couple_assembly,

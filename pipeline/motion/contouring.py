@@ -46,8 +46,8 @@ from headstock.scene.reading.csv_files import ForceRecord, read_forces, resampli
 from headstock.solvers.milling.border import find_border
 from headstock.solvers.milling.collocation import FINER, PeriodicCut, safe_depth
 from headstock.solvers.milling.forces import MillingCut, describe_sense
-from headstock.solvers.milling.stability import TipDynamics, require_poles
-from headstock.solvers.milling.tool_path import SquareContour, TraceFit, plan_contour
+from headstock.solvers.milling.tip_poles import TipDynamics, require_poles
+from headstock.solvers.milling.tool_path import SquareContour, plan_contour
 
 DEEPEST = 0.2  # depth of cut up to which a limit is looked for [m]
 SERIES_POINTS = 2000
@@ -208,32 +208,16 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
     """Run the contour the scene asks for."""
     if not state.is_root:
         return Outcome()
-    request = state.scene.analyses.get(ContouringRequest)
-    if request is None:
-        raise ValueError("a contour stage needs a contour in the scene")
+    request = state.scene.analyses[ContouringRequest]
     if not request.cutting:
         state.warn(
             "the contour is simulated without cutting; write [effects] cutting_force = true to cut"
         )
     record = None if request.forces is None or not request.cutting else read_forces(request.forces)
     milled = _mill(state, request, record)
-    answer, step = milled.answer, float(milled.times[1] - milled.times[0])
+    answer = milled.answer
     loss = None if record is None else resampling_loss(record, milled.times)
-    if loss is not None and loss > MOST_LOST:
-        state.warn(
-            f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps resolve and is averaged out;"
-            " raise steps_per_turn in [analyses.contouring] to resolve it"
-        )
-    if answer.fit is not None:
-        _warn_of_traces(state, answer.fit)
-    for mode in request.tool_modes:
-        if (steps := 1.0 / (mode.hz * step)) < STEPS_PER_PERIOD:
-            state.warn(
-                f"mode {mode.name} of the tool, {mode.hz:.0f} Hz, has {steps:.0f} time steps per period; write a larger steps_per_turn in"
-                " [analyses.contouring]"
-            )
-    for reason in milled.reasons:
-        state.warn(reason)
+    _warn_of_run(state, request, milled, loss)
 
     def solve(machine: RunState, cut: MillingCut | None) -> list[Number]:
         asked = request if cut is None else dataclasses.replace(request, cut=cut)
@@ -263,17 +247,38 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
     )
 
 
-def _warn_of_traces(state: RunState, fit: TraceFit) -> None:
-    if fit.off_path > FAR_OFF:
+def _warn_of_run(
+    state: RunState, request: ContouringRequest, milled: _Milled, loss: float | None
+) -> None:
+    """Warn of what steps in time, measured forces and measured positions leave out.
+
+    Args:
+        loss: Of the rms of measured forces; None without any.
+    """
+    fit, step = milled.answer.fit, float(milled.times[1] - milled.times[0])
+    if loss is not None and loss > MOST_LOST:
+        state.warn(
+            f"{100.0 * loss:.0f} % of the measured forces' rms is faster than the time steps resolve and is averaged out;"
+            " raise steps_per_turn in [analyses.contouring] to resolve it"
+        )
+    if fit is not None and fit.off_path > FAR_OFF:
         state.warn(
             f"measured positions lead the tool up to {1e3 * fit.off_path:.3g} mm off its planned path, on which the cut and the faces are based; does"
             " the time of traces in [analyses.contouring] start with the path?"
         )
-    if fit.residual > MUCH_LEFT:
+    if fit is not None and fit.residual > MUCH_LEFT:
         state.warn(
             f"the spline through measured positions leaves {1e6 * fit.residual:.3g} µm (root mean square); where that is no noise, write a shorter"
             " traces_knots in [analyses.contouring]"
         )
+    for mode in request.tool_modes:
+        if (steps := 1.0 / (mode.hz * step)) < STEPS_PER_PERIOD:
+            state.warn(
+                f"mode {mode.name} of the tool, {mode.hz:.0f} Hz, has {steps:.0f} time steps per period; write a larger steps_per_turn in"
+                " [analyses.contouring]"
+            )
+    for reason in milled.reasons:
+        state.warn(reason)
 
 
 def _run_machine(

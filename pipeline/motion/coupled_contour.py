@@ -72,7 +72,7 @@ from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.reading.csv_files import ForceRecord
 from headstock.solvers.milling.path_drives import find_tool_positions
-from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
+from headstock.solvers.milling.tip_poles import TipDynamics, tip_dynamics
 from headstock.solvers.milling.tool_dynamics import mount_modes
 from headstock.solvers.milling.tool_path import (
     AVERAGES,

@@ -49,7 +49,7 @@ from headstock.solvers.milling.contouring import (
     tool_gaps,
 )
 from headstock.solvers.milling.path_drives import PathDrive, find_tool_positions, follow_path
-from headstock.solvers.milling.stability import TipDynamics, tip_dynamics
+from headstock.solvers.milling.tip_poles import TipDynamics, tip_dynamics
 from headstock.solvers.milling.tool_dynamics import mount_modes
 from headstock.solvers.milling.tool_path import plan_contour
 from headstock.solvers.motion.alpha import CompliantHistory, LinearMotion, ServoMotion

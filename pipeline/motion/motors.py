@@ -54,6 +54,7 @@ FrictionSpeeds = Literal["set", "true"]
 CLOSED = "the loops of the drives are closed along the contour; motor torques are those of their controllers"
 AT_SET_SPEEDS = "friction acts as at the speeds of the set points"
 AT_TRUE_SPEEDS = "friction acts as at the speeds of the motors"
+MOMENTUM = "momentum"  # along the travel that a motor brings about, as an output per speed
 STIFF_COUPLINGS = "couplings between motors and screws are taken as rigid along the contour"
 
 
@@ -166,9 +167,6 @@ def _rotor_masses(drives: Sequence[Drive]) -> FloatArray:
     turns = np.array([2.0 * math.pi / drive.lead for drive in drives])
     inertia = np.array([drive.motor_inertia + drive.screw_inertia for drive in drives])
     return np.asarray(inertia * turns**2)
-
-
-MOMENTUM = "momentum"  # along the travel that a motor brings about, as an output per speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,12 +359,12 @@ def _close_loops(
     now = motors.at(law(motion.nodes))
     plant = sampled.at(motion.nodes, "loads", "rows", "direct")
     modes, count = sampled.modes, len(motors.drives)
-    kept, driven_part = slice(0, modes), slice(modes, modes + count)
+    kept, rotors = slice(0, modes), slice(modes, modes + count)
     # the load of an acceleration is what the travel's inertia takes of the modes
     coupling = -plant.loads_of(motors.bodies) @ now.bodies
     mass = np.zeros((len(motion.nodes), modes + count, modes + count))
-    mass[:, kept, kept], mass[:, driven_part, driven_part] = motion.mass, now.mass
-    mass[:, kept, driven_part], mass[:, driven_part, kept] = coupling, np.swapaxes(coupling, 1, 2)
+    mass[:, kept, kept], mass[:, rotors, rotors] = motion.mass, now.mass
+    mass[:, kept, rotors], mass[:, rotors, kept] = coupling, np.swapaxes(coupling, 1, 2)
     extra = ((0, 0), (0, count), (0, count))
     load_nodes = even_nodes(motion.times, load_spacing)
     finer = [motors.at(law(load_nodes[part])) for part in chunk_slices(len(load_nodes))]
@@ -377,12 +375,12 @@ def _close_loops(
     # offsets of joints, which modes follow directly, move what scales read and what motors accelerate
     columns_of, inertial = Index(loads.channels), () if errors is None else errors.inertial
     moving, pulling = ([pair[end] for pair in inertial] for end in (0, 1))
-    moved, accelerated = (
+    offsets, pulls = (
         between([loads.at(load_nodes[part])[:, columns] for part in chunk_slices(len(load_nodes))])
         for columns in (columns_of.of(moving), columns_of.of(pulling))
     )
-    pulled = between([moved.weight - moved.inertia for moved in finer])
-    pulled -= motion.apply(plant.direct_of(motors.momenta, moving), accelerated)
+    pulled = between([rigid.weight - rigid.inertia for rigid in finer])
+    pulled -= motion.apply(plant.direct_of(motors.momenta, moving), pulls)
     weight = np.concatenate([plant.loads_of([loads.weight])[..., 0], now.weight], axis=1)
     unit = np.broadcast_to(np.eye(count), (len(motion.nodes), count, count))
     return close_drives(
@@ -397,11 +395,11 @@ def _close_loops(
             load=np.concatenate([motion.load, pulled], axis=1),
         ),
         motors.drives,
-        positions=between([moved.positions for moved in finer]),
-        speeds=between([moved.speeds for moved in finer]),
-        accelerations=between([moved.accelerations for moved in finer]),
+        positions=between([rigid.positions for rigid in finer]),
+        speeds=between([rigid.speeds for rigid in finer]),
+        accelerations=between([rigid.accelerations for rigid in finer]),
         gravity=weight,
         scales=np.concatenate([plant.rows_of(motors.scales), unit], axis=2),
-        beside=motion.apply(plant.direct_of(motors.scales, moving), moved),
+        beside=motion.apply(plant.direct_of(motors.scales, moving), offsets),
         friction=friction,
     )

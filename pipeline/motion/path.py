@@ -40,11 +40,9 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
     """Deviation at every output along the path, once per feed: as the pose changes, and as if it stayed that
     of the middle.
     """
-    request = state.scene.analyses.get(PathRequest)
     if not state.is_root:
         return Outcome()
-    if request is None:
-        raise ValueError("a path stage needs a path analysis in the scene")
+    request = state.scene.analyses[PathRequest]
     path = _lay_path(state, request)
     if isinstance(path, SteppedPath):
         path.warn_of_speeds()

@@ -18,8 +18,7 @@ from headstock.pipeline.motion.motors import MovingMachine
 from headstock.pipeline.motion.posed_machine import Further, Join
 from headstock.pipeline.motion.trajectory import Feedthrough, PosedErrors, Trajectory
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
-from headstock.pipeline.stages.machine import DAMPING
-from headstock.pipeline.stages.probes import CYCLE_SAFETY, watched_rows
+from headstock.pipeline.stages.probes import CYCLE_SAFETY, rayleigh_damping, watched_rows
 from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.probes import PlacedProbe, carry_probe, moved_inertia, place_probe
@@ -178,7 +177,7 @@ def probe_outputs(
     """
     rows = watched_rows(probes)
     for name, probe in probes.items():
-        alpha, beta = _rayleigh(parts, probe.component)
+        alpha, beta = rayleigh_damping(parts, probe.component)
         viscous = -alpha * probe.inertia
         viscous[MOVED:] += beta * probe.values[MOVED:]
         for number in range(SEEN):
@@ -267,15 +266,6 @@ def _observe(name: str, probe: PlacedProbe, model: MovingModel, loads: Sequence[
         if load in probe.loads:
             inputs[:, column] += probe.loads[load].values
     return _Observed(model, late, model.motion.observe(WatchedOutputs(whole.states, inputs)))
-
-
-def _rayleigh(parts: MachineParts, component: str) -> tuple[float, float]:
-    """Coefficients of mass and stiffness [1/s, s] of a component; zero without the effect damping."""
-    if DAMPING not in parts.scene.effects:
-        return 0.0, 0.0
-    every = parts.scene.machine.rayleigh
-    own = parts.scene.machine.components[component].rayleigh
-    return every.alpha + own.alpha, every.beta + own.beta
 
 
 def _size(values: FloatArray) -> FloatArray:

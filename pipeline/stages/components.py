@@ -295,16 +295,16 @@ def _component(state: RunState, stage: Stage) -> Component:
 def load_reduced(state: RunState, component: Component) -> bool:
     """Take a component's superelement from the store, if one is there that serves; on rank 0."""
     request = stored_request(state, component)
-    found = state.read.get(request)
-    if found is None:
+    stored = state.read.get(request)
+    if stored is None:
         read = _find_superelement(state.store, request)
         state.warn(read.warning)
         if read.value is None:
             return False
-        found = state.read[request] = read.value
+        stored = state.read[request] = read.value
     # equal components share an entry and its arrays: the name is not part of the key
-    superelement = dataclasses.replace(found.superelement, name=component.name)
-    named = dataclasses.replace(found, superelement=superelement)
+    superelement = dataclasses.replace(stored.superelement, name=component.name)
+    named = dataclasses.replace(stored, superelement=superelement)
     state.reduced[component.name] = _as_asked(component, named)
     return True
 

@@ -116,11 +116,15 @@ def build_compliant_mechanism(
     """
     bodies = []
     for name, marker in mechanism.carries.items():
-        body, own = superelements[name], placements[name]
-        center = own.origin + own.rotation @ body.center_of_mass
+        body, placement = superelements[name], placements[name]
+        center = placement.origin + placement.rotation @ body.center_of_mass
         bodies.append(
             MechanismBody(
-                name, marker, body.mass_kg, center, own.rotation @ body.inertia @ own.rotation.T
+                name,
+                marker,
+                body.mass_kg,
+                center,
+                placement.rotation @ body.inertia @ placement.rotation.T,
             )
         )
     turned = np.zeros(3) if gravity is None else mechanism.mounted.mounting.rotation.T @ gravity
@@ -212,12 +216,12 @@ def place_leg_drives(
     markers = placed.model.mechanism.markers
     unit, drives = np.eye(len(motions.stiffness)), tuple(drives)
     slides = unit[[len(springs.labels) + motions.released.index(drive.axis) for drive in drives]]
-    found = []
+    trains = []
     for drive, slide, mass in zip(drives, slides, find_moved_mass(system, slides), strict=True):
         leg = LENGTHS.index(drive.axis)
         along = motions.kinematics.placement.rotations[markers.index(LEGS[leg])][:, 2]
         turned = along @ marker_motion(placed.model, motions, LEGS[leg])[3:]
-        found.append(
+        trains.append(
             make_rigid_train(
                 drive,
                 slide=np.asarray(slide),
@@ -228,7 +232,7 @@ def place_leg_drives(
                 beta=beta,
             )
         )
-    return tuple(found)
+    return tuple(trains)
 
 
 def spring_shares(placed: PlacedMechanism, stretch: FloatArray) -> dict[str, float]:
@@ -245,15 +249,15 @@ def spring_shares(placed: PlacedMechanism, stretch: FloatArray) -> dict[str, flo
 
 def _split_springs(placed: PlacedMechanism, energy: FloatArray) -> dict[str, FloatArray]:
     """What springs ``(c, ...)`` across and along each leg have, by its joint, drive and screw."""
-    found: dict[str, FloatArray] = {}
+    split: dict[str, FloatArray] = {}
     for number, leg in enumerate(LEGS):
         parts = series_parts(
             placed.springs, float(placed.state[placed.model.springs.length[2 * number]])
         )
         for name, size in zip(SPRING_PARTS, parts, strict=True):
-            found[f"{leg}.{name}"] = energy[2 * number + 1] * (size / sum(parts))
-        found[f"{leg}.joint"] = found[f"{leg}.joint"] + energy[2 * number]
-    return found
+            split[f"{leg}.{name}"] = energy[2 * number + 1] * (size / sum(parts))
+        split[f"{leg}.joint"] = split[f"{leg}.joint"] + energy[2 * number]
+    return split
 
 
 def deviate(
@@ -287,8 +291,8 @@ def deviate(
     influence = solve_static(system, loads).displacements
     forces = [load for name, load in acting.items() if name != GRAVITY]
     deforming = {GRAVITY: [acting[GRAVITY]]} if GRAVITY in acting else {}
-    for source, found in (deforming | ({FORCES: forces} if forces else {})).items():
-        moved = solve_static(system, np.sum(found, axis=0)).displacements
+    for source, terms in (deforming | ({FORCES: forces} if forces else {})).items():
+        moved = solve_static(system, np.sum(terms, axis=0)).displacements
         sources[source] = loads.T @ moved
         energy = influence * (placed.motions.stiffness * moved)[:, None]
         parts[source] = _split_springs(placed, energy)
@@ -306,10 +310,10 @@ def leg_offsets(placed: PlacedMechanism, errors: Mapping[int, ErrorProfile]) -> 
     Raises:
         ModelError: A leg is longer or shorter than its table.
     """
-    found = np.zeros(len(placed.motions.stiffness))
+    offsets = np.zeros(len(placed.motions.stiffness))
     lengths = placed.state[[placed.model.springs.length[2 * leg + 1] for leg in errors]]
-    found[[2 * leg + 1 for leg in errors]] = sample_leg_errors(errors, lengths[None])[0]
-    return found
+    offsets[[2 * leg + 1 for leg in errors]] = sample_leg_errors(errors, lengths[None])[0]
+    return offsets
 
 
 def sample_leg_errors(errors: Mapping[int, ErrorProfile], lengths: FloatArray) -> FloatArray:
@@ -322,15 +326,15 @@ def sample_leg_errors(errors: Mapping[int, ErrorProfile], lengths: FloatArray) -
     Raises:
         ModelError: A leg is longer or shorter than its table.
     """
-    found = np.zeros_like(lengths)
+    samples = np.zeros_like(lengths)
     for column, (leg, profile) in enumerate(errors.items()):
         try:
-            found[:, column] = profile.sample(lengths[:, column])
+            samples[:, column] = profile.sample(lengths[:, column])
         except ProfileError as error:
             raise ModelError(
                 f"errors of leg {leg + 1}: {error}; give the table values up to there"
             ) from error
-    return found
+    return samples
 
 
 def series_parts(springs: LegSprings, length: float) -> tuple[float, float, float]:

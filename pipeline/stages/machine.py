@@ -150,22 +150,22 @@ class CoupledPose:
             ModelError: A free motion leaves nothing determined there.
         """
         coupled = self.coupled
-        found = point_budget(coupled, name)
-        along = np.diag(found.compliance)[:3]
+        budget = point_budget(coupled, name)
+        along = np.diag(budget.compliance)[:3]
         most_compliant = DIRECTIONS[int(np.nanargmax(along))]
-        link = find_weakest_link(coupled, name, most_compliant, found)
-        errors = estimate_compliance_errors(self.parts, coupled, found.displacements)
+        link = find_weakest_link(coupled, name, most_compliant, budget)
+        errors = estimate_compliance_errors(self.parts, coupled, budget.displacements)
         errors |= {
             direction: Estimate()
             for direction, value in zip(DIRECTIONS, along, strict=True)
             if np.isnan(value)
         }
-        free = find_free_motions(coupled) if found.free else ()
+        free = find_free_motions(coupled) if budget.free else ()
         displacements, failures = self._displace(name)
         return Solved(
             PointCompliance(
-                found.compliance,
-                found.shares,
+                budget.compliance,
+                budget.shares,
                 "" if link is None else str(link),
                 displacements.pop(ALL_LOADS, None),
                 tuple(map(str, free)),
@@ -188,14 +188,14 @@ class CoupledPose:
             return {}, ()
         loads = np.column_stack([*coupled.loads.values()])
         try:
-            found = solve_balanced(coupled.system, np.column_stack([loads.sum(axis=1), loads]))
-            if not found.balanced[0]:
+            solution = solve_balanced(coupled.system, np.column_stack([loads.sum(axis=1), loads]))
+            if not solution.balanced[0]:
                 raise free_motion_error(coupled)
         except ModelError as error:
             return {}, (f"displacements under the loads {', '.join(coupled.loads)}: {error}",)
         rows = np.array([coupled.system.outputs[name, dof] for dof in DOF_NAMES])
-        known = found.determines(rows)[:, None] & found.balanced
-        moved = np.where(known, rows @ found.displacements, np.nan)
+        known = solution.determines(rows)[:, None] & solution.balanced
+        moved = np.where(known, rows @ solution.displacements, np.nan)
         offsets = fixed_offsets(coupled, self.parts.scene.machine, name)
         offsets[ALL_LOADS] = np.sum([np.zeros(6), *offsets.values()], axis=0)
         return {

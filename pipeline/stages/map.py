@@ -89,7 +89,7 @@ def _survey_rows(
         {**request.fixed, **dict(zip(names, map(float, row), strict=True))} for row in positions
     ]
     size, count = len(model.mechanism.compliant), len(poses)
-    found = _PoseRows(
+    rows = _PoseRows(
         condition=np.full(count, np.nan),
         frequencies_hz=np.full((count, size), np.nan),
         shapes=np.full((count, size, size), np.nan),
@@ -97,7 +97,7 @@ def _survey_rows(
         lengths=np.full((count, 3), np.nan),
     )
     if not poses:
-        return found
+        return rows
     points, directions = (
         np.array(part) for part in zip(*(tool_pose(mechanism, pose) for pose in poses), strict=True)
     )
@@ -108,12 +108,12 @@ def _survey_rows(
         modes = solve_lumped_modes(motions)
         turn = mechanism.mounted.mounting.rotation
         compliance = turn @ tool_compliance(model, motions)[:, :3, :3] @ turn.T
-        found.condition[good] = survey.condition[good]
-        found.frequencies_hz[good] = modes.frequencies_hz
-        found.shapes[good] = np.sqrt(modes.energy) * np.sign(modes.shapes)
-        found.stiffness[good] = 1.0 / np.diagonal(compliance, axis1=1, axis2=2)
-        found.lengths[good] = survey.states[good, :3]
-    return found
+        rows.condition[good] = survey.condition[good]
+        rows.frequencies_hz[good] = modes.frequencies_hz
+        rows.shapes[good] = np.sqrt(modes.energy) * np.sign(modes.shapes)
+        rows.stiffness[good] = 1.0 / np.diagonal(compliance, axis1=1, axis2=2)
+        rows.lengths[good] = survey.states[good, :3]
+    return rows
 
 
 def _assemble(request: MapRequest, shape: tuple[int, ...], rows: _PoseRows) -> WorkspaceMap:
@@ -154,8 +154,8 @@ def _edges(shape: tuple[int, ...], taken: NDArray[np.bool_]) -> IndexArray:
             np.take(numbers, range(start, shape[axis] - 1 + start), axis=axis) for start in (0, 1)
         )
         pairs.append(np.stack([behind.ravel(), ahead.ravel()], axis=1))
-    found = np.concatenate(pairs)
-    return np.asarray(found[taken[found].all(axis=1)])
+    edges = np.concatenate(pairs)
+    return np.asarray(edges[taken[edges].all(axis=1)])
 
 
 class _Followed(NamedTuple):
@@ -202,18 +202,18 @@ def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     model = state.comm.bcast(None if placed is None else placed.model, root=0)
     if model is None:
         raise ValueError("a map stage needs a placed mechanism")
-    found = _map_workspace(mechanism, model, request, comm=state.comm)
-    if found is None:
+    surveyed = _map_workspace(mechanism, model, request, comm=state.comm)
+    if surveyed is None:
         return Outcome()
-    if found.tracking_breaks:
+    if surveyed.tracking_breaks:
         state.warn(
-            f"modes of the map cannot be tracked by shape between {found.tracking_breaks} pairs of neighbouring poses;"
+            f"modes of the map cannot be tracked by shape between {surveyed.tracking_breaks} pairs of neighbouring poses;"
             " write a finer grid"
         )
-    first = found.quantities["f1_hz"]
-    taken = int(np.isfinite(found.quantities["condition_number"]).sum())
+    first = surveyed.quantities["f1_hz"]
+    taken = int(np.isfinite(surveyed.quantities["condition_number"]).sum())
     shared = f" on {state.comm.size} ranks" if state.comm.size > 1 else ""
     known = first[np.isfinite(first)]
     span = f"{known.min():.4g} .. {known.max():.4g}" if len(known) else "nowhere"
     detail = f"{taken} of {first.size} poses{shared}, f1 {span} Hz"
-    return Outcome(detail=detail, answers=(found,))
+    return Outcome(detail=detail, answers=(surveyed,))

@@ -151,10 +151,10 @@ class LumpedPose:
     def loads(self) -> Mapping[str, FloatArray]:
         """Generalised load ``(n,)`` of every static load by name, gravity among them."""
         placed, loads = self.placed, self.parts.scene.machine.loads.values()
-        found = {load.name: self._widen(placed.load_of(load)) for load in loads}
+        by_name = {load.name: self._widen(placed.load_of(load)) for load in loads}
         if self.parts.plan.gravity is not None:
-            found[GRAVITY] = self._widen(placed.motions.gravity)
-        return found
+            by_name[GRAVITY] = self._widen(placed.motions.gravity)
+        return by_name
 
     @functools.cached_property
     def body_motions(self) -> dict[str, FloatArray]:
@@ -189,8 +189,8 @@ class LumpedPose:
         """
         total = np.zeros(len(self.system.mass))
         for name, velocity in velocities.items():
-            own = self.body_masses[name][:, : len(velocity)] @ velocity
-            total += self.body_motions[name].T @ own
+            carried = self.body_masses[name][:, : len(velocity)] @ velocity
+            total += self.body_motions[name].T @ carried
         return total
 
     def body_loads(self, name: str) -> FloatArray:
@@ -200,12 +200,12 @@ class LumpedPose:
     @functools.cached_property
     def body_masses(self) -> dict[str, FloatArray]:
         """Mass ``(6, 6)`` of each component about its centre of mass, machine axes."""
-        found = {}
+        masses = {}
         for name, body in self.placed.superelements.items():
             rotation, mass = self.placements[name].rotation, body.mass_kg * np.eye(6)
             mass[3:, 3:] = rotation @ body.inertia @ rotation.T
-            found[name] = mass
-        return found
+            masses[name] = mass
+        return masses
 
     def stack_modes(self, system: SecondOrderSystem) -> PosedModes:
         """A system in these coordinates with its modes in the dofs of all bodies, which are the same
@@ -252,7 +252,7 @@ class LumpedPose:
             f"{weakest} contributes {100 * share:.0f} % of the {most_compliant} compliance; doubling its stiffness changes it by"
             f" {-50 * share:+.0f} %"
         )
-        found = {
+        displacements = {
             load: loads.T @ solve_static(system, acting).displacements
             for load, acting in self.loads.items()
         }
@@ -260,9 +260,11 @@ class LumpedPose:
         if mechanism.leg_errors:
             # but for its weight nothing resists what a leg is too long by
             pushed = placed.motions.stiffness * leg_offsets(placed, mechanism.leg_errors)
-            found[GUIDE_ERRORS] = loads.T @ solve_static(system, pushed).displacements
-        total = np.sum(list(found.values()), axis=0) if found else None
-        return Solved(PointCompliance(compliance, budget, sentence, total, displacements=found))
+            displacements[GUIDE_ERRORS] = loads.T @ solve_static(system, pushed).displacements
+        total = np.sum(list(displacements.values()), axis=0) if displacements else None
+        return Solved(
+            PointCompliance(compliance, budget, sentence, total, displacements=displacements)
+        )
 
     def deviate(self, name: str) -> ToolDeviation:
         """Deviation at a point by source and part."""
@@ -289,7 +291,7 @@ class LumpedPose:
 
     def shift_skins(self, skins: dict[str, Skin], motions: FloatArray) -> dict[str, ShiftArray]:
         """Displacement ``(k, n, 3)`` of every skin point in machine axes."""
-        found: dict[str, ShiftArray] = {}
+        shifts: dict[str, ShiftArray] = {}
         for name, skin in skins.items():
             rotation, center = (
                 self.placements[name].rotation,
@@ -298,8 +300,8 @@ class LumpedPose:
             moved = (
                 rigid_map(skin.points @ rotation.T, rotation @ center) @ motions[self.offsets[name]]
             )
-            found[name] = moved.T.reshape(motions.shape[1], -1, 3).astype(np.float32)
-        return found
+            shifts[name] = moved.T.reshape(motions.shape[1], -1, 3).astype(np.float32)
+        return shifts
 
     def _leg_shares(self, shape: FloatArray) -> dict[str, float]:
         parts = spring_shares(self.placed, shape)
@@ -309,18 +311,18 @@ class LumpedPose:
         }
 
     def _kinetic_shares(self, shape: FloatArray) -> dict[str, float]:
-        found = {}
+        energies = {}
         for name, body in self.placed.superelements.items():
             motion, rotation = (
                 self.body_motions[name] @ shape,
                 self.placements[name].rotation,
             )
             spin = rotation.T @ motion[3:]
-            found[name] = body.mass_kg * float(motion[:3] @ motion[:3]) + float(
+            energies[name] = body.mass_kg * float(motion[:3] @ motion[:3]) + float(
                 spin @ body.inertia @ spin
             )
-        total = sum(found.values())
-        return {name: value / total for name, value in found.items()}
+        total = sum(energies.values())
+        return {name: value / total for name, value in energies.items()}
 
     def _name_mode(
         self, shape: FloatArray, strain: dict[str, float], kinetic: dict[str, float]
@@ -341,8 +343,10 @@ class LumpedPose:
         mechanism, motions = self.placed.model.mechanism, self.placed.motions
         rates = motions.from_compliant @ shape
         speed = motions.kinematics.of_position[mechanism.markers.index("wrist_4")] @ rates
-        own = motions.kinematics.placement.rotations[mechanism.markers.index("platform")].T @ speed
-        return f"platform {PLATFORM_MOTIONS[int(np.argmax(np.abs(own)))]} on {on}"
+        local = (
+            motions.kinematics.placement.rotations[mechanism.markers.index("platform")].T @ speed
+        )
+        return f"platform {PLATFORM_MOTIONS[int(np.argmax(np.abs(local)))]} on {on}"
 
 
 def build_lumped_model(
@@ -375,10 +379,10 @@ def place_pose(
         PoseError: The mechanism does not reach the pose.
     """
     mechanism = scene_mechanism(parts)
-    own = {name: component.placement for name, component in parts.plan.components.items()}
+    on_marks = {name: component.placement for name, component in parts.plan.components.items()}
     closed = solve_pose(mechanism, pose.positions)
     placed = place_mechanism(
-        mechanism, model, closed, superelements=superelements, own=own, released=released
+        mechanism, model, closed, superelements=superelements, own=on_marks, released=released
     )
     return LumpedPose(parts, pose, placed)
 

@@ -62,19 +62,19 @@ def run_recover_stage(state: RunState, stage: Stage) -> Outcome:
     except ModelError as error:
         return Outcome(detail="refused: see below", failures=(f"probes in pose {pose}: {error}",))
     inside = missing_of_loads(coupled, machine, gravity)
-    found = {
+    responses = {
         name: _respond_at_rest(state.parts, coupled, probe, moved, inside)
         for name, probe in placed.items()
     }
     return Outcome(
-        detail=", ".join(found),
+        detail=", ".join(responses),
         answers=(
             ProbeAnswer(
                 pose,
-                {name: own for name, (own, _) in found.items()},
+                {name: response for name, (response, _) in responses.items()},
                 errors={
                     key: error
-                    for name, (_, errors) in found.items()
+                    for name, (_, errors) in responses.items()
                     for key, error in zip(probe_keys(pose, name), errors, strict=True)
                 },
             ),
@@ -84,7 +84,7 @@ def run_recover_stage(state: RunState, stage: Stage) -> Outcome:
 
 
 def warn_of_singular(name: str, singular: str) -> str:
-    """What to say of a probe where stresses are singular; empty elsewhere."""
+    """Warn of a probe where stresses are singular; empty elsewhere."""
     if not singular:
         return ""
     return (
@@ -107,27 +107,29 @@ def _respond_at_rest(
         moved: ``(n,)`` its static response.
         inside: ``missing_of_loads`` of the machine.
     """
-    seen = probe.values @ moved + probe.offset
-    seen = seen + np.sum([np.zeros(SEEN), *(load.values for load in probe.loads.values())], axis=0)
-    found = estimate_at_rest(coupled, probe, moved, inside)
+    values = probe.values @ moved + probe.offset
+    values = values + np.sum(
+        [np.zeros(SEEN), *(load.values for load in probe.loads.values())], axis=0
+    )
+    at_rest = estimate_at_rest(coupled, probe, moved, inside)
     left_out = name_what_is_left_out(parts)
-    changes = {name: change for name, change in found.faces.items() if change.any()}
+    changes = {name: change for name, change in at_rest.faces.items() if change.any()}
     errors = tuple(
         combine_estimates([mesh, face, left_out])
         for mesh, face in zip(
-            estimate_parts(DISCRETISATION, found.meshes, SEEN),
+            estimate_parts(DISCRETISATION, at_rest.meshes, SEEN),
             estimate_parts(CURVED_FACES, changes, SEEN),
             strict=True,
         )
     )
-    meshed, faced = bound_von_mises(seen[MOVED:], found)
+    meshed, faced = bound_von_mises(values[MOVED:], at_rest)
     mises = {DISCRETISATION: None if np.isnan(meshed) else meshed}
     if changes:
         mises[CURVED_FACES] = faced
     response = ProbeResponse(
         component=probe.component,
-        displacement=seen[:MOVED],
-        stress=seen[MOVED:],
+        displacement=values[:MOVED],
+        stress=values[MOVED:],
         singular=probe.singular,
     )
     return response, (*errors, Estimate(mises, left_out.left_out))
@@ -157,13 +159,8 @@ def judged_channels(probes: Iterable[str]) -> tuple[Channel, ...]:
 
 def _known_rows(probe: PlacedProbe, kind: str) -> FloatArray:
     """``(m, n)``; of smoothing those of all places, one below the other."""
-    known: dict[str, FloatArray | None] = {
-        "values": probe.values,
-        "inertia": probe.inertia,
-        "smoothing": probe.smoothing,
-        "missing": probe.missing,
-    }
-    rows, count = known[kind], probe.values.shape[1]
+    rows: FloatArray | None = getattr(probe, kind)
+    count = probe.values.shape[1]
     return np.zeros((0, count)) if rows is None else rows.reshape(-1, count)
 
 
@@ -240,14 +237,14 @@ def _trace_probe(
         for source in (moved, sizes, mises):
             source[DISCRETISATION][:] = np.nan
     else:
-        own = _read(response, name, "missing") + _of_loads(response, probe, "missing")
+        missing = _read(response, name, "missing") + _of_loads(response, probe, "missing")
         change = lossy * _read(response, name, "smoothing")
         change += _of_loads(response, probe, "smoothing")
         # lines, places, stresses, inputs
         local = change.reshape(len(change), -1, STRESSED, len(response.inputs))
         places = local.transpose(1, 2, 0, 3)
         own_strain = moved_locally(probe.strain_reach, places) / np.abs(lossy[:, 0])
-        inside = probe.mesh_safety * np.abs(own[:, :MOVED])
+        inside = probe.mesh_safety * np.abs(missing[:, :MOVED])
         moved[DISCRETISATION] += inside + own_strain[:, None]
         # sizes of changes of lines have no sign, with which energy products inside would cancel
         sizes[DISCRETISATION] += CYCLE_SAFETY * np.linalg.norm(local, axis=1)
@@ -274,10 +271,19 @@ def material_factors(
     """
     if DAMPING not in parts.scene.effects:
         return np.ones_like(omega) + 0j, omega**2 + 0j
-    every, own = parts.scene.machine.rayleigh, parts.scene.machine.components[name].rayleigh
+    alpha, beta = rayleigh_damping(parts, name)
     loss = parts.plan.components[name].material.loss_factor
-    lossy = 1.0 + 1j * (omega > 0.0) * loss + 1j * omega * (every.beta + own.beta)
-    return lossy, omega**2 - 1j * omega * (every.alpha + own.alpha)
+    lossy = 1.0 + 1j * (omega > 0.0) * loss + 1j * omega * beta
+    return lossy, omega**2 - 1j * omega * alpha
+
+
+def rayleigh_damping(parts: MachineParts, name: str) -> tuple[float, float]:
+    """Coefficients of mass and stiffness [1/s, s] of a component; zero without the effect damping."""
+    if DAMPING not in parts.scene.effects:
+        return 0.0, 0.0
+    machine, component = parts.scene.machine, parts.scene.machine.components[name]
+    every, single = machine.rayleigh, component.rayleigh
+    return every.alpha + single.alpha, every.beta + single.beta
 
 
 def _read(response: FrequencyResponse, name: str, kind: str) -> ComplexArray:

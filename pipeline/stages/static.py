@@ -66,13 +66,13 @@ def solve_points(model: PoseModel, at: Iterable[str]) -> Solved[StaticAnswer]:
             solved[name] = model.solve_point(name)
     except ModelError as error:
         refused = (f"static analysis in pose {pose}: {error}",)
-    found = solved.values()
+    solutions = solved.values()
     return Solved(
         StaticAnswer(
             pose,
-            {} if refused else {name: own.answer for name, own in solved.items()},
-            errors={key: error for own in found for key, error in own.errors.items()},
+            {} if refused else {name: point.answer for name, point in solved.items()},
+            errors={key: error for point in solutions for key, error in point.errors.items()},
         ),
-        tuple(message for own in found for message in own.warnings),
-        (*(message for own in found for message in own.failures), *refused),
+        tuple(message for point in solutions for message in point.warnings),
+        (*(message for point in solutions for message in point.failures), *refused),
     )

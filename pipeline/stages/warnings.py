@@ -51,15 +51,15 @@ def _warn_of_cutoff(name: str, reduced: ReducedComponent, highest_hz: float) -> 
     )
     if not highest_hz > cutoff / CUTOFF_MARGIN:
         return []
-    found = (
+    text = (
         f"component {name!r} keeps its fixed-interface modes complete up to {cutoff:.4g} Hz only, and frequencies up to"
         f" {highest_hz:.4g} Hz are reported: those above {cutoff / CUTOFF_MARGIN:.4g} Hz are too high"
     )
     if highest_hz > cutoff:
-        found += (
+        text += (
             f", for those above {cutoff:.4g} Hz there is no error estimate, and some may be missing"
         )
-    return [f'{found}; write reduction = {{ modes_to = "{3 * highest_hz:.0f} Hz" }}']
+    return [f'{text}; write reduction = {{ modes_to = "{3 * highest_hz:.0f} Hz" }}']
 
 
 def _warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: float) -> list[str]:
@@ -184,17 +184,17 @@ def find_warnings(state: RunState) -> list[str]:
     )
     frf = state.scene.analyses.get(FrfRequest)
     highest = max(highest, frf.to_hz if frf is not None else 0.0)
-    found: list[str] = []
+    warnings: list[str] = []
     for name, reduced in state.reduced.items():
-        found += _component_warnings(name, reduced) + _size_warnings(
+        warnings += _component_warnings(name, reduced) + _size_warnings(
             state.plan.components[name], reduced
         )
-        found += _warn_of_cutoff(name, reduced, highest)
+        warnings += _warn_of_cutoff(name, reduced, highest)
         component = state.plan.components[name]
-        found += _warn_of_locking(
+        warnings += _warn_of_locking(
             component, reduced, highest, _mesh_share(state, name)
         ) or _warn_of_mesh(component, reduced, highest)
-    return found + _warn_of_large_interfaces(state) + _warn_of_large_errors(state)
+    return warnings + _warn_of_large_interfaces(state) + _warn_of_large_errors(state)
 
 
 def _warn_of_large_interfaces(state: RunState) -> list[str]:
@@ -203,7 +203,7 @@ def _warn_of_large_interfaces(state: RunState) -> list[str]:
     """
     if find_answers(state.answers, InterfaceErrorsAnswer):
         return []
-    components, found = state.plan.components, []
+    components, warnings = state.plan.components, []
     for joint in find_glued_joints(state.scene.machine, components):
         plain = [
             (components[name], interface)
@@ -219,12 +219,12 @@ def _warn_of_large_interfaces(state: RunState) -> list[str]:
         ]
         waves = [_count_waves(state, *end, max(modes)) for end in plain] if modes else []
         if max(waves, default=0.0) > LARGE_REACH:
-            found.append(
+            warnings.append(
                 f"joint {joint.name}: {joint} move as one in six motions, but reach over {max(waves):.2g} of the bending wavelength at"
                 f" {max(modes):.4g} Hz; frequencies may be several percent off. interface_errors = true computes by how much, coupling ="
                 " { flexible = 24 } for both lets them deform"
             )
-    return found
+    return warnings
 
 
 def _count_waves(state: RunState, component: Component, interface: str, hz: float) -> float:
@@ -294,33 +294,33 @@ def _size_warnings(component: Component, reduced: ReducedComponent) -> list[str]
 
 
 def _component_warnings(name: str, reduced: ReducedComponent) -> list[str]:
-    found = [f"component {name!r}: {message}" for message in reduced.superelement.warnings]
+    warnings = [f"component {name!r}: {message}" for message in reduced.superelement.warnings]
     if reduced.superelement.free_dofs:
-        found.append(
+        warnings.append(
             f"component {name!r}: interface dofs without mass and stiffness: {', '.join(reduced.superelement.free_dofs)}"
         )
     if reduced.quality is not None:
-        found += [
+        warnings += [
             f"component {name!r}: {message}"
             for message in _mesh_warnings(reduced.quality, reduced.superelement.full_dofs)
         ]
-    return found
+    return warnings
 
 
 def _mesh_warnings(quality: MeshQuality, dofs: int) -> list[str]:
     """What is said of a mesh; a few poor or straightened elements among thousands move no
     result.
     """
-    found = list(quality.remarks)
+    warnings = list(quality.remarks)
     if quality.repaired > REPAIRED_SHARE * dofs:
-        found.append(
+        warnings.append(
             f"{quality.repaired} curved elements were inverted as meshed and were repaired"
         )
     if quality.poor_share > POOR_SHARE or quality.minimum_scaled_jacobian < BAD_QUALITY:
         place = ", ".join(f"{value:.4g}" for value in quality.worst_place)
         face = f", {quality.worst_face}" if quality.worst_face else ""
-        found.append(
+        warnings.append(
             f"elements with {quality.poor_share:.2g} of the volume have a scaled Jacobian below {POOR_QUALITY:g} (1 is ideal), the"
             f" worst {quality.minimum_scaled_jacobian:.2g} at ({place}) m{face}; a smaller mesh size may help"
         )
-    return found
+    return warnings

@@ -103,14 +103,14 @@ def _open_temporary(path: Path) -> tuple[int, Path]:
 def remove_abandoned(path: Path) -> None:
     """Remove temporaries of ``path`` that no living process writes."""
     prefix = _prefix(path)
-    for found in list(path.parent.iterdir()):
-        if not (found.name.startswith(prefix) and found.name.endswith(SUFFIX)):
+    for temporary in list(path.parent.iterdir()):
+        if not (temporary.name.startswith(prefix) and temporary.name.endswith(SUFFIX)):
             continue
         with contextlib.suppress(OSError):
-            handle = os.open(found, os.O_RDWR | os.O_NOFOLLOW)
+            handle = os.open(temporary, os.O_RDWR | os.O_NOFOLLOW)
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                found.unlink(missing_ok=True)
+                temporary.unlink(missing_ok=True)
             finally:
                 os.close(handle)
 

@@ -160,10 +160,10 @@ def find_version(root: Path = PROJECT) -> _ProgramVersion:
     except (OSError, ValueError, KeyError):
         pass  # no checkout
     try:
-        found = importlib.metadata.distribution(DISTRIBUTION)
-        origin = json.loads(found.read_text("direct_url.json") or "{}")
+        distribution = importlib.metadata.distribution(DISTRIBUTION)
+        origin = json.loads(distribution.read_text("direct_url.json") or "{}")
         return _ProgramVersion(
-            found.version, str(origin.get("vcs_info", {}).get("commit_id", UNKNOWN))
+            distribution.version, str(origin.get("vcs_info", {}).get("commit_id", UNKNOWN))
         )
     except (importlib.metadata.PackageNotFoundError, ValueError, AttributeError):
         return _ProgramVersion(UNKNOWN, UNKNOWN)

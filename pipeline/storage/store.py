@@ -143,8 +143,8 @@ def _seal_entry(kind: str, key: str, payload: bytes | memoryview) -> bytes:
     Raises:
         ValueError: The key does not fit.
     """
-    own = _head(kind, key)
-    block = own + b" sha256 " + _digest(own, payload)
+    head = _head(kind, key)
+    block = head + b" sha256 " + _digest(head, payload)
     if len(block) > USER_BLOCK:
         raise ValueError(f"a key of {len(key)} characters does not fit into {USER_BLOCK} bytes")
     return block.ljust(USER_BLOCK, b"\0")

@@ -238,11 +238,11 @@ def _check_frequencies(path: str, superelement: Superelement) -> None:
         )
     except (ValueError, np.linalg.LinAlgError) as error:
         raise RecordError(f"{path}: the mass of its modal dofs is not positive: {error}") from error
-    found = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2.0 * np.pi)
-    worst = int(np.argmax(np.abs(found - stated) / np.maximum(stated, np.finfo(float).tiny)))
-    if not abs(found[worst] - stated[worst]) <= CONSISTENCY * stated[worst]:
+    computed = np.sqrt(np.maximum(eigenvalues, 0.0)) / (2.0 * np.pi)
+    worst = int(np.argmax(np.abs(computed - stated) / np.maximum(stated, np.finfo(float).tiny)))
+    if not abs(computed[worst] - stated[worst]) <= CONSISTENCY * stated[worst]:
         raise RecordError(
-            f"{path}: modal_frequencies_hz says {stated[worst]:.6g} Hz where stiffness and mass have {found[worst]:.6g} Hz"
+            f"{path}: modal_frequencies_hz says {stated[worst]:.6g} Hz where stiffness and mass have {computed[worst]:.6g} Hz"
         )
 
 

@@ -146,22 +146,22 @@ def reachable_classes(starts: Iterable[type[Any]]) -> dict[str, type[Any]]:
     Raises:
         TypeError: Two of them have the same name.
     """
-    found: dict[str, type[Any]] = {}
+    classes: dict[str, type[Any]] = {}
     waiting: list[Any] = list(starts)
     while waiting:
         hint = waiting.pop()
         waiting += typing.get_args(hint)
         if not isinstance(hint, type) or not dataclasses.is_dataclass(hint):
             continue
-        if found.setdefault(hint.__name__, hint) is not hint:
+        if classes.setdefault(hint.__name__, hint) is not hint:
             raise TypeError(f"two classes are called {hint.__name__}")
         hints = typing.get_type_hints(hint)
         waiting += [
             item
             for item in (hints[field.name] for field in dataclasses.fields(hint))
-            if not (isinstance(item, type) and item.__name__ in found)
+            if not (isinstance(item, type) and item.__name__ in classes)
         ]
-    return found
+    return classes
 
 
 def dump_coded(coded: Coded) -> bytes:

@@ -3,7 +3,7 @@ bar moves at any place along it; how interfaces and loads on its surface act on 
 """
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -299,17 +299,7 @@ def attach_interfaces(
     firm = [name for name, item in fixed.items() if _is_firm(item, spans[name])]
     rigid_spans = [span for name in firm for span in spans[name]]
     chain = _lay_out_chain(bar, component.material, component.segments.count, rigid_spans)
-    ends = {(bar.low, bar.low): "low_end", (bar.high, bar.high): "high_end"}
-    names = [f"segment_{number}" for number in range(1, chain.count + 1)]
-    names += [""] * (len(chain.places) - chain.count)
-    nodes: dict[str, int] = {}
-    ties = list(chain.coupled)
-    for name in firm:
-        covered = [_node_at(chain, 0.5 * sum(span)).node for span in spans[name]]
-        node, *others = dict.fromkeys(covered)
-        nodes[name] = node
-        ties += [(other, node) for other in others]
-        names[node] = names[node] or ends.get(spans[name][0], name)
+    nodes, names, ties = _hang_firmly(chain, {name: spans[name] for name in firm})
     means = [name for name in fixed if name not in nodes]
     nodes |= {name: len(chain.places) + number for number, name in enumerate(means)}
     origins = {name: Frame(properties.patch_centroids[name]) for name in fixed}
@@ -323,6 +313,29 @@ def attach_interfaces(
         {name: InterfaceMap(nodes[name], origin) for name, origin in origins.items()},
         _join_rows(rows, len(chain.places), len(means)),
     )
+
+
+def _hang_firmly(
+    chain: _SegmentChain, spans: Mapping[str, Sequence[tuple[float, float]]]
+) -> tuple[dict[str, int], list[str], list[tuple[int, int]]]:
+    """Return the node of each firm interface, the names of the chain's nodes, and which nodes are tied
+    to which.
+
+    Args:
+        spans: By interface, from edge to edge of its patches along the bar [m].
+    """
+    bar = chain.bar
+    ends = {(bar.low, bar.low): "low_end", (bar.high, bar.high): "high_end"}
+    names = [f"segment_{number}" for number in range(1, chain.count + 1)]
+    names += [""] * (len(chain.places) - chain.count)
+    nodes: dict[str, int] = {}
+    ties = list(chain.coupled)
+    for name, covered in spans.items():
+        node, *others = dict.fromkeys(_node_at(chain, 0.5 * sum(span)).node for span in covered)
+        nodes[name] = node
+        ties += [(other, node) for other in others]
+        names[node] = names[node] or ends.get(covered[0], name)
+    return nodes, names, ties
 
 
 def _is_firm(interface: Interface, spans: Sequence[tuple[float, float]]) -> bool:

@@ -185,8 +185,8 @@ def _split_set(rows: Sequence[FloatArray], one: _Set, memo: CouplingMemo) -> _Sp
     null: FloatArray = memo.recall(name, (one.dofs,), lambda: np.eye(size))
     spans: list[FloatArray] = []
     redundant: IntArray = np.zeros(0, dtype=np.int64)
-    for index, (block, own) in enumerate(zip(rows, one.rows, strict=True)):
-        acting = block[np.ix_(own, one.dofs)]
+    for index, (block, numbers) in enumerate(zip(rows, one.rows, strict=True)):
+        acting = block[np.ix_(numbers, one.dofs)]
         # as long as blocks are those of the last pose, so is what they leave
         split = memo.recall(
             f"{name}, {index}", (acting, null), functools.partial(_split_space, acting, null)
@@ -194,7 +194,7 @@ def _split_set(rows: Sequence[FloatArray], one: _Set, memo: CouplingMemo) -> _Sp
         null = split.null
         spans.append(split.stretched)
         if index == 0:
-            redundant = own[split.dependent]
+            redundant = numbers[split.dependent]
     return _Split((null, *spans[1:]), redundant)
 
 

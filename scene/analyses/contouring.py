@@ -217,7 +217,7 @@ def _build(table: _ContouringTable, draft: Draft) -> ContouringRequest:
         tool_modes=tuple(build_tool_mode(mode, UP) for mode in table.tool_modes),
         cutting="cutting_force" in scene.active,
         regeneration="regeneration" in scene.active,
-        point=_tool_point(scene, table),
+        point=table.point or next(iter(scene.points), None),
         modes_to_hz=table.modes_to or PASSINGS * table.spindle / (2.0 * math.pi) * table.mill.teeth,
         follows_pose=table.pose_model == "pose_dependent",
     )
@@ -389,11 +389,6 @@ def _check_traces(
             f"holds {times[0]:g} to {times[-1]:g} s, and the path takes 0 to {end:.6g} s; its time starts with the path",
         )
     return positions
-
-
-def _tool_point(scene: SceneTable, table: _ContouringTable) -> str | None:
-    """The point of the tool: as written, else the scene's first."""
-    return table.point or next(iter(scene.points), None)
 
 
 def _check_coupled(scene: SceneTable, table: _ContouringTable, draft: Draft) -> None:

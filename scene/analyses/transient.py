@@ -310,7 +310,8 @@ def _check_record(
 ) -> None:
     try:
         record = _read_record(load, folder)
-        lost = _find_loss(record, load, table)
+        grid, exact = _sample_record(record, load, table)
+        lost = 0.0 if exact else resampling_loss(record, grid)
     except (ValueError, CsvError) as error:
         findings.add(key, str(error))
         return
@@ -350,26 +351,25 @@ def _read_record(load: _TimedLoadTable, folder: Path) -> ForceRecord:
     return ForceRecord(*read_history(path, RECORD_COLUMNS))
 
 
-def _grid_of(record: ForceRecord, load: _TimedLoadTable, table: _TransientTable) -> FloatArray:
-    """Samples of the analysis that lie within a record, in its own time.
+def _sample_record(
+    record: ForceRecord, load: _TimedLoadTable, table: _TransientTable
+) -> tuple[FloatArray, bool]:
+    """Samples of the analysis that lie within a record, in its own time, and whether they are the
+    record's own.
 
     Raises:
         CsvError: There are none.
     """
     rate = table.samples_per_second
-    ends = (record.times[[0, -1]] + load.start) * rate
-    first, last = int(np.ceil(ends[0] - ON_GRID)), int(np.floor(ends[1] + ON_GRID))
+    numbers = (record.times + load.start) * rate
+    first, last = int(np.ceil(numbers[0] - ON_GRID)), int(np.floor(numbers[-1] + ON_GRID))
     if last - first < 1:
         raise CsvError(
             f"the record lasts {record.times[-1] - record.times[0]:g} s, less than a sample of the analysis at {rate:g} Hz; raise sampling"
         )
     grid = np.arange(first, last + 1) / rate - load.start
-    return np.asarray(np.clip(grid, record.times[0], record.times[-1]))
-
-
-def _is_on_grid(record: ForceRecord, load: _TimedLoadTable, table: _TransientTable) -> bool:
-    places = (record.times + load.start) * table.samples_per_second
-    return bool((np.abs(places - np.round(places)) < ON_GRID).all())
+    exact = bool((np.abs(numbers - np.round(numbers)) < ON_GRID).all())
+    return np.clip(grid, record.times[0], record.times[-1]), exact
 
 
 def _place_record(
@@ -378,20 +378,13 @@ def _place_record(
     """Times of the analysis and values there: those of the record where it has these samples, else
     means around them, which keep its impulse.
     """
-    grid = _grid_of(record, load, table)
-    exact = _is_on_grid(record, load, table)
+    grid, exact = _sample_record(record, load, table)
     values: FloatArray = (
         np.interp(grid, record.times, record.forces[:, 0])
         if exact
         else resample_forces(record, grid)[:, 0]
     )
     return grid + load.start, values
-
-
-def _find_loss(record: ForceRecord, load: _TimedLoadTable, table: _TransientTable) -> float:
-    """Share of the rms of a record that samples of the analysis do not hold."""
-    grid = _grid_of(record, load, table)
-    return 0.0 if _is_on_grid(record, load, table) else resampling_loss(record, grid)
 
 
 ANALYSIS = SceneAnalysis(

@@ -13,10 +13,12 @@ from headstock.geometry.machine.machine import Pose, find_limit_fault
 from headstock.geometry.mechanisms.exechon import TOOL_AXES, TOOL_POINT
 from headstock.geometry.parts.components import Support
 from headstock.scene.building.draft import Draft, is_known_end
+from headstock.scene.building.guide_errors import build_axis_errors
 from headstock.scene.building.joints import build_joint, find_joint_faults, sound_joints
 from headstock.scene.reading.findings import Findings, KeyPath
 from headstock.scene.reading.units import ANGLE, LENGTH, Dimension, Quantity
 from headstock.scene.schema.axes import AxisTable
+from headstock.scene.schema.effects import GUIDE_ERRORS
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.types import show_direction
 
@@ -66,6 +68,7 @@ def build_axis(
         kind=table.kind,
         center=np.array(table.center),
         limits=(low, high),
+        errors=build_axis_errors(table) if GUIDE_ERRORS in scene.active else None,
     )
 
 

@@ -22,6 +22,7 @@ from headstock.scene.reading.units import (
     STIFFNESS,
     Quantity,
 )
+from headstock.scene.schema.components import find_poisson_fault
 from headstock.scene.schema.joints import JointTable, ScrewTable
 from headstock.scene.schema.scene import SceneTable
 
@@ -256,10 +257,8 @@ def _screw_faults(table: JointTable) -> _Faults:
     if table.length is not None:
         text = "the nut has a shaft of its own, so it slides on no rail; remove length or screw"
         yield ("length",), text
-    nu = table.screw.nu
-    if nu is not None and not -1.0 < nu < 0.5:
-        text = f"is {nu:g} but a Poisson ratio lies above -1 and below 0.5; write for example 0.3"
-        yield ("screw", "nu"), text
+    if table.screw.nu is not None and (fault := find_poisson_fault(table.screw.nu)):
+        yield ("screw", "nu"), fault
 
 
 def _value_faults(table: JointTable) -> _Faults:
@@ -298,17 +297,13 @@ def joint_rotation(table: JointTable) -> FloatArray:
         return (
             np.column_stack([side[:, 1], side[:, 2], side[:, 0]])
             if normal is None
-            else frame_axes(_across(axis, normal), axis)
+            else frame_axes(normal - (normal @ axis) * axis, axis)
         )
     if axis is None:
         if normal is None:
             return np.eye(3)
         axis = np.array([1.0, 0.0, 0.0])
     return frame_axes(axis, normal)
-
-
-def _across(axis: FloatArray, direction: FloatArray) -> FloatArray:
-    return np.asarray(direction - (direction @ axis) * axis)
 
 
 def build_joint(name: str, table: JointTable) -> Joint:

@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from headstock.geometry.machine.joints import Axis, Joint
+from headstock.geometry.machine.joints import Joint
 from headstock.geometry.machine.machine import Machine, Probe, orient_machine
-from headstock.geometry.parts.components import Component, Support
+from headstock.geometry.parts.components import Component
 from headstock.scene.building import (
     axes,
     components,
@@ -178,7 +178,7 @@ def build_scene(
         check(draft)
     _check_analyses(draft, complete=complete)
     findings.raise_if_any()
-    scene = _build_scene(draft, path, findings, variant)
+    scene = _build_scene(draft, path, variant)
     # these need the machine in its poses
     rails.check_carriages(scene, findings)
     requests = list_analyses(scene)
@@ -232,16 +232,18 @@ def _check_analyses(draft: Draft, *, complete: bool) -> None:
                 check(table, draft)
 
 
-def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | None) -> Scene:
+def _build_scene(draft: Draft, path: Path, variant: str | None) -> Scene:
     table = draft.table
     name = table.name or path.stem
-    poses = axes.build_poses(table)
-    every = _build_analyses(draft)
+    tables = {record: table.analyses.get(record.table) for record in list_records()}
+    every = Analyses(
+        *(record.build(entry, draft) for record, entry in tables.items() if entry is not None)
+    )
     return Scene(
         name=name,
         path=path,
         machine=_build_machine(table, name, path.parent),
-        poses=poses,
+        poses=axes.build_poses(table),
         analyses=every.drop(draft.findings.on_request),
         on_request=every.keep(draft.findings.on_request),
         effects=table.active,
@@ -262,12 +264,7 @@ def _build_scene(draft: Draft, path: Path, findings: Findings, variant: str | No
             mechanism.build_mechanism(table.mechanism),
             leg_errors=guide_errors.build_leg_errors(table),
         ),
-        compare=CompareSettings(
-            tuple(table.compare.variants or ()),
-            tuple(table.compare.fidelity or ()),
-            table.compare.pose,
-            table.compare.reference,
-        ),
+        compare=table.compare.fill(CompareSettings, fidelities=tuple(table.compare.fidelity or ())),
         drives=drives.build_drives(table),
         accuracy=None if table.accuracy is None else table.accuracy.fill(AccuracyGoal),
         model_errors=table.model_errors,
@@ -284,13 +281,6 @@ def _compares_interfaces(table: SceneTable) -> bool:
         return table.interface_errors
     parts = table.components.values()
     return any(interface.auto for part in parts for interface in part.interfaces.values())
-
-
-def _build_analyses(draft: Draft) -> Analyses:
-    tables = {record: draft.table.analyses.get(record.table) for record in list_records()}
-    return Analyses(
-        *(record.build(table, draft) for record, table in tables.items() if table is not None)
-    )
 
 
 def _build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
@@ -313,7 +303,10 @@ def _build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
         components=parts,
         joints=links,
         points={key: loads.build_point(key, table) for key, table in scene.points.items()},
-        axes={key: _build_axis(key, scene, links, supports) for key in scene.axes},
+        axes={
+            key: axes.build_axis(key, table, scene, links, supports)
+            for key, table in scene.axes.items()
+        },
         supports=supports,
         loads={
             key: loads.build_load(key, table, parts)
@@ -339,16 +332,6 @@ def _build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
     return orient_machine(
         machine, components.build_frame(scene.orientation.at, scene.orientation.rotate)
     )
-
-
-def _build_axis(
-    key: str, scene: SceneTable, joints: dict[str, Joint], supports: dict[str, Support]
-) -> Axis:
-    table = scene.axes[key]
-    axis = axes.build_axis(key, table, scene, joints, supports)
-    if GUIDE_ERRORS not in scene.active:
-        return axis
-    return dataclasses.replace(axis, errors=guide_errors.build_axis_errors(table))
 
 
 def _build_components(scene: SceneTable, folder: Path) -> dict[str, Component]:

@@ -249,7 +249,10 @@ class _Parameters:
             return _Known(written, count_entries(written))
         if not isinstance(written, dict | list):
             return _Known(written)
-        inner = [self._filled_in(item) for item in _items(written)]
+        inner = [
+            self._filled_in(item)
+            for item in (written.values() if isinstance(written, dict) else written)
+        ]
         entries = 1 + sum(known.entries for known in inner)
         depth = 1 + max((known.depth for known in inner), default=0)
         if entries > MAX_FILLED or depth > MAX_DEPTH:
@@ -302,10 +305,6 @@ def _measure_of(value: TomlValue) -> Measure | None:
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     return Measure(Decimal(repr(value))) if -LARGEST_NUMBER < value < LARGEST_NUMBER else None
-
-
-def _items(value: dict[str, TomlValue] | list[TomlValue]) -> list[TomlValue]:
-    return list(value.values()) if isinstance(value, dict) else value
 
 
 def _copied(value: TomlValue) -> TomlValue:

@@ -3,24 +3,29 @@
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field
+from pydantic import BeforeValidator, ConfigDict, Field
 
 from headstock.scene.schema import types
 
 LOCKING_POISSON_RATIO = 0.495
 
 
-def _check_poisson_ratio(value: float) -> float:
+def find_poisson_fault(value: float) -> str:
+    """Say why a number is no Poisson ratio; empty where it is one."""
     if not -1.0 < value < 0.5:
-        raise types.problem(
+        return (
             f"is {value:g} but a Poisson ratio lies above -1 and below 0.5; write for example 0.3"
         )
-    if value >= LOCKING_POISSON_RATIO:
-        raise types.problem(
-            f"is {value:g}: nearly incompressible, where displacement elements lock and come out far too stiff (volumetric "
-            f"locking); write a value below {LOCKING_POISSON_RATIO}"
-        )
-    return value
+    return ""
+
+
+def _find_locking_fault(value: float) -> str:
+    if value < LOCKING_POISSON_RATIO:
+        return find_poisson_fault(value)
+    return find_poisson_fault(value) or (
+        f"is {value:g}: nearly incompressible, where displacement elements lock and come out far too stiff (volumetric "
+        f"locking); write a value below {LOCKING_POISSON_RATIO}"
+    )
 
 
 class MaterialTable(types.StrictTable):
@@ -30,7 +35,7 @@ class MaterialTable(types.StrictTable):
     """Young's modulus"""
     nu: Annotated[
         types.Number,
-        AfterValidator(_check_poisson_ratio),
+        types.refuse(_find_locking_fault),
         types.JsonForm(
             {"type": "number", "exclusiveMinimum": -1.0, "exclusiveMaximum": LOCKING_POISSON_RATIO}
         ),

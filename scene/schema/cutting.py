@@ -4,8 +4,6 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator
-
 from headstock.scene.schema import types
 
 # of the radial and the axial force to the tangential one where a source gives the latter alone: sets
@@ -29,23 +27,17 @@ CoefficientKey = Literal[
 DIRECT, KIENZLE = ("Kte", "Krc", "Kre", "Kac", "Kae"), ("mc", "chip_thickness")
 
 
-def _check_ratio(value: float) -> float:
-    if not 0.0 <= value <= MOST_RATIO:
-        raise types.problem(
-            f"is {value:g}; a ratio to the tangential force lies between 0 and {MOST_RATIO:g}"
-        )
-    return value
+def _find_ratio_fault(value: float) -> str:
+    text = f"is {value:g}; a ratio to the tangential force lies between 0 and {MOST_RATIO:g}"
+    return "" if 0.0 <= value <= MOST_RATIO else text
 
 
-def _check_exponent(value: float) -> float:
-    if not 0.0 < value < 1.0:
-        raise types.problem(
-            f"is {value:g}; Kienzle's exponent lies between 0 and 1; write for example 0.25"
-        )
-    return value
+def _find_exponent_fault(value: float) -> str:
+    text = f"is {value:g}; Kienzle's exponent lies between 0 and 1; write for example 0.25"
+    return "" if 0.0 < value < 1.0 else text
 
 
-Ratio = Annotated[types.Number, AfterValidator(_check_ratio)]
+Ratio = Annotated[types.Number, types.refuse(_find_ratio_fault)]
 
 
 class CuttingTable(types.StrictTable):
@@ -69,7 +61,7 @@ class CuttingTable(types.StrictTable):
     """axial one; default: `axial_ratio` times `Kte`, none beside `Kac`"""
     kc11: types.PositiveSpecificForce | None = None
     """Kienzle's kc1.1, in place of `Ktc`: tangential force at a chip of 1 mm by 1 mm"""
-    mc: Annotated[types.Number, AfterValidator(_check_exponent)] | None = None
+    mc: Annotated[types.Number, types.refuse(_find_exponent_fault)] | None = None
     """Kienzle's exponent: the force per width is `kc11 h^(1 - mc)`; required with `kc11`"""
     chip_thickness: types.PositiveLength | None = None
     """where the tangent to Kienzle's force is taken; default: the mean of a chip at the feed per tooth, 0.1 mm where there is none"""
@@ -126,31 +118,29 @@ MOST_HELIX = 75.0  # [deg]
 MOST_RUNOUT = 0.1  # of the diameter
 
 
-def _check_diameter(value: float) -> float:
-    if not LEAST_DIAMETER <= value <= MOST_DIAMETER:
-        raise types.problem(
-            f"is {1e3 * value:g} mm; mills measure {1e3 * LEAST_DIAMETER:g} to {1e3 * MOST_DIAMETER:g} mm; check the unit"
-        )
-    return value
+def _find_diameter_fault(value: float) -> str:
+    if LEAST_DIAMETER <= value <= MOST_DIAMETER:
+        return ""
+    return f"is {1e3 * value:g} mm; mills measure {1e3 * LEAST_DIAMETER:g} to {1e3 * MOST_DIAMETER:g} mm; check the unit"
 
 
-def _check_helix(value: float) -> float:
-    if not abs(value) <= math.radians(MOST_HELIX) * (1.0 + 1e-12):
-        raise types.problem(
-            f"is {math.degrees(value):g} deg; a helix angle, counted from the tool's axis, lies between {-MOST_HELIX:g} and {MOST_HELIX:g} deg;"
-            " check the unit"
-        )
-    return value
+def _find_helix_fault(value: float) -> str:
+    if abs(value) <= math.radians(MOST_HELIX) * (1.0 + 1e-12):
+        return ""
+    return (
+        f"is {math.degrees(value):g} deg; a helix angle, counted from the tool's axis, lies between {-MOST_HELIX:g} and {MOST_HELIX:g} deg;"
+        " check the unit"
+    )
 
 
 class MillTable(types.StrictTable):
     """A cylindrical end mill; a positive helix pulls a tool that turns clockwise down."""
 
-    diameter: Annotated[types.PositiveLength, AfterValidator(_check_diameter)]
+    diameter: Annotated[types.PositiveLength, types.refuse(_find_diameter_fault)]
     """diameter of the tool"""
     teeth: Annotated[types.WholeNumber, types.Between(1, MOST_TEETH)]
     """number of teeth"""
-    helix: Annotated[types.Angle, AfterValidator(_check_helix)] = 0.0
+    helix: Annotated[types.Angle, types.refuse(_find_helix_fault)] = 0.0
     """helix angle; a positive one pulls the tool down"""
     runout: types.NotNegativeLength = 0.0
     """distance of the tool axis from the spindle axis"""

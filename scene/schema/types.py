@@ -150,6 +150,17 @@ def problem(message: str) -> PydanticCustomError:
     return PydanticCustomError("scene", "{message}", {"message": message})
 
 
+def refuse(find_fault: Callable[[Any], str]) -> AfterValidator:
+    """A validator of what a function says what is wrong with; nothing where the text is empty."""
+
+    def check(value: object) -> object:
+        if fault := find_fault(value):
+            raise problem(fault)
+        return value
+
+    return AfterValidator(check)
+
+
 def read_quantity(value: object, *dimensions: Dimension) -> Quantity:
     """Return a quantity of one of some dimensions."""
     if isinstance(value, Quantity):
@@ -419,18 +430,6 @@ _SHARE = JsonForm(
 )
 
 
-def _damping(what: str) -> BeforeValidator:
-    """A share of damping: what reaches 100 % is per cent written as a number."""
-
-    def read(value: object) -> float:
-        share = _read_ratio(value)
-        if fault := find_damping_fault(share, what):
-            raise problem(fault)
-        return share
-
-    return BeforeValidator(read)
-
-
 def find_damping_fault(share: float, what: str) -> str:
     """Say why a number is no share of damping; empty where it is one.
 
@@ -454,8 +453,18 @@ _DAMPING = JsonForm(
         "exclusiveMaximum": 1.0,
     }
 )
-DampingShare = Annotated[float, _damping("damping ratio"), _DAMPING]
-LossFactor = Annotated[float, _damping("loss factor"), _DAMPING]
+DampingShare = Annotated[
+    float,
+    BeforeValidator(_read_ratio),
+    refuse(lambda share: find_damping_fault(share, "damping ratio")),
+    _DAMPING,
+]
+LossFactor = Annotated[
+    float,
+    BeforeValidator(_read_ratio),
+    refuse(lambda share: find_damping_fault(share, "loss factor")),
+    _DAMPING,
+]
 
 NotNegativeShare = Annotated[
     float, BeforeValidator(lambda value: read_share(value, "share")), _SHARE
@@ -535,13 +544,12 @@ Name = Annotated[
 ]
 
 
-def _check_text(value: str) -> str:
-    if len(value) > 400 or not value.isprintable():
-        raise problem("must be one line of at most 400 printable characters")
-    return value
+def _find_text_fault(value: str) -> str:
+    fits = len(value) <= 400 and value.isprintable()
+    return "" if fits else "must be one line of at most 400 printable characters"
 
 
-Text = Annotated[str, AfterValidator(_check_text)]
+Text = Annotated[str, refuse(_find_text_fault)]
 
 
 def _wrap(value: object) -> object:

@@ -26,7 +26,7 @@ class TimeResponse:
     Attributes:
         times: ``(n_steps,)`` [s], from zero.
         outputs: ``(n_steps, n_outputs)``.
-        final_state: ``(n,)`` from which a later stretch goes on.
+        final_state: ``(n,)``.
     """
 
     times: FloatArray
@@ -62,10 +62,8 @@ class Propagator:
         )
 
 
-def solve_time_response(
-    space: StateSpace, loads: FloatArray, step: float, *, initial_state: FloatArray | None = None
-) -> TimeResponse:
-    """Return the response to sampled loads, linear between samples.
+def solve_time_response(space: StateSpace, loads: FloatArray, step: float) -> TimeResponse:
+    """Return the response from rest to sampled loads, linear between samples.
 
     There is no error of integration, whatever the step: modes far faster than it neither blow up
     nor ring beyond what they physically do. Energy is kept to roundoff where nothing is damped.
@@ -74,7 +72,6 @@ def solve_time_response(
         space: From ``to_state_space``.
         loads: ``(n_steps, n_inputs)`` at times 0, step, 2 step...
         step: [s].
-        initial_state: ``(n,)``; default: at rest.
 
     Raises:
         ModelError: The step is not positive, or a load is not finite.
@@ -83,24 +80,17 @@ def solve_time_response(
     if not (np.isfinite(step) and step > 0.0):
         raise ModelError(f"the time step is {step:g} s; it must be above zero")
     ends, times = np.stack([loads[:-1], loads[1:]], axis=1), step * np.arange(len(loads))
-    return solve_stepped_response(space, times, ends, initial_state=initial_state)
+    return solve_stepped_response(space, times, ends)
 
 
-def solve_stepped_response(
-    space: StateSpace,
-    times: FloatArray,
-    loads: FloatArray,
-    *,
-    initial_state: FloatArray | None = None,
-) -> TimeResponse:
-    """Return the response to loads that are linear within each step and may jump between
+def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArray) -> TimeResponse:
+    """Return the response from rest to loads that are linear within each step and may jump between
     steps.
 
     Args:
         space: From ``to_state_space``.
         times: ``(n,)`` rising, of any spacing [s].
         loads: ``(n - 1, 2, n_inputs)`` at the beginning and the end of each step.
-        initial_state: ``(n,)``; default: at rest.
 
     Returns:
         Motions at the times; where a load jumps and acts on an output at once, that after the jump.
@@ -112,9 +102,7 @@ def solve_stepped_response(
         raise ModelError("a load is not finite")
     lengths, which = group_steps(np.diff(times))
     propagators = [make_propagator(space, length) for length in lengths]
-    state = (
-        np.zeros(len(space.a)) if initial_state is None else np.asarray(initial_state, dtype=float)
-    )
+    state = np.zeros(len(space.a))
     outputs = np.empty((len(times), len(space.c)))
     outputs[0] = space.c @ state
     for number, kind in enumerate(which):

@@ -216,8 +216,8 @@ def _inertial_forces(
         + cross(alpha, arms)
         + cross(omega, cross(omega, arms))
     )
-    own = np.swapaxes(placement.rotations[..., bodies.marker, :, :], -1, -2)
-    spin, gain = (own @ omega[..., None]), (own @ alpha[..., None])
+    to_body = np.swapaxes(placement.rotations[..., bodies.marker, :, :], -1, -2)
+    spin, gain = (to_body @ omega[..., None]), (to_body @ alpha[..., None])
     moment = (bodies.inertia @ gain)[..., 0] + cross(spin[..., 0], (bodies.inertia @ spin)[..., 0])
     forces = (
         np.swapaxes(heavy, -1, -2) @ acceleration[..., None]

@@ -216,10 +216,10 @@ class PoseDamping:
     def matrix(self, motions: SmallMotions) -> FloatArray:
         """``(..., c, c)`` of small motions about poses [N s/m]."""
         springs = motions.stiffness[..., None] * np.eye(motions.stiffness.shape[-1])
-        found: FloatArray = self.rayleigh.alpha * motions.mass + self.rayleigh.beta * springs
+        damping: FloatArray = self.rayleigh.alpha * motions.mass + self.rayleigh.beta * springs
         if not self.ratios:
-            return found
-        return found + modal_damping(motions, solve_lumped_modes(motions), np.array(self.ratios))
+            return damping
+        return damping + modal_damping(motions, solve_lumped_modes(motions), np.array(self.ratios))
 
 
 def tool_compliance(model: CompliantMechanism, motions: SmallMotions) -> FloatArray:

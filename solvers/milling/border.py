@@ -143,8 +143,8 @@ def find_border(
                 sure=math.isfinite(hint),
             )
     _follow_islands(speeds, limits, deepest)
-    found = dict(zip(places, limits, strict=True))
-    return [found.get(place, NOT_EVALUATED) for place in range(len(cuts))]
+    by_place = dict(zip(places, limits, strict=True))
+    return [by_place.get(place, NOT_EVALUATED) for place in range(len(cuts))]
 
 
 def _follow_islands(speeds: Sequence[_Speed], limits: list[Limit], deepest: float) -> None:
@@ -294,10 +294,10 @@ def _confirm(speed: _Speed, depth: float, within: tuple[float, float]) -> Limit:
     more = speed.more + FINER
     for _ in range(CONFIRMATIONS):
         ends = [(1.0 - CLOSE) * depth, (1.0 + CLOSE) * depth]
-        found = [speed.cut.largest(end, more) for end in ends]
-        growths = [_growth(each) for each in found]
+        multipliers = [speed.cut.largest(end, more) for end in ends]
+        growths = [_growth(each) for each in multipliers]
         if growths[0] < 0.0 <= growths[1]:
-            return _limit_between(speed, ends, found)
+            return _limit_between(speed, ends, multipliers)
         slope = 0.5 * (growths[1] - growths[0]) / CLOSE
         if slope <= 0.0:
             break
@@ -313,14 +313,14 @@ def _halve(speed: _Speed, low: float, high: float) -> Limit:
     one.
     """
     more, ends = speed.more + FINER, [low, high]
-    found = [speed.cut.largest(end, more) for end in ends]
-    while _growth(found[0]) < 0.0 <= _growth(found[1]):
+    multipliers = [speed.cut.largest(end, more) for end in ends]
+    while _growth(multipliers[0]) < 0.0 <= _growth(multipliers[1]):
         if ends[1] - ends[0] < 2.0 * CLOSE * ends[0]:
-            return _limit_between(speed, ends, found)
+            return _limit_between(speed, ends, multipliers)
         middle = 0.5 * (ends[0] + ends[1])
         between = speed.cut.largest(middle, more)
         side = 0 if _growth(between) < 0.0 else 1
-        ends[side], found[side] = middle, between
+        ends[side], multipliers[side] = middle, between
     return NOT_EVALUATED
 
 
@@ -349,19 +349,19 @@ def _find_crossing(speed: _Speed, low: float, high: float, tolerance: float) -> 
     """
     growth = speed.growth
     idle = OWN_SHARE * growth(low)
-    found = [depth for depth in (low, high) if growth(depth) > idle]
+    growing = [depth for depth in (low, high) if growth(depth) > idle]
     trial = 0.5 * (low + high)
-    if len(found) == 2:
+    if len(growing) == 2:
         trial = low - growth(low) * (high - low) / (growth(high) - growth(low))
     while high - low > DEPTH_TOLERANCE * low:
         value = growth(trial)
-        before = min(found, key=lambda each: abs(each - trial))
+        before = min(growing, key=lambda each: abs(each - trial))
         low, high = (trial, high) if value < 0.0 else (low, trial)
         ahead = 0.5 * (low + high)
         if value > idle and trial != before and value != growth(before):
             ahead = trial - value * (trial - before) / (value - growth(before))
             if low < ahead < high and abs(ahead - trial) < tolerance * trial:
                 return ahead
-            found.append(trial)
+            growing.append(trial)
         trial = ahead if low < ahead < high else 0.5 * (low + high)
     return 0.5 * (low + high)

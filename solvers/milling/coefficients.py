@@ -67,7 +67,7 @@ class CuttingCoefficients:
         def change(end: "CuttingCoefficients") -> float:
             pairs = zip((*end.chip, *end.edge), (*self.chip, *self.edge), strict=True)
             # to what is no more than roundoff both ends are alike
-            return round(max(abs(other - own) / (abs(own) or 1.0) for other, own in pairs), 9)
+            return round(max(abs(other - value) / (abs(value) or 1.0) for other, value in pairs), 9)
 
         return max(self.ranges[key].ends, key=change)
 
@@ -134,8 +134,8 @@ def build_coefficients(
         low, high = (build({**values, key: (1.0 + side * share) * values[key]}) for side in (-1, 1))
         return _CoefficientRange(share, (low, high))
 
-    found = {key: reach(key, share) for key, share in ranges.items() if share > 0.0}
-    return dataclasses.replace(build(values), ranges=found)
+    reaches = {key: reach(key, share) for key, share in ranges.items() if share > 0.0}
+    return dataclasses.replace(build(values), ranges=reaches)
 
 
 def mean_chip_thickness(feed_per_tooth: float, immersion: float) -> float:

@@ -9,7 +9,7 @@ with ``G`` of period ``T``, the time from tooth to tooth, which is the delay as 
 end where ``G`` has a corner: where the lower or the upper end of an edge enters or leaves the part.
 Within a window all functions are smooth, so that multipliers converge exponentially with the number
 of nodes (spectral collocation: Butcher and Bobrenkov 2011; Insperger and Stepan 2011, sec. 3, have
-the independent method of :mod:`.stability`). Multipliers say whether the cut is stable: all below
+semi-discretisation as an independent method). Multipliers say whether the cut is stable: all below
 one.
 """
 
@@ -24,7 +24,7 @@ import scipy.linalg
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.milling.coefficients import CuttingCoefficients, Three
 from headstock.solvers.milling.forces import EndMill, MillingCut, Sense, chip_stiffness
-from headstock.solvers.milling.stability import ComplexArray, TipPoles, keep_poles
+from headstock.solvers.milling.tip_poles import ComplexArray, TipPoles, keep_poles
 from headstock.solvers.milling.windows import Window, divide_period
 
 FINER = 3  # nodes more in each window, where a limit is confirmed
@@ -283,11 +283,11 @@ class PeriodicCut:
         pole = float(abs(self._tip.values[multiplier.pole].imag))
         angle = float(np.angle(multiplier.value))
         waves = [round((pole * period - side * angle) / turn) for side in (1, -1)]
-        found = [
+        candidates = [
             (turn * number + side * angle) / period
             for number, side in zip(waves, (1, -1), strict=True)
         ]
-        return min((each for each in found if each >= 0.0), key=lambda each: abs(each - pole))
+        return min((each for each in candidates if each >= 0.0), key=lambda each: abs(each - pole))
 
     def matrix(self, depth: float, more: int = 0) -> FloatArray:
         """Coordinates of the tip and motions at the nodes a period later per those before.
@@ -308,11 +308,11 @@ class PeriodicCut:
             some, before = slice(last, last + len(forced)), state[:, :last]
             identity = _identity(len(forced))
             solved = np.linalg.inv(identity - depth * forced)
-            own = solved @ response.free[:, span].reshape(len(forced), -1)
+            moved = solved @ response.free[:, span].reshape(len(forced), -1)
             pushed = depth * response.pushed[:, :, span].reshape(-1, len(forced))
-            whole[some, :last] = own @ before
+            whole[some, :last] = moved @ before
             whole[some, some] = identity - solved
-            state[:, :last] = (turn + pushed @ own) @ before
+            state[:, :last] = (turn + pushed @ moved) @ before
             state[:, some] = -pushed @ solved
             last = some.stop
         whole[:coordinates] = response.turns[-1] @ state
@@ -409,12 +409,12 @@ def _identity(size: int) -> FloatArray:
 def _multiply(factors: ComplexArray) -> FloatArray:
     """``(w, 2 q, 2 q)`` that multiply coordinates by complex factors ``(w, q)``."""
     count = factors.shape[1]
-    found = np.zeros((len(factors), 2, count, 2, count))
+    matrices = np.zeros((len(factors), 2, count, 2, count))
     place = np.arange(count)
-    found[:, 0, place, 0, place] = found[:, 1, place, 1, place] = factors.real
-    found[:, 1, place, 0, place] = factors.imag
-    found[:, 0, place, 1, place] = -factors.imag
-    return found.reshape(len(factors), 2 * count, -1)
+    matrices[:, 0, place, 0, place] = matrices[:, 1, place, 1, place] = factors.real
+    matrices[:, 1, place, 0, place] = factors.imag
+    matrices[:, 0, place, 1, place] = -factors.imag
+    return matrices.reshape(len(factors), 2 * count, -1)
 
 
 def _dominant_pair(matrix: FloatArray) -> tuple[complex, ComplexArray]:

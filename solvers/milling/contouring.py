@@ -101,12 +101,12 @@ class FreeLegs:
         """Return what driven coordinates do with the motions of the motors added."""
         columns = [model.mechanism.driven.index(name) for name in self.names]
         first = len(model.mechanism.compliant)
-        own = slice(first, first + len(columns))
+        driven = slice(first, first + len(columns))
         parts = [np.array(part) for part in (drives.position, drives.speed, drives.acceleration)]
         for part, beyond in zip(
             parts, (moved.compliant, moved.rate, moved.acceleration), strict=True
         ):
-            part[:, columns] += beyond[:, own]
+            part[:, columns] += beyond[:, driven]
         return Drive(*parts)
 
 
@@ -154,18 +154,18 @@ def refine_motion[T: _Tried](
     states = drive.rigid_states(motion.times)
     moving = len(model.mechanism.compliant) + (0 if legs is None else len(legs.names))
     for _ in range(MAX_SWEEPS):
-        found = tried.history
+        history = tried.history
         off = _unbalanced(
-            model, drive, motion, tried.carried, history=found, states=states, legs=legs
+            model, drive, motion, tried.carried, history=history, states=states, legs=legs
         )
         if pushed is not None:
             off[:, : pushed.shape[1]] -= pushed
         if motion.friction is not None:
-            own = motion.friction
-            off[:, own.coordinates] += own.force(found.rate)
+            friction = motion.friction
+            off[:, friction.coordinates] += friction.force(history.rate)
         extra = extra - off
         tried = solve(extra, tried)
-        size = float(np.abs(tried.history.compliant - found.compliant)[:, :moving].max())
+        size = float(np.abs(tried.history.compliant - history.compliant)[:, :moving].max())
         if size < CONVERGED:
             return tried
         if size > last:
@@ -228,7 +228,7 @@ def drive_forces(
     Returns:
         ``(n, u)`` per driven coordinate [N, N m].
     """
-    found = []
+    forces = []
     for part in chunk_slices(len(times)):
         compliant, rate, guess = (
             history.compliant[part],
@@ -238,8 +238,8 @@ def drive_forces(
         dynamics = _evaluate(
             model, drive.at(times[part]), guess, compliant=compliant, rate=rate, force=force[part]
         )
-        found.append(driven_forces(model, dynamics, history.acceleration[part], force[part]))
-    return np.concatenate(found)
+        forces.append(driven_forces(model, dynamics, history.acceleration[part], force[part]))
+    return np.concatenate(forces)
 
 
 def _rigid_load(
@@ -250,12 +250,12 @@ def _rigid_load(
     """
     none = np.zeros((len(times), len(model.mechanism.compliant)))
     force = np.zeros((len(times), 3))
-    found = _evaluate(
+    dynamics = _evaluate(
         model, drive.at(times), drive.rigid_states(times), compliant=none, rate=none, force=force
     )
-    taken = driven_forces(model, found, none, force)
+    taken = driven_forces(model, dynamics, none, force)
     columns = [model.mechanism.driven.index(name) for name in released]
-    return np.concatenate([found.load, -taken[:, columns]], axis=1)
+    return np.concatenate([dynamics.load, -taken[:, columns]], axis=1)
 
 
 def _unbalanced(
@@ -271,7 +271,7 @@ def _unbalanced(
     """What the nonlinear equations of a trial motion are off by, without friction ``(n, c)``, or
     ``(n, c + d + s)`` with motors and controllers [N]; its states are brought up to date.
     """
-    found = np.zeros_like(history.compliant)
+    residual = np.zeros_like(history.compliant)
     count = len(model.mechanism.compliant)
     for part in chunk_slices(len(motion.times)):
         moved, drives = thin_history(history, part), drive.at(motion.times[part])
@@ -288,7 +288,7 @@ def _unbalanced(
         )
         states[part] = dynamics.state
         damping = motion.between(motion.damping, part)[:, :count, :count]
-        found[part, :count] = (
+        residual[part, :count] = (
             (dynamics.mass @ acceleration[..., None] + damping @ rate[..., None])[..., 0]
             + dynamics.stiffness * compliant
             - dynamics.load
@@ -298,7 +298,7 @@ def _unbalanced(
         taken = driven_forces(model, dynamics, acceleration, force[part])
         columns = [model.mechanism.driven.index(name) for name in legs.names]
         free = slice(count, count + len(columns))
-        found[part, free] = taken[:, columns]
+        residual[part, free] = taken[:, columns]
         # what the loops add: the linear equations with them less those without
         added = _linear_forces(motion, moved, part)
         within = slice(0, free.stop)
@@ -306,8 +306,8 @@ def _unbalanced(
             moved.compliant[:, within], moved.rate[:, within], moved.acceleration[:, within]
         )
         added[:, within] -= _linear_forces(legs.motion, kept, part)
-        found[part] += added
-    return found
+        residual[part] += added
+    return residual
 
 
 def _linear_forces(motion: LinearMotion, moved: CompliantHistory, part: slice) -> FloatArray:
@@ -317,7 +317,9 @@ def _linear_forces(motion: LinearMotion, moved: CompliantHistory, part: slice) -
         (motion.damping, moved.rate),
         (motion.stiffness, moved.compliant),
     )
-    total = sum((motion.between(matrix, part) @ own[..., None])[..., 0] for matrix, own in terms)
+    total = sum(
+        (motion.between(matrix, part) @ values[..., None])[..., 0] for matrix, values in terms
+    )
     return np.asarray(total - motion.load[part])
 
 

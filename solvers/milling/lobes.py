@@ -118,8 +118,10 @@ def find_lobes(
     """
     values = _chip_eigenvalues(receptance(omega), stiffness)
     periods: FloatArray = np.asarray(2.0 * np.pi / (teeth * speeds), dtype=float)
-    found = [_crossings(omega, values[:, branch], periods) for branch in range(2)]
-    place, waves, near, level, slope = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    crossings = [_crossings(omega, values[:, branch], periods) for branch in range(2)]
+    place, waves, near, level, slope = (
+        np.concatenate(parts) for parts in zip(*crossings, strict=True)
+    )
     # of all frequencies that may chatter at a speed the one with the thinnest limit
     order = np.lexsort((-level.real, place))
     first = order[np.unique(place[order], return_index=True)[1]]
@@ -228,13 +230,13 @@ def _refine(
             break
         move = np.clip(-off[some] / slope[some], -0.02 * omega[some], 0.02 * omega[some])
         moved = omega[some] + move
-        found = _nearest(receptance(moved), stiffness, values[some])
-        rest = moved * periods[some] - _phase(found) - 2.0 * np.pi * waves[some]
+        refined = _nearest(receptance(moved), stiffness, values[some])
+        rest = moved * periods[some] - _phase(refined) - 2.0 * np.pi * waves[some]
         closer = np.abs(rest) < np.abs(off[some])
         apart = closer & (rest != off[some])
         slope[some[apart]] = ((rest - off[some]) / move)[apart]
         kept = some[closer]
-        omega[kept], values[kept], off[kept] = moved[closer], found[closer], rest[closer]
+        omega[kept], values[kept], off[kept] = moved[closer], refined[closer], rest[closer]
         # one that comes no closer is left where it is
         tried[some] = np.where(closer, rest, 0.0)
     return omega, values

@@ -129,10 +129,10 @@ def move_markers(
     growth[:, rigid] = _solve(
         matrix, (-closure_bias(mechanism, kinematics.placement, bias), pull, twist)
     )
-    own = growth[:, None, :, None]
+    accelerated = growth[:, None, :, None]
     if not velocity_terms:
         drives = growth[:, mechanism.driven_slice, None]
-        own = (velocity_maps(mechanism, kinematics.closure_jacobian)[0] @ drives)[:, None]
+        accelerated = (velocity_maps(mechanism, kinematics.closure_jacobian)[0] @ drives)[:, None]
         none = np.zeros_like(bias.omega)
         bias = Bias(omega=none, velocity=bias.velocity, alpha=none, acceleration=none)
     return MarkerMotion(
@@ -140,9 +140,9 @@ def move_markers(
         rates=rates,
         growth=growth,
         rotations=kinematics.placement.rotations,
-        acceleration=bias.acceleration + (kinematics.of_position @ own)[..., 0],
+        acceleration=bias.acceleration + (kinematics.of_position @ accelerated)[..., 0],
         omega=bias.omega,
-        alpha=bias.alpha + (kinematics.of_rotation @ own)[..., 0],
+        alpha=bias.alpha + (kinematics.of_rotation @ accelerated)[..., 0],
     )
 
 
@@ -160,13 +160,13 @@ def follow_path(
         PoseError: A point is out of reach, singular, beyond a joint's limits, or the path changes
             the assembly; says when.
     """
-    found = move_markers(machine, times, path, direction)
-    _require_one_branch(times, found.states, found.rates)
+    moved = move_markers(machine, times, path, direction)
+    _require_one_branch(times, moved.states, moved.rates)
     driven = machine.mechanism.driven_slice
     nodes = np.stack(
-        [found.states[:, driven], found.rates[:, driven], found.growth[:, driven]], axis=1
+        [moved.states[:, driven], moved.rates[:, driven], moved.growth[:, driven]], axis=1
     )
-    return PathDrive(times, found.states, scipy.interpolate.BPoly.from_derivatives(times, nodes))
+    return PathDrive(times, moved.states, scipy.interpolate.BPoly.from_derivatives(times, nodes))
 
 
 def find_tool_positions(
@@ -201,12 +201,12 @@ def find_tool_positions(
         )
         columns.append(moved.rates[:, legs])
     inverse = np.linalg.inv(np.stack(columns, axis=-1))
-    found = near.position.copy()
+    positions = near.position.copy()
     for _ in range(MOST_ITERATIONS):
-        off = survey_tool_poses(machine, found, direction).states[:, legs] - lengths
-        found -= (inverse @ off[..., None])[..., 0]
+        off = survey_tool_poses(machine, positions, direction).states[:, legs] - lengths
+        positions -= (inverse @ off[..., None])[..., 0]
         if np.abs(off).max() < SAME_LENGTH:
-            return found
+            return positions
     raise ModelError(
         f"legs of the measured lengths lead the tool off its planned path by so much that it is not found: legs differ by up to"
         f" {1e3 * float(np.nanmax(np.abs(off))):.3g} mm; does the time of the record start with the path?"

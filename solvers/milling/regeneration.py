@@ -21,7 +21,6 @@ from headstock.solvers.milling.forces import (
     tooth_angles,
 )
 from headstock.solvers.motion.alpha import (
-    AlphaScheme,
     AlphaSteps,
     CompliantHistory,
     LinearMotion,
@@ -98,7 +97,7 @@ def integrate_regenerative(
     Returns:
         The motion and the ``(n, 3)`` force on the tool [N], axes of the motion.
     """
-    times, steps = motion.times, AlphaSteps(motion, AlphaScheme())
+    times, steps = motion.times, AlphaSteps(motion)
     state = steps.rest(load[0])
     history, force = np.empty((len(times), 3, load.shape[1])), np.zeros((len(times), 3))
     place = np.zeros((len(times), 3))

@@ -99,17 +99,17 @@ def couple_assembly(machine: ComplexArray, omega: FloatArray, assembly: Assembly
     if isinstance(assembly, MeasuredAssembly):
         return _couple_measured(machine, omega, assembly)
     # frequencies last, so that every product runs along them
-    found = np.ascontiguousarray(np.moveaxis(machine, 0, -1))
+    coupled = np.ascontiguousarray(np.moveaxis(machine, 0, -1))
     for mode in assembly:
         # x = A (f + omega^2 m D D^T x) with A of the machine and the spring in series
         square = omega**2 * mode.mass
-        found = found + mode.projector[:, :, None] / _springs(mode, omega)
+        coupled = coupled + mode.projector[:, :, None] / _springs(mode, omega)
         # column by column of D (Sherman and Morrison 1950)
         for axis in mode.directions.T:
-            pushed, moved = axis @ found, np.tensordot(axis, found, axes=1)
+            pushed, moved = axis @ coupled, np.tensordot(axis, coupled, axes=1)
             share = square / (1.0 - square * (axis @ pushed))
-            found += (share * pushed)[:, None] * moved
-    return np.moveaxis(found, -1, 0)
+            coupled += (share * pushed)[:, None] * moved
+    return np.moveaxis(coupled, -1, 0)
 
 
 def _springs(mode: ToolMode, omega: FloatArray) -> ComplexArray:
@@ -195,9 +195,9 @@ def mount_modes(
 
 def _widen(matrix: FloatArray, corner: FloatArray) -> FloatArray:
     size, count = matrix.shape[-1], len(corner)
-    found = np.zeros((*matrix.shape[:-2], size + count, size + count))
-    found[..., :size, :size], found[..., size:, size:] = matrix, corner
-    return found
+    wider = np.zeros((*matrix.shape[:-2], size + count, size + count))
+    wider[..., :size, :size], wider[..., size:, size:] = matrix, corner
+    return wider
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,8 +229,8 @@ def split_tip_motion(
     if isinstance(assembly, MeasuredAssembly):
         _, cross, base = assembly.at(omega)
         passed = (_passed_force(machine, cross, base, assembly) @ force[:, :, None])[:, :, 0]
-        own = (machine @ passed[:, :, None])[:, :, 0]
-        return _TipMotion((motion - own)[None], passed)
+        carried = (machine @ passed[:, :, None])[:, :, 0]
+        return _TipMotion((motion - carried)[None], passed)
     parts = []
     for mode in reversed(assembly):
         force = force + (omega**2 * mode.mass)[:, None] * (motion @ mode.projector)
@@ -250,7 +250,7 @@ def attach_tool_modes(
         point: Where the first mode stands.
     """
     none = np.zeros_like(system.mass)
-    found = mount_modes(
+    mounted = mount_modes(
         system.mass,
         none if system.damping is None else system.damping,
         system.stiffness,
@@ -268,11 +268,11 @@ def attach_tool_modes(
     ]
     return dataclasses.replace(
         system,
-        mass=found.mass,
-        stiffness=found.stiffness,
-        damping=found.damping if found.damping.any() else None,
+        mass=mounted.mass,
+        stiffness=mounted.stiffness,
+        damping=mounted.damping if mounted.damping.any() else None,
         hysteretic=hysteretic,
         inputs={(point, axis): loads[row] for row, axis in enumerate(TRANSLATIONS)},
-        outputs={(point, axis): found.tip[row] for row, axis in enumerate(TRANSLATIONS)},
+        outputs={(point, axis): mounted.tip[row] for row, axis in enumerate(TRANSLATIONS)},
         labels=(*system.labels, *labels),
     )

@@ -126,8 +126,8 @@ class _SmoothPath:
         primitive = self.raw
         for _ in range(AVERAGES - 1):
             primitive = primitive.antiderivative()
-        found = self._averaged(primitive, times)
-        return np.stack([found.real, found.imag, np.zeros(len(times))], axis=-1).astype(float)
+        averaged = self._averaged(primitive, times)
+        return np.stack([averaged.real, averaged.imag, np.zeros(len(times))], axis=-1).astype(float)
 
     def _averaged(self, primitive: _PiecewisePath, times: FloatArray) -> ComplexArray:
         weights = [(-1) ** k * math.comb(AVERAGES, k) for k in range(AVERAGES + 1)]
@@ -462,7 +462,7 @@ def _straight_cuts(
         np.array([line.lead, *meets]) - arcs[:-1],
         np.array([*meets, line.lead]) - arcs[1:],
     )
-    last, found = len(travels) - 1, list[StraightCut]()
+    last, cuts = len(travels) - 1, list[StraightCut]()
     for number, (travel, feed) in enumerate(zip(travels, line.feeds, strict=True)):
         straight = lengths[number] - arcs[number] - arcs[number + 1]
         length = float(straight - before[number] - after[number])
@@ -471,7 +471,7 @@ def _straight_cuts(
         way = arcs[number] + before[number] - 1j * sign * line.offset
         start = corners[number] + way * travel
         leaves = starts[number] + (straight - after[number]) / feed
-        found.append(
+        cuts.append(
             StraightCut(
                 at=names[number] if names else _tell_line(line.points[number : number + 2]),
                 start=np.array([start.real, start.imag, line.height]),
@@ -483,7 +483,7 @@ def _straight_cuts(
                 part=line.part,
             )
         )
-    return tuple(found)
+    return tuple(cuts)
 
 
 def _tell_line(ends: Sequence[tuple[float, float]]) -> str:

@@ -4,6 +4,11 @@
 motions that are left out the static flexibility ``R`` at the tool remains. What has these matrices
 is integrated alike: a lumped mechanism in its compliant coordinates, a machine of bodies or finite
 elements in its modes.
+
+Motors under control are coordinates of it, and the states of their controllers rows of first order.
+Coordinates are deviations from the rigid machine that moves as the set points say, so a controller
+sees what its motor lacks: with set speed ``v`` and acceleration ``a`` its inputs are ``(0, v, a, x,
+v + x')``, and the force that the rigid motion needs is a load on its motor.
 """
 
 import dataclasses
@@ -155,7 +160,6 @@ def integrate_linear(
     motion: LinearMotion,
     load: FloatArray,
     *,
-    scheme: AlphaScheme | None = None,
     regeneration: Regeneration | None = None,
 ) -> CompliantHistory:
     """Generalised-α steps of the linear model, from static rest at the first instant.
@@ -163,7 +167,6 @@ def integrate_linear(
     Args:
         motion: The linear model at ``n`` even steps.
         load: ``(n, c)`` generalised load [N, N m].
-        scheme: Parameters of the generalised-α method; None for a spectral radius of 0.9.
         regeneration: Cutting force by the wave that the last tooth left; None for a load that
             depends on time alone.
 
@@ -171,7 +174,7 @@ def integrate_linear(
         ConvergenceError: The motion grows without bound, as regeneration can make it.
     """
     times, size = motion.times, load.shape[1]
-    steps = AlphaSteps(motion, scheme or AlphaScheme())
+    steps = AlphaSteps(motion)
     state = steps.rest(load[0])
     history = np.empty((len(times), 3, size))
     history[0] = state[:3]
@@ -203,10 +206,12 @@ class AlphaSteps:
     interval as make that exact.
     """
 
-    def __init__(self, motion: LinearMotion, scheme: AlphaScheme) -> None:
-        """Steps of a motion, with the parameters of the method."""
+    def __init__(self, motion: LinearMotion) -> None:
+        """Steps of a motion, of a spectral radius of 0.9."""
         self._motion = motion
-        self._ahead, self.reach = _scheme_matrices(scheme, float(motion.times[1] - motion.times[0]))
+        self._ahead, self.reach = _scheme_matrices(
+            AlphaScheme(), float(motion.times[1] - motion.times[0])
+        )
         location = (motion.times - motion.nodes[0]) / (motion.nodes[1] - motion.nodes[0])
         left = np.clip(location.astype(np.intp), 0, len(motion.nodes) - 2)
         self._left: list[int] = left.tolist()

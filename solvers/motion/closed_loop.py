@@ -1,5 +1,10 @@
 """Deviation from a path of a machine under control, in parts: following error, quasi-static share,
-rigid-body response, residual vibration.
+rigid-body response, residual vibration; in one pose, or with matrices that follow the set point.
+
+Along the path coordinates are deviations from the rigid machine that travels as its set point says,
+motors and screws included: so small that the machine is linear about every pose of the path. A
+controller sees ``x_set - x_measured`` as what the deviation leaves of it, and the speed that the set
+point asks of a motor less that of the rigid travel.
 """
 
 import dataclasses

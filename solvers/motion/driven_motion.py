@@ -1,6 +1,6 @@
 """A machine under control in time, with friction in its guides, and where the energy went.
 
-Steps are exact but for friction (``friction_steps``). They are as long as what is given and the natural
+Steps are exact but for friction (``friction_loop``). They are as long as what is given and the natural
 modes allow, and are halved where friction changes faster than its parabola follows.
 """
 
@@ -122,7 +122,6 @@ def solve_motion(
     spread: Mapping[Channel, FloatArray] | None = None,
     breaks: FloatArray | None = None,
     longest: float = np.inf,
-    tolerance: float = TOLERANCE,
 ) -> DrivenMotion:
     """Motion from rest under set points and loads, with the friction of every drive that has one.
 
@@ -139,7 +138,7 @@ def solve_motion(
         ConvergenceError: Friction does not settle.
     """
     track = still_track(make_friction_loop(loop, spread))
-    return integrate_track(track, given, times, breaks=breaks, longest=longest, tolerance=tolerance)
+    return integrate_track(track, given, times, breaks=breaks, longest=longest)
 
 
 def integrate_track(
@@ -150,7 +149,6 @@ def integrate_track(
     breaks: FloatArray | None = None,
     outset: _Outset | None = None,
     longest: float = np.inf,
-    tolerance: float = TOLERANCE,
 ) -> DrivenMotion:
     """The same of a loop that may change along a path, and from any state.
 
@@ -174,7 +172,7 @@ def integrate_track(
         np.zeros((len(times), typical.size)),
         _coarse_states(typical, given, times),
     )
-    allowed = tolerance * _state_scale(typical, outset.sizes, float(times[-1] - times[0]))
+    allowed = TOLERANCE * _state_scale(typical, outset.sizes, float(times[-1] - times[0]))
     grid = cut_steps(times, breaks, given, min(longest, ANGLE / _fastest_mode(typical)))
     wanted = np.searchsorted(grid, times)
     kept = {int(instant): number for number, instant in enumerate(wanted)}

@@ -53,7 +53,7 @@ class FrictionLoop:
 
     Attributes:
         loop: Closed, with the loads that are given and those of friction among its inputs.
-        law: Of the guides that evaluate_friction.
+        law: Of the guides with friction.
         slides: V ``(k, n)``: velocity in these guides.
         drag: G ``(n, k)``.
         passed: H ``(p, k)``.

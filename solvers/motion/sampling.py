@@ -1,14 +1,14 @@
-"""A second-order system whose matrices change along a path: its modes, parallel-transported from
-pose to pose and interpolated between sampled poses.
+"""Poses of a system along a path, as many as splines between them need; modes are transported from pose to
+pose (:mod:`headstock.solvers.motion.plant`). Two policies say which modes are kept.
 
-In every pose the coordinates are the modes up to a frequency. Modes of neighbouring poses differ in
-sign, in order and, where two frequencies cross, altogether; turned to agree as well as they can
-(parallel transport in the mass product) they change as smoothly as the machine does, and the
-coupling of their speeds through the change of pose vanishes within them. What is left of it is of
-second order in the speed of the axis over the length in which a shape changes, and goes to modes
-beyond the highest frequency. Source: Amsallem and Farhat (2011), An online method for interpolating
-linear parametric reduced-order models, SIAM J. Sci. Comput. 33, 2169 (consistent coordinates); Kato
-(1950), On the adiabatic theorem (parallel transport).
+Hard: as many modes everywhere, up to the widest gap above a frequency. A span is halved where splines
+through the other poses miss its middle.
+
+Fading: the trajectory is cut into pieces at its corners; every piece has its own splines, with twice as
+many poses until those half-way between are met. Modes beyond a frequency follow at once: what they add
+statically is sampled as well. Modes cross that frequency, and each other about it, so that no number of
+modes is the same set in all poses. What moves a mode and what it moves therefore fade out smoothly above
+that frequency, and its static share takes over: a mode that leaves or joins those kept does so without any.
 """
 
 import dataclasses

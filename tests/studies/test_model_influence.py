@@ -3,15 +3,14 @@
 from pathlib import Path
 
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from common import approx
 from fixture_machines import machine
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.numbers.numbers import make_key
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
@@ -152,12 +151,7 @@ def test_the_worth_of_following_the_pose_is_the_difference_that_one_run_tells(
     (found,) = try_models(choice, Store(tmp_path / "trials"), kinds=["pose"])
     assert not found.obstacle
     assert (found.trial.written, found.trial.tried, found.trial.sense) == (written, tried, sense)
-    results = run_scene(
-        load_scene(path, overrides=[FOLLOWED]),
-        tmp_path / "results",
-        comm=MPI.COMM_SELF,
-        store=Store(tmp_path / "store"),
-    )
+    results = scene_runs.run(load_scene(path, overrides=[FOLLOWED]), tmp_path, "results")
     (answer,) = find_answers(results.answers, PathResult)
     (run,) = answer.runs
     peaks = {

@@ -16,10 +16,13 @@ from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.cutting import catalogue_coefficients
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.mechanisms.modes import PoseDamping
-from headstock.solvers.milling.stability import milling_gains, single_frequency_limit
 from headstock.solvers.milling.tool_dynamics import ToolMode
 from headstock.solvers.milling.tool_path import PolylineContour, SquareContour
 from headstock.solvers.mpi import MPI
+from headstock.validation.mechanisms.semi_discretisation import (
+    milling_gains,
+    single_frequency_limit,
+)
 from headstock.validation.mechanisms.tripteor_machine import SCENE, Tripteor, load_tripteor
 from headstock.validation.references.rows import (
     Target,

@@ -16,15 +16,14 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import RPM, PoseLobes
 from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene
-from headstock.solvers.milling.stability import (
-    TipDynamics,
+from headstock.solvers.milling.tip_poles import TipDynamics, tip_dynamics
+from headstock.solvers.motion.alpha import LinearMotion, Regeneration, integrate_linear
+from headstock.solvers.mpi import MPI
+from headstock.validation.mechanisms.semi_discretisation import (
     floquet_multipliers,
     largest_multiplier,
     single_frequency_limit,
-    tip_dynamics,
 )
-from headstock.solvers.motion.alpha import LinearMotion, Regeneration, integrate_linear
-from headstock.solvers.mpi import MPI
 from headstock.validation.references.rows import (
     Target,
     ValidationRow,

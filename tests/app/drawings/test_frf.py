@@ -13,7 +13,7 @@ import scipy.io
 from PIL import Image
 
 from common import approx, present
-from headstock.app.charts.charts import draw_responses
+from headstock.app.charts.results import draw_responses
 from headstock.app.command_line import main
 from headstock.app.drawings.frf import draw_response
 from headstock.app.report.report import render_report

@@ -6,8 +6,8 @@ from pathlib import Path
 import gmsh
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from built_parts import built_part
 from common import approx
 from fixture_machines import machine
@@ -16,8 +16,6 @@ from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import SceneError
@@ -51,7 +49,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(folder: Path, name: str, *overrides: str, values: TomlTable | None = None) -> Results:
     scene = load_scene(folder / "scene.toml", overrides=overrides, values=values)
-    return run_scene(scene, folder / name, comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    return scene_runs.run(scene, folder, name)
 
 
 def numbers(results: Results) -> FloatArray:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from fixture_machines import machine
 from headstock.pipeline.accuracy.models import add_change
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
@@ -14,8 +14,6 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.numbers.estimates import MODEL
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from scene_runs import compute
@@ -61,7 +59,7 @@ def truth(folder: Path) -> Results:
     }
     machine = dataclasses.replace(scene.machine, components=parts)
     fine = dataclasses.replace(scene, machine=machine, accuracy=None)
-    return run_scene(fine, folder / "fine", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    return scene_runs.run(fine, folder, "fine")
 
 
 def answer(results: Results) -> AccuracyAnswer:
@@ -126,9 +124,7 @@ analyses.modal = { count = 3 }
 def test_a_clamped_body_that_could_not_move_as_a_rigid_one_stays_elastic(tmp_path: Path) -> None:
     path = tmp_path / "clamped.toml"
     path.write_text(CLAMPED)
-    results = run_scene(
-        load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
-    )
+    results = scene_runs.run(load_scene(path), tmp_path)
     assert answer(results).met and results.components["block"].fidelity == "elastic"
     assert answer(results).models["block"].why
 

@@ -4,15 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from fixture_machines import machine
 from headstock.pipeline import runner
 from headstock.pipeline.numbers.estimates import MODEL
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from scene_runs import compute
 
@@ -46,7 +44,7 @@ def test_a_slender_tube_becomes_segments_without_a_mesh_and_is_right(tmp_path: P
     plain = SCENE.replace('accuracy = "ASKED"', "") + '[components.pole.mesh]\nsize = "15 mm"\n'
     (tmp_path / "fine.toml").write_text(plain)
     scene = load_scene(tmp_path / "fine.toml")
-    fine = run_scene(scene, tmp_path / "f", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+    fine = scene_runs.run(scene, tmp_path, "f")
     shares = results.modal[0].frequencies_hz / fine.modal[0].frequencies_hz - 1.0
     assert np.abs(shares).max() < 0.01
     for error, hz, share in zip(

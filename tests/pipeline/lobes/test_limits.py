@@ -4,8 +4,8 @@ from pathlib import Path
 
 import h5py
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from common import approx, present
 from fixture_machines import machine
 from headstock.app.report.report import render_report
@@ -17,8 +17,6 @@ from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.numbers.folders import RESULTS_FILE
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
@@ -55,12 +53,7 @@ def runs(folder: Path) -> dict[str, Results]:
         "few": ["components.column.reduction.modes=0"],
     }
     return {
-        name: run_scene(
-            load_scene(folder / "scene.toml", overrides=overrides),
-            folder / name,
-            comm=MPI.COMM_SELF,
-            store=Store(folder / "store"),
-        )
+        name: scene_runs.run(load_scene(folder / "scene.toml", overrides=overrides), folder, name)
         for name, overrides in changes.items()
     }
 

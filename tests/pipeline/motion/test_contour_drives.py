@@ -7,24 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, Drive, TorqueRipple, ripple_force
 from headstock.geometry.mechanisms.exechon import solve_tool_pose
 from headstock.geometry.parts.components import RayleighDamping
-from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.motion import coupled_contour, lumped_contour
 from headstock.pipeline.motion.coupled_contour import CoupledRun, run_coupled_contour
 from headstock.pipeline.motion.lumped_contour import run_lumped_contour
-from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.control import drive_machine
 from headstock.pipeline.stages.machine import couple_pose
-from headstock.pipeline.stages.run_state import ReducedComponent, RunState
-from headstock.pipeline.stages.shared_components import start_run
-from headstock.pipeline.storage.store import Store
-from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.components.segmented import reduce_segmented
+from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene, keep_analyses
@@ -78,19 +72,6 @@ def request_of(scene: Scene) -> ContouringRequest:
     return scene.analyses[ContouringRequest]
 
 
-def build_state(folder: Path, scene: Scene) -> RunState:
-    plan = plan_scene(scene)
-    reduced = {
-        name: ReducedComponent(
-            (reduce_segmented if part.fidelity == "segmented" else reduce_rigid)(
-                part, describe_component(part)
-            )
-        )
-        for name, part in plan.components.items()
-    }
-    return start_run(scene, MPI.COMM_SELF, Store(folder / "store"), plan=plan, reduced=reduced)
-
-
 def run_contour(state: RunState, until: float) -> CoupledRun:
     return run_coupled_contour(state, request_of(state.scene), until=until)
 
@@ -137,7 +118,7 @@ def test_legs_of_components_are_driven_along_the_contour_as_lumped_ones(
         tripteor.scene, tripteor.model, request_of(scene), until=UNTIL, drives=drives
     )
     found = run_contour(
-        build_state(tmp_path, load_prompt(tmp_path, f"{variant}+controlled", rubbing)), UNTIL
+        scene_runs.start(load_prompt(tmp_path, f"{variant}+controlled", rubbing), tmp_path), UNTIL
     )
     assert np.abs(lumped.gap).max() > 1e-5
     assert np.abs(found.gap - lumped.gap).max() < 1e-3 * np.abs(lumped.gap).max()
@@ -184,7 +165,7 @@ def close_axes(folder: Path, drive: str, until: float, *settings: str) -> Closed
         *settings,
     ]
     scene = keep_analyses(load_scene(MILL, overrides=overrides), ["contouring"])
-    state, request = build_state(folder, scene), request_of(scene)
+    state, request = scene_runs.start(scene, folder), request_of(scene)
     run = run_contour(state, until)
     plan = plan_contour(request.contour)
     trajectory = coupled_contour._plan_trajectory(state, request, plan.path)
@@ -258,7 +239,7 @@ def test_friction_at_the_speeds_of_motors_acts_on_legs_of_components_as_on_lumpe
         drives=tuple(scene.drives.values()),
     )
     found = run_contour(
-        build_state(tmp_path, load_prompt(tmp_path, "components+controlled", *settings)), 0.06
+        scene_runs.start(load_prompt(tmp_path, "components+controlled", *settings), tmp_path), 0.06
     )
     size = np.abs(lumped.gap).max()
     assert size > 1e-6
@@ -275,7 +256,7 @@ def test_coriolis_forces_act_on_legs_of_components_as_on_lumped_ones(
     gaps: dict[str, list[FloatArray]] = {}
     for switch in ("true", "false"):
         scene = load_prompt(tmp_path, "components", f"effects.coriolis={switch}")
-        found = run_contour(build_state(tmp_path, scene), UNTIL)
+        found = run_contour(scene_runs.start(scene, tmp_path), UNTIL)
         assert found.coriolis is (switch == "true")
         model = dataclasses.replace(tripteor.model, velocity_terms=switch == "true")
         lumped = run_lumped_contour(tripteor.scene, model, request_of(scene), until=UNTIL)
@@ -292,7 +273,7 @@ def test_rayleigh_damping_acts_on_the_lumped_mechanism_as_on_its_components(
 ) -> None:
     rayleigh = 'effects.damping={ rayleigh = { alpha = "60 1/s", beta = "2e-4 s" } }'
     scene = load_prompt(tmp_path, "components", rayleigh)
-    found = run_contour(build_state(tmp_path, scene), 0.06)
+    found = run_contour(scene_runs.start(scene, tmp_path), 0.06)
     model = dataclasses.replace(tripteor.model, velocity_terms=True)
     damped, free = (
         run_lumped_contour(tripteor.scene, model, request, until=0.06)

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from common import approx
 from headstock.app.drawings.lobes import draw_milled_faces
 from headstock.app.drawings.path import draw_contour
@@ -26,8 +26,6 @@ from headstock.pipeline.motion.contour_run import SETTLING, ContourRun
 from headstock.pipeline.motion.contouring import evaluate_contour, explain_gaps
 from headstock.pipeline.motion.lumped_contour import run_lumped_contour
 from headstock.pipeline.motion.milled_faces import mill_faces
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.csv_files import CsvError, ForceRecord
@@ -239,7 +237,7 @@ def lobes_on_a_face(request: ContouringRequest, rpm: float, folder: Path) -> Dir
     )
     scene = load_scene(SCENE, variant="lumped", overrides=overrides)
     scene = dataclasses.replace(scene, analyses=scene.analyses.keep(["lobes"]))
-    found = run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    found = scene_runs.run(scene, folder)
     (lobes,) = find_answers(found.answers, PoseLobes)
     return lobes.directions[0]
 

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath, Pose, travel_directions
-from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.motion import coupled_contour
 from headstock.pipeline.motion.contour_cut import travel_frames
 from headstock.pipeline.motion.contour_run import ContourRun
@@ -26,12 +25,7 @@ from headstock.pipeline.motion.coupled_contour import (
 )
 from headstock.pipeline.motion.lumped_contour import run_lumped_contour
 from headstock.pipeline.motion.milled_faces import mill_faces
-from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.run_state import ReducedComponent, RunState
-from headstock.pipeline.stages.shared_components import start_run
-from headstock.pipeline.storage.store import Store
-from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.components.segmented import reduce_segmented
+from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.path_loads import PATH_INPUT, add_path_input, stack_modes
 from headstock.scene.analyses.contouring import ContouringRequest
@@ -60,19 +54,8 @@ NO_GRAVITY = ("gravity", "load")
 def build_state(
     folder: Path, scene: Path, *, variant: str = "", settings: tuple[str, ...] = ()
 ) -> RunState:
-    loaded = keep_analyses(
-        load_scene(scene, variant=variant or None, overrides=settings), ["contouring"]
-    )
-    plan = plan_scene(loaded)
-    reduced = {
-        name: ReducedComponent(
-            (reduce_segmented if part.fidelity == "segmented" else reduce_rigid)(
-                part, describe_component(part)
-            )
-        )
-        for name, part in plan.components.items()
-    }
-    return start_run(loaded, MPI.COMM_SELF, Store(folder / "store"), plan=plan, reduced=reduced)
+    loaded = load_scene(scene, variant=variant or None, overrides=settings)
+    return scene_runs.start(keep_analyses(loaded, ["contouring"]), folder)
 
 
 def request_of(state: RunState) -> ContouringRequest:
@@ -357,6 +340,7 @@ def test_teeth_shake_the_moving_machine_as_all_modes_of_a_pose_do(tmp_path: Path
     assert abs(tone((found.gap @ face.outward)[last]) - expected) < 0.04 * abs(expected)
 
 
+@pytest.mark.trials
 def test_stiff_legs_move_as_the_lumped_mechanism(tmp_path: Path) -> None:
     tripteor = load_tripteor()
     model = dataclasses.replace(tripteor.model, velocity_terms=False)

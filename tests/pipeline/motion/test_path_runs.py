@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from common import approx, present
 from fixture_machines import machine
 from headstock.pipeline.answers.answer import find_answers
@@ -15,9 +15,7 @@ from headstock.pipeline.numbers.estimates import DISCRETISATION
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.files import find_curves, read_curves
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.refined_models import NOT_ASKED
-from headstock.pipeline.storage.store import Store
 from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -64,7 +62,7 @@ def load(folder: Path, text: str = SCENE) -> Scene:
 
 
 def run(folder: Path, scene: Scene) -> Results:
-    return run_scene(scene, folder / "results", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    return scene_runs.run(scene, folder, "results")
 
 
 def run_path(folder: Path, text: str = SCENE) -> PathResult:

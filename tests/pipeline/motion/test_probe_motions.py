@@ -8,8 +8,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from common import approx, present
 from fixture_machines import machine
 from headstock.app.report.report import render_report
@@ -25,8 +25,6 @@ from headstock.pipeline.answers.probes import ProbeAnswer
 from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves
 from headstock.pipeline.results.files import find_curves, read_curves
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from scene_runs import compute
@@ -205,9 +203,7 @@ def test_a_bar_that_is_pushed_along_a_path_carries_its_inertia(
     if "friction" in control:
         text = text.replace("feed_forward", 'friction = { coulomb = "5 N" }\nfeed_forward')
     path.write_text(text)
-    results = run_scene(
-        load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
-    )
+    results = scene_runs.run(load_scene(path), tmp_path)
     (found,) = find_answers(results.answers, PathResult)
     (own,) = found.runs
     trace, times = own.probes["inside"].trace, own.curves.deviation.times
@@ -251,9 +247,7 @@ def test_the_error_at_a_probe_along_a_path_covers_what_a_fine_mesh_changes(
     for mesh in ('size = "20 mm", cells = "tet"', 'size = "4 mm", cells = "hex"'):
         path = tmp_path / "scene.toml"
         path.write_text(text.replace('size = "10 mm", cells = "hex"', mesh))
-        results = run_scene(
-            load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
-        )
+        results = scene_runs.run(load_scene(path), tmp_path)
         (found,) = find_answers(results.answers, PathResult)
         judged.append({number.key.kind: number for number in found.list_numbers()})
     coarse, fine = judged
@@ -281,9 +275,7 @@ def test_a_probe_in_a_bed_sees_on_a_slow_path_what_an_uneven_rail_does(tmp_path:
             "outputs = [['tcp', 'z']] } }",
         ],
     )
-    results = run_scene(
-        scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
-    )
+    results = scene_runs.run(scene, tmp_path)
     (rest,) = find_answers(results.answers, ProbeAnswer)
     (answer,) = find_answers(results.answers, PathResult)
     seen, still = answer.runs[0].probes["spot"].trace, rest.probes["spot"]

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from common import approx, present
 from fixture_machines import machine
 from headstock.app.report.report import render_report
@@ -19,8 +19,6 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.summary import RunSummary, summarise
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import place_drives, release_motors
@@ -248,9 +246,7 @@ residual_time = "100 ms"
 
 def test_a_path_under_control_lags_and_says_whose_drives_it_used(tmp_path: Path) -> None:
     path = write_scene(tmp_path, ("[analyses.control]", PATH))
-    results = run_scene(
-        load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
-    )
+    results = scene_runs.run(load_scene(path), tmp_path)
     (found,) = find_answers(results.answers, PathResult)
     assert found.drives == ("X",)
     curves = [run.curves for run in found.runs]
@@ -292,12 +288,7 @@ def test_friction_of_three_axes_balances_its_energy_as_the_pose_changes(tmp_path
     )
     scene = Path(__file__).parents[3] / "machines" / "three_axis.toml"
     loaded = load_scene(scene, variant="calibrated+BE+controlled", overrides=settings)
-    results = run_scene(
-        keep_analyses(loaded, ["path"]),
-        tmp_path / "out",
-        comm=MPI.COMM_SELF,
-        store=Store(tmp_path / "store"),
-    )
+    results = scene_runs.run(keep_analyses(loaded, ["path"]), tmp_path)
     (found,) = find_answers(results.answers, PathResult)
     assert found.energy_error["6000 mm/min"] < 5e-9
 
@@ -325,7 +316,7 @@ def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_com
     on = ("drive_control = true", "drive_control = true\ncutting_force = true")
     path = write_scene(tmp_path, ("[analyses.control]", text), on)
     scene = load_scene(path)
-    found = run_scene(scene, tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store"))
+    found = scene_runs.run(scene, tmp_path)
     curves = find_answers(found.answers, PathResult)[0].runs[0].curves
     # whole turns of the spindle at constant feed: 10 ms each
     times = curves.deviation.times

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+import scene_runs
 from common import present
 from fixture_machines import machine
 from headstock.pipeline.answers.modal import DAMPED_FREQUENCY, DAMPING_RATIO
@@ -87,12 +88,7 @@ def test_a_beam_of_five_parts_says_how_much_stiffer_its_rigid_faces_make_it_than
     for parts in (1, 5):
         scene = tmp_path / f"{parts}.toml"
         scene.write_text(beam(parts, *sizes))
-        results = run_scene(
-            load_scene(scene),
-            tmp_path / str(parts),
-            comm=MPI.COMM_SELF,
-            store=Store(tmp_path / "store"),
-        )
+        results = scene_runs.run(load_scene(scene), tmp_path, str(parts))
         modes.append(results.modal[0])
     one, five = modes
     stiffer = five.frequencies_hz - one.frequencies_hz
@@ -180,12 +176,7 @@ def rods(tmp_path_factory: pytest.TempPathFactory) -> Rods:
         (folder / "scene.toml").write_text(
             ROD.replace("MODES", modes).replace("DASHPOT", repr(float(share * IMPEDANCE)))
         )
-        return run_scene(
-            load_scene(folder / "scene.toml"),
-            folder / "out",
-            comm=MPI.COMM_SELF,
-            store=Store(folder / "store"),
-        )
+        return scene_runs.run(load_scene(folder / "scene.toml"), folder)
 
     return run
 

@@ -21,7 +21,7 @@ from headstock.solvers.second_order import ComplexArray
 from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
-LENGTH, SIDE, PRESSURE, YOUNG = 0.4, 0.02, 0.1e6, 210e9
+BEAM_LENGTH, SIDE, PRESSURE, YOUNG = 0.4, 0.02, 0.1e6, 210e9
 SCENE = machine("""
 machine = "bar"
 name = "Beam under pressure"
@@ -45,10 +45,10 @@ def _run(tmp_path: Path, text: str) -> RunSummary:
 def test_bending_stress_and_tip_deflection_follow_beam_theory(tmp_path: Path) -> None:
     summary = _run(tmp_path, SCENE)
     line, inertia = PRESSURE * SIDE, SIDE**4 / 12.0
-    bending = line * (LENGTH / 2) ** 2 / 2 * (SIDE / 2) / inertia
+    bending = line * (BEAM_LENGTH / 2) ** 2 / 2 * (SIDE / 2) / inertia
     probe = summary["probes"]["reference"]["middle"]
     assert probe["stress_mpa"]["zz"] == approx(-bending * 1e-6, rel=0.01)
-    deflection = line * LENGTH**4 / (8 * YOUNG * inertia)
+    deflection = line * BEAM_LENGTH**4 / (8 * YOUNG * inertia)
     assert summary["static"]["tcp"]["displacement"][0] == approx(deflection, rel=0.01)
 
 

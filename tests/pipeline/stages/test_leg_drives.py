@@ -4,16 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from common import approx, present
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.control import ControlAnswer
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene, keep_analyses
@@ -47,7 +45,7 @@ def load(
 
 
 def run(folder: Path, scene: Scene) -> Results:
-    return run_scene(scene, folder / "out", comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    return scene_runs.run(scene, folder)
 
 
 def receptance(results: Results) -> ComplexArray:

@@ -4,11 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
@@ -20,7 +18,7 @@ def run(folder: Path, fidelity: str) -> Results:
     scene = load_scene(
         CANTILEVER, overrides=[f"components.column.fidelity={fidelity}", "effects.gravity=true"]
     )
-    return run_scene(scene, folder / fidelity, comm=MPI.COMM_SELF, store=Store(folder / "store"))
+    return scene_runs.run(scene, folder, fidelity)
 
 
 def test_polynomials_are_finite_elements_within_their_estimate(tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from common import approx
 from faults.file_fuzz import SIZE, box_mesh, msh_text
 from headstock.geometry.parts.skins import Skin
@@ -15,10 +15,8 @@ from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.survey import survey_step
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages import components as component_stages
 from headstock.pipeline.storage import part_files
-from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
@@ -61,12 +59,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def run(folder: Path) -> Results:
-    return run_scene(
-        load_scene(folder / "scene.toml"),
-        folder / "out",
-        comm=MPI.COMM_SELF,
-        store=Store(folder / "store"),
-    )
+    return scene_runs.run(load_scene(folder / "scene.toml"), folder)
 
 
 def area(skin: Skin) -> float:

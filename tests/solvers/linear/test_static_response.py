@@ -14,7 +14,7 @@ from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.milling.border import find_border
 from headstock.solvers.milling.collocation import PeriodicCut, safe_depth
 from headstock.solvers.milling.forces import EndMill, MillingCut
-from headstock.solvers.milling.stability import _find_poles, tip_dynamics
+from headstock.solvers.milling.tip_poles import _find_poles, tip_dynamics
 from headstock.solvers.second_order import SecondOrderSystem
 
 

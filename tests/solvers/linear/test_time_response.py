@@ -116,15 +116,6 @@ def test_a_free_mass_falls_as_galileo_says() -> None:
     np.testing.assert_allclose(found.outputs[:, 0], 1.5 * times**2, rtol=1e-12, atol=1e-14)
 
 
-def test_a_stretch_goes_on_from_the_final_state_of_the_one_before() -> None:
-    space = to_state_space(SYSTEMS["coupled"], inputs=CHANNELS, outputs=CHANNELS)
-    loads = np.random.default_rng(4).standard_normal((40, 2))
-    whole = solve_time_response(space, loads, 0.01)
-    first = solve_time_response(space, loads[:20], 0.01)
-    second = solve_time_response(space, loads[19:], 0.01, initial_state=first.final_state)
-    np.testing.assert_allclose(second.outputs[-1], whole.outputs[-1], rtol=1e-12)
-
-
 @pytest.mark.parametrize(("step", "load"), [(0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (0.1, np.inf)])
 def test_senseless_steps_and_loads_are_refused(step: float, load: float) -> None:
     space = to_state_space(SYSTEMS["modal"], inputs=CHANNELS, outputs=CHANNELS)

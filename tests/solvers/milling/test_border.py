@@ -20,16 +20,15 @@ from headstock.solvers.milling.collocation import (
     safe_depth,
 )
 from headstock.solvers.milling.forces import EndMill, MillingCut, Sense, chip_stiffness
-from headstock.solvers.milling.stability import (
+from headstock.solvers.milling.tip_poles import (
     TipDynamics,
     TipPoles,
     _find_poles,
-    largest_multiplier,
-    milling_gains,
     settle_fastest,
     tip_dynamics,
 )
 from headstock.solvers.milling.windows import divide_period
+from headstock.validation.mechanisms.semi_discretisation import largest_multiplier, milling_gains
 
 TURN = 2.0 * np.pi
 CHIP = CuttingCoefficients((6e8, 2e8, 5e7), (0.0, 0.0, 0.0), "Insperger and Stepan (2004)")

@@ -14,8 +14,8 @@ from headstock.solvers.milling.lobes import (
     find_lobes,
     mean_cutting_stiffness,
 )
-from headstock.solvers.milling.stability import milling_gains
 from headstock.solvers.second_order import ComplexArray
+from headstock.validation.mechanisms.semi_discretisation import milling_gains
 
 TURN = 2.0 * np.pi
 # Insperger and Stepan (2004), Int. J. Numer. Meth. Eng. 61, 117-141, sec. 5: one mode, two teeth

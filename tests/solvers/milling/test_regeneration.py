@@ -25,9 +25,10 @@ from headstock.solvers.milling.regeneration import (
     cutting_phases,
     integrate_regenerative,
 )
-from headstock.solvers.milling.stability import largest_multiplier, milling_gains, tip_dynamics
+from headstock.solvers.milling.tip_poles import tip_dynamics
 from headstock.solvers.motion.alpha import LinearMotion, Regeneration, integrate_linear
 from headstock.solvers.motion.friction import CoordinateFriction, friction_force, stack_laws
+from headstock.validation.mechanisms.semi_discretisation import largest_multiplier, milling_gains
 
 pytestmark = pytest.mark.slow
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+import scene_runs
 from common import approx
 from fixture_machines import machine
 from headstock.app.report.report import render_report
@@ -166,9 +167,7 @@ def test_a_bar_along_a_contour_carries_its_inertia_and_the_cut(
     (tmp_path / "steady.csv").write_text(f"time,fx,fy,fz\n-1,{PULL},{PUSH},0\n9,{PULL},{PUSH},0\n")
     path = tmp_path / "scene.toml"
     path.write_text(BAR.replace("cutting_force", f"{control}cutting_force"))
-    results = run_scene(
-        load_scene(path), tmp_path / "out", comm=MPI.COMM_SELF, store=Store(tmp_path / "store")
-    )
+    results = scene_runs.run(load_scene(path), tmp_path)
     (found,) = find_answers(results.answers, ContourAnswer)
     request = load_scene(path).analyses[ContouringRequest]
     now = plan_contour(request.contour).path.at(found.times)

@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
+import scene_runs
 from common import approx
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
-from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.motion import stepped_path
@@ -25,13 +24,8 @@ from headstock.pipeline.motion.path_model import choose_model
 from headstock.pipeline.motion.posed_machine import model_builder
 from headstock.pipeline.motion.trajectory import follow_curve
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.control import drive_machine
-from headstock.pipeline.stages.run_state import ReducedComponent, RunState
-from headstock.pipeline.stages.shared_components import start_run
-from headstock.pipeline.storage.store import Store
-from headstock.reduction.components.rigid import reduce_rigid
+from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
@@ -80,15 +74,8 @@ def tripteor() -> Tripteor:
 
 
 def build_state(folder: Path, variant: str, *settings: str) -> RunState:
-    scene = keep_analyses(
-        load_scene(TRIPTEOR, variant=variant, overrides=[PATH, *settings]), ["path"]
-    )
-    plan = plan_scene(scene)
-    reduced = {
-        name: ReducedComponent(reduce_rigid(part, describe_component(part)))
-        for name, part in plan.components.items()
-    }
-    return start_run(scene, MPI.COMM_SELF, Store(folder / "store"), plan=plan, reduced=reduced)
+    scene = load_scene(TRIPTEOR, variant=variant, overrides=[PATH, *settings])
+    return scene_runs.start(keep_analyses(scene, ["path"]), folder)
 
 
 def solve(folder: Path, variant: str, *settings: str) -> PathResult:
@@ -434,12 +421,7 @@ def test_legs_of_finite_elements_leave_a_line_and_yield_to_a_cut_as_legs_of_segm
 
     def run(variant: str, *settings: str) -> FloatArray:
         scene = load_scene(TRIPTEOR, variant=variant, overrides=[PATH, *coarse, *settings])
-        results = run_scene(
-            keep_analyses(scene, ["path"]),
-            tmp_path / "results",
-            comm=MPI.COMM_SELF,
-            store=Store(tmp_path / "store"),
-        )
+        results = scene_runs.run(keep_analyses(scene, ["path"]), tmp_path, "results")
         (found,) = find_answers(results.answers, PathResult)
         return total(found)
 
@@ -481,6 +463,7 @@ def test_a_line_looks_as_high_as_ramps_teeth_and_waves_excite_it(
     assert request.band_hz == approx(band)
 
 
+@pytest.mark.trials
 def test_modes_above_what_ramps_excite_change_a_line_by_next_to_nothing(tmp_path: Path) -> None:
     """Legs of segments, with modes up to 960 Hz and up to 3 kHz."""
     scene = keep_analyses(
@@ -489,11 +472,8 @@ def test_modes_above_what_ramps_excite_change_a_line_by_next_to_nothing(tmp_path
     request, found = scene.analyses[PathRequest], []
     for band in (request.band_hz, 0.5 * request.sampling_hz):
         path = dataclasses.replace(request, band_hz=band)
-        results = run_scene(
-            dataclasses.replace(scene, analyses=Analyses(path)),
-            tmp_path / f"{band:g}",
-            comm=MPI.COMM_SELF,
-            store=Store(tmp_path / "store"),
+        results = scene_runs.run(
+            dataclasses.replace(scene, analyses=Analyses(path)), tmp_path, f"{band:g}"
         )
         (answer,) = find_answers(results.answers, PathResult)
         found.append(total(answer))

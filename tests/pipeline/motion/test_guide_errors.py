@@ -7,19 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy
-from mpi4py import MPI
 
+import scene_runs
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose
-from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.motion.coupled_contour import _plan_trajectory, run_coupled_contour
 from headstock.pipeline.motion.lumped_contour import run_lumped_contour
 from headstock.pipeline.motion.posed_machine import model_builder
-from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.run_state import ReducedComponent, RunState
-from headstock.pipeline.stages.shared_components import start_run
-from headstock.pipeline.storage.store import Store
-from headstock.reduction.components.rigid import reduce_rigid
+from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.loader import load_scene
@@ -37,15 +32,8 @@ FINELY = 'analyses.contouring.spindle="3000 rpm"'  # steps in time
 
 
 def build_state(folder: Path, scene: Path, variant: str | None, *settings: str) -> RunState:
-    loaded = keep_analyses(
-        load_scene(scene, variant=variant, overrides=[AIR, FINELY, *settings]), ["contouring"]
-    )
-    plan = plan_scene(loaded)
-    reduced = {
-        name: ReducedComponent(reduce_rigid(part, describe_component(part)))
-        for name, part in plan.components.items()
-    }
-    return start_run(loaded, MPI.COMM_SELF, Store(folder / "store"), plan=plan, reduced=reduced)
+    loaded = load_scene(scene, variant=variant, overrides=[AIR, FINELY, *settings])
+    return scene_runs.start(keep_analyses(loaded, ["contouring"]), folder)
 
 
 def request_of(state: RunState) -> ContouringRequest:
