@@ -16,12 +16,14 @@ from headstock.geometry.parts.mass_properties import interface_moment
 from headstock.geometry.parts.patches import (
     FACE_DIRECTIONS,
     OVERHANG_TOLERANCE,
+    PlanarSolid,
     Span,
+    imprint_window,
     in_plane_axes,
     named_planar_face,
     patch_rects,
 )
-from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
+from headstock.geometry.parts.solids import Solid, Tube
 
 DEGREE = 3  # of the splines along a rail
 LEAST_INTERVALS = 1.5  # intervals of control points per carriage length below which its motion depends on single control points
@@ -61,16 +63,16 @@ def _patch_span(solid: Solid, patch: Patch, axis: int) -> Span | None:
     normal = FACE_DIRECTIONS.get(patch.face, (-1, 0.0))[0]
     if normal == axis:
         return None
-    if isinstance(solid, Box | Plate | HollowColumn) and normal >= 0:
-        face = named_planar_face(solid, patch.face)
-        rects = None if face is None else patch_rects(face, patch)
-        if rects:
-            first = 0 if in_plane_axes(normal)[0] == axis else 2
-            return min(rect[first] for rect in rects), max(rect[first + 1] for rect in rects)
-    if patch.shape == "rect" and normal >= 0:
-        half = 0.5 * patch.size[in_plane_axes(normal).index(axis)]
-        return patch.center[axis] - half, patch.center[axis] + half
-    return None
+    if normal < 0:
+        return None
+    face = named_planar_face(solid, patch.face) if isinstance(solid, PlanarSolid) else None
+    rects = None if face is None else patch_rects(face, patch)
+    if not rects and patch.shape == "rect":
+        rects = [imprint_window(normal, patch)]
+    if not rects:
+        return None
+    first = 2 * in_plane_axes(normal).index(axis)
+    return min(rect[first] for rect in rects), max(rect[first + 1] for rect in rects)
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,7 @@ def _joint_point(
             now.origin + now.rotation @ (home.rotation.T @ (joint.point - home.origin))
         )
     interface = component.interfaces.get(other.interface or "")
-    if interface is None or not isinstance(component.solid, Box | Plate | HollowColumn | Tube):
+    if interface is None or not isinstance(component.solid, PlanarSolid | Tube):
         return None
     moment = interface_moment(component.solid, interface)
     return None if moment is None else np.asarray(now.origin + now.rotation @ moment[1])

@@ -15,6 +15,7 @@ from headstock.geometry.parts.patches import (
     PlanarFace,
     PlanarSolid,
     SignedBox,
+    imprint_window,
     in_plane_axes,
     named_planar_face,
     patch_rects,
@@ -92,7 +93,7 @@ def closed_form_properties(component: Component) -> SolidProperties | None:
         whole.inertia,
         areas,
         centroids,
-        _solid_box(solid),
+        solid_box(solid),
         {
             name: _join_boxes([_patch_box(solid, patch) for patch in interface.patches])
             for name, interface in component.interfaces.items()
@@ -100,7 +101,8 @@ def closed_form_properties(component: Component) -> SolidProperties | None:
     )
 
 
-def _solid_box(solid: PlanarSolid | Tube) -> FloatArray:
+def solid_box(solid: PlanarSolid | Tube) -> FloatArray:
+    """Return the lowest and the highest corner ``(2, 3)`` of a parametric solid [m]."""
     if isinstance(solid, Tube):
         radius = solid.outer_diameter / 2
         return np.array([[-radius, -radius, 0.0], [radius, radius, solid.length]])
@@ -109,7 +111,7 @@ def _solid_box(solid: PlanarSolid | Tube) -> FloatArray:
 
 def _patch_box(solid: PlanarSolid | Tube, patch: Patch) -> FloatArray:
     """Return the box ``(2, 3)`` around a patch that has a closed form."""
-    box = _solid_box(solid)
+    box = solid_box(solid)
     if patch.face not in FACE_DIRECTIONS:
         return box  # curved faces of a tube go all around it
     axis, sign = FACE_DIRECTIONS[patch.face]
@@ -117,13 +119,10 @@ def _patch_box(solid: PlanarSolid | Tube, patch: Patch) -> FloatArray:
     if isinstance(solid, Tube) or (face := named_planar_face(solid, patch.face)) is None:
         return box
     first, second = in_plane_axes(axis)
-    if patch.shape == "disk":
-        radius, center = patch.size[0] / 2, np.array(patch.center)[[first, second]]
-        box[:, [first, second]] = center + np.array([[-radius], [radius]])
-    else:
-        rects = np.array(patch_rects(face, patch) or face.rects)
-        box[:, first] = rects[:, 0].min(), rects[:, 1].max()
-        box[:, second] = rects[:, 2].min(), rects[:, 3].max()
+    disk = [imprint_window(axis, patch)] if patch.shape == "disk" else None
+    rects = np.array(disk or patch_rects(face, patch) or face.rects)
+    box[:, first] = rects[:, 0].min(), rects[:, 1].max()
+    box[:, second] = rects[:, 2].min(), rects[:, 3].max()
     return box
 
 
@@ -235,14 +234,12 @@ def _face_part(face: PlanarFace, patches: list[Patch]) -> AreaMoment | None:
 
 
 def _disk_part(face: PlanarFace, patch: Patch) -> AreaMoment | None:
-    first, second = in_plane_axes(face.axis)
-    radius = patch.size[0] / 2
-    a, b = patch.center[first], patch.center[second]
+    left, right, bottom, top = imprint_window(face.axis, patch)
     if not any(
-        r[0] <= a - radius and a + radius <= r[1] and r[2] <= b - radius and b + radius <= r[3]
-        for r in face.rects
+        rect[0] <= left and right <= rect[1] and rect[2] <= bottom and top <= rect[3]
+        for rect in face.rects
     ):
         return None
-    centroid = np.zeros(3)
-    centroid[face.axis], centroid[first], centroid[second] = face.position, a, b
-    return float(np.pi * radius**2), centroid
+    centroid = np.array(patch.center, dtype=float)
+    centroid[face.axis] = face.position
+    return float(np.pi * (patch.size[0] / 2) ** 2), centroid

@@ -9,7 +9,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
-from headstock.geometry.parts.patches import FACE_DIRECTIONS, in_plane_axes
+from headstock.geometry.parts.patches import FACE_DIRECTIONS, imprint_window, in_plane_axes
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
 
 SERIES_TERMS = 60
@@ -104,13 +104,11 @@ def patch_span(bar: PrismaticBar, patch: Patch) -> tuple[float, float]:
     if normal == bar.axis:
         end = bar.low if sign < 0.0 else bar.high
         return end, end
-    middle = patch.center[bar.axis]
-    half = math.inf
-    if patch.shape == "rect":
-        half = 0.5 * patch.size[in_plane_axes(normal).index(bar.axis)]
-    elif patch.shape == "disk" or (patch.shape == "strip" and patch.along != "xyz"[bar.axis]):
-        half = 0.5 * patch.size[0]
-    return max(middle - half, bar.low), min(middle + half, bar.high)
+    if patch.shape == "whole":
+        return bar.low, bar.high
+    first = 2 * in_plane_axes(normal).index(bar.axis)
+    start, stop = imprint_window(normal, patch)[first : first + 2]
+    return max(start, bar.low), min(stop, bar.high)
 
 
 def _rectangular_bar(size: tuple[float, float, float], along: str | None) -> PrismaticBar:

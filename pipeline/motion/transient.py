@@ -50,7 +50,7 @@ from headstock.solvers.linear.modal_coordinates import has_symmetric_terms
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.linear.transient import (
     EnergyBalance,
-    Motion,
+    StateHistory,
     StiffnessLoss,
     TransientFigures,
     find_energy,
@@ -133,7 +133,7 @@ class _Solution:
     """
 
     model: _Ready
-    motion: Motion
+    motion: StateHistory
     with_friction: FrictionTransient | None
     figures: tuple[TransientFigures, ...]
     times: FloatArray

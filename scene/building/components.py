@@ -22,7 +22,7 @@ from headstock.geometry.parts.components import (
     ReductionSettings,
     SegmentSettings,
 )
-from headstock.geometry.parts.mass_properties import solid_volume
+from headstock.geometry.parts.mass_properties import solid_box, solid_volume
 from headstock.geometry.parts.patches import OVERHANG_TOLERANCE, imprint_window, in_plane_axes
 from headstock.geometry.parts.prismatic_bars import patch_span, prismatic_bar
 from headstock.geometry.parts.size_field import SizeField
@@ -157,19 +157,11 @@ def _beside(path: Path, folder: Path) -> tuple[Path, ...]:
         raise ValueError(f"{path.name} reads its arrays from another file: {error}") from error
 
 
-def bounding_box(
-    solid: Solid,
-) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]] | None:
+def bounding_box(solid: Solid) -> tuple[tuple[float, float], ...] | None:
     """Lowest and highest x, y, z of a parametric solid [m]; None where only a file knows."""
-    if isinstance(solid, Tube):
-        radius = 0.5 * solid.outer_diameter
-        return (-radius, radius), (-radius, radius), (0.0, solid.length)
-    if isinstance(solid, Box | Plate | HollowColumn):
-        x, y, z = solid.size
-        ribbed = isinstance(solid, Plate) and bool(solid.ribs_x or solid.ribs_y)
-        height = z + solid.rib_height if ribbed and isinstance(solid, Plate) else z
-        return (-0.5 * x, 0.5 * x), (-0.5 * y, 0.5 * y), (0.0, height)
-    return None
+    return (
+        None if isinstance(solid, Imported) else tuple(zip(*solid_box(solid).tolist(), strict=True))
+    )
 
 
 def _patch_center(table: PatchTable, solid: Solid) -> tuple[float, float, float] | None:

@@ -20,6 +20,12 @@ from headstock.scene.schema.guide_errors import (
 from headstock.scene.schema.joints import JointTable
 from headstock.scene.schema.scene import SceneTable
 
+# what errors measure
+AMOUNTS = {
+    key: LENGTH if index < 3 else ANGLE
+    for keys in (RAIL_KEYS, MOTION_KEYS)
+    for index, key in enumerate(keys)
+}
 # what each kind of joint that slides holds on to
 SLIDING = {
     "linear_guide": RAIL_KEYS[1:],
@@ -137,20 +143,16 @@ def _check_rail(
     passing = {} if errors.ball_passing is None else errors.ball_passing.amplitudes()
     for name in profiles:
         _check_direction((*key, name), name, joint, directions, findings)
-        _check_profile((*key, name), profiles[name], LENGTH, _amount_of(name), findings)
+        _check_profile((*key, name), profiles[name], LENGTH, AMOUNTS[name], findings)
     for name, amount in passing.items():
         part = (*key, "ball_passing", name)
         _check_direction(part, name, joint, directions, findings)
-        _check_dimension(part, amount, _amount_of(name), findings)
+        _check_dimension(part, amount, AMOUNTS[name], findings)
     if not profiles and not passing:
         findings.add(
             key,
             'holds no error; write for example normal = { waves = [{ period = "400 mm", amplitude = "1 um" }] }',
         )
-
-
-def _amount_of(name: str) -> Dimension:
-    return LENGTH if RAIL_KEYS.index(name) < 3 else ANGLE
 
 
 def _check_direction(
@@ -176,10 +178,8 @@ def _check_direction(
 def _check_axis(key: KeyPath, axis: AxisTable, errors: AxisErrorsTable, findings: Findings) -> None:
     profiles = errors.profiles()
     for name, profile in profiles.items():
-        amount = LENGTH if MOTION_KEYS.index(name) < 3 else ANGLE
-        _check_profile(
-            (*key, name), profile, LENGTH if axis.kind == "linear" else ANGLE, amount, findings
-        )
+        position = LENGTH if axis.kind == "linear" else ANGLE
+        _check_profile((*key, name), profile, position, AMOUNTS[name], findings)
     square = [name for name, angle in errors.squareness().items() if angle]
     if square and axis.kind != "linear":
         findings.add(

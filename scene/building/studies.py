@@ -193,52 +193,35 @@ def build_study(name: str, table: StudyTable) -> Study:
     """The study a faultless table stands for; what it sets itself holds in each of its families
     unless they set it too.
     """
-    families = [_build_family(key, family, table) for key, family in table.families.items()]
+    families = [
+        _build_family(key, family.label or key.replace("_", " "), family, table)
+        for key, family in table.families.items()
+    ]
     if table.vary is not None:
-        vary = {key: tuple(values) for key, values in table.vary.items()}
-        families = [
-            StudyFamily(
-                "", name, dict(table.set), vary, table.pairwise, tuple(table.analyses or ())
-            )
-        ]
-    if table.reference_run is not None:
-        settings = {
-            key: value
-            for key, value in {**table.set, **table.reference_run}.items()
-            if key != VARIANT
-        }
-        vary = (
-            {VARIANT: (str(table.reference_run[VARIANT]),)}
-            if VARIANT in table.reference_run
-            else {}
-        )
+        families = [_build_family("", name, table, table)]
+    if (run := table.reference_run) is not None:
+        settings = {key: value for key, value in (table.set | run).items() if key != VARIANT}
+        vary = {VARIANT: (str(run[VARIANT]),)} if VARIANT in run else {}
+        analyses = tuple(table.analyses or ())
         # last: what it needs of memory would hide what the others need where a process cannot
         # forget its peak
         families.append(
-            StudyFamily(
-                REFERENCE_RUN, "reference run", settings, vary, analyses=tuple(table.analyses or ())
-            )
+            StudyFamily(REFERENCE_RUN, "reference run", settings, vary, analyses=analyses)
         )
-    return Study(
-        name=name,
-        families=tuple(families),
-        watch=tuple(table.watch or ()),
-        cold=table.store == "cold",
-        repeats=table.repeats,
-        reference=table.reference,
-        reference_run=table.reference_run,
-    )
+    return table.fill(Study, name=name, families=tuple(families), cold=table.store == "cold")
 
 
-def _build_family(name: str, family: FamilyTable, table: StudyTable) -> StudyFamily:
-    return StudyFamily(
+def _build_family(
+    name: str, label: str, family: FamilyTable | StudyTable, table: StudyTable
+) -> StudyFamily:
+    return family.fill(
+        StudyFamily,
         name=name,
-        label=family.label or name.replace("_", " "),
-        settings={**table.set, **family.set},
-        vary={key: tuple(values) for key, values in family.vary.items()},
+        label=label,
+        settings=table.set | family.set,
+        vary={key: tuple(values) for key, values in (family.vary or {}).items()},
         pairwise=family.pairwise or table.pairwise,
         analyses=tuple(family.analyses or table.analyses or ()),
-        other_model=family.other_model,
     )
 
 

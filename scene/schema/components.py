@@ -35,7 +35,7 @@ class MaterialTable(types.StrictTable):
     """Young's modulus"""
     nu: Annotated[
         types.Number,
-        types.refuse(_find_locking_fault),
+        types.without_fault(_find_locking_fault),
         types.JsonForm(
             {"type": "number", "exclusiveMinimum": -1.0, "exclusiveMaximum": LOCKING_POISSON_RATIO}
         ),

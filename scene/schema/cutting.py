@@ -37,7 +37,7 @@ def _find_exponent_fault(value: float) -> str:
     return "" if 0.0 < value < 1.0 else text
 
 
-Ratio = Annotated[types.Number, types.refuse(_find_ratio_fault)]
+Ratio = Annotated[types.Number, types.without_fault(_find_ratio_fault)]
 
 
 class CuttingTable(types.StrictTable):
@@ -61,7 +61,7 @@ class CuttingTable(types.StrictTable):
     """axial one; default: `axial_ratio` times `Kte`, none beside `Kac`"""
     kc11: types.PositiveSpecificForce | None = None
     """Kienzle's kc1.1, in place of `Ktc`: tangential force at a chip of 1 mm by 1 mm"""
-    mc: Annotated[types.Number, types.refuse(_find_exponent_fault)] | None = None
+    mc: Annotated[types.Number, types.without_fault(_find_exponent_fault)] | None = None
     """Kienzle's exponent: the force per width is `kc11 h^(1 - mc)`; required with `kc11`"""
     chip_thickness: types.PositiveLength | None = None
     """where the tangent to Kienzle's force is taken; default: the mean of a chip at the feed per tooth, 0.1 mm where there is none"""
@@ -136,11 +136,11 @@ def _find_helix_fault(value: float) -> str:
 class MillTable(types.StrictTable):
     """A cylindrical end mill; a positive helix pulls a tool that turns clockwise down."""
 
-    diameter: Annotated[types.PositiveLength, types.refuse(_find_diameter_fault)]
+    diameter: Annotated[types.PositiveLength, types.without_fault(_find_diameter_fault)]
     """diameter of the tool"""
     teeth: Annotated[types.WholeNumber, types.Between(1, MOST_TEETH)]
     """number of teeth"""
-    helix: Annotated[types.Angle, types.refuse(_find_helix_fault)] = 0.0
+    helix: Annotated[types.Angle, types.without_fault(_find_helix_fault)] = 0.0
     """helix angle; a positive one pulls the tool down"""
     runout: types.NotNegativeLength = 0.0
     """distance of the tool axis from the spindle axis"""

@@ -150,7 +150,7 @@ def problem(message: str) -> PydanticCustomError:
     return PydanticCustomError("scene", "{message}", {"message": message})
 
 
-def refuse(find_fault: Callable[[Any], str]) -> AfterValidator:
+def without_fault(find_fault: Callable[[Any], str]) -> AfterValidator:
     """A validator of what a function says what is wrong with; nothing where the text is empty."""
 
     def check(value: object) -> object:
@@ -456,13 +456,13 @@ _DAMPING = JsonForm(
 DampingShare = Annotated[
     float,
     BeforeValidator(_read_ratio),
-    refuse(lambda share: find_damping_fault(share, "damping ratio")),
+    without_fault(lambda share: find_damping_fault(share, "damping ratio")),
     _DAMPING,
 ]
 LossFactor = Annotated[
     float,
     BeforeValidator(_read_ratio),
-    refuse(lambda share: find_damping_fault(share, "loss factor")),
+    without_fault(lambda share: find_damping_fault(share, "loss factor")),
     _DAMPING,
 ]
 
@@ -549,7 +549,7 @@ def _find_text_fault(value: str) -> str:
     return "" if fits else "must be one line of at most 400 printable characters"
 
 
-Text = Annotated[str, refuse(_find_text_fault)]
+Text = Annotated[str, without_fault(_find_text_fault)]
 
 
 def _wrap(value: object) -> object:

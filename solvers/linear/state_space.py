@@ -38,7 +38,7 @@ MASSLESS_CONDITION = 1e14
 
 
 @dataclass(frozen=True, eq=False)
-class ModalPairs:
+class UncoupledModes:
     """Modes that nothing couples: state ``2k, 2k + 1`` is ``(s p, p')`` of mode k.
 
     Attributes:
@@ -90,7 +90,7 @@ class StateSpace:
     inputs: tuple[Channel, ...]
     outputs: tuple[Channel, ...]
     states: tuple[str, ...]
-    pairs: ModalPairs | None = None
+    pairs: UncoupledModes | None = None
     modal: bool = False
 
     @functools.cached_property
@@ -244,7 +244,7 @@ def modal_state_space(
         f"mode {mode + 1} {part}" for mode in range(count) for part in ("displacement", "velocity")
     )
     pairs = (
-        ModalPairs(scales, eigenvalues, np.array(damping.diagonal()))
+        UncoupledModes(scales, eigenvalues, np.array(damping.diagonal()))
         if is_diagonal(coordinates.viscous)
         else None
     )

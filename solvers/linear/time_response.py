@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.state_space import ModalPairs, StateSpace
+from headstock.solvers.linear.state_space import StateSpace, UncoupledModes
 
 # below this angle per step the integrals of a mode would cancel, and come from the exponential of a
 # larger matrix
@@ -218,7 +218,9 @@ def exact_step(a: FloatArray, b: FloatArray, step: float) -> tuple[FloatArray, .
     return tuple(np.split(exponential, [size, size + acting], axis=1))
 
 
-def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _pair_integrals(
+    pairs: UncoupledModes, step: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the same for every mode ``(m, 2, 2)``: closed forms, but for low-frequency modes,
     where these would cancel.
     """
@@ -238,7 +240,7 @@ def _pair_integrals(pairs: ModalPairs, step: float) -> tuple[FloatArray, FloatAr
     return transition, total, rising
 
 
-def _pair_matrices(pairs: ModalPairs) -> FloatArray:
+def _pair_matrices(pairs: UncoupledModes) -> FloatArray:
     """Return the state matrix ``(m, 2, 2)`` of every mode."""
     a = np.zeros((len(pairs.eigenvalues), 2, 2))
     a[:, 0, 1], a[:, 1, 0], a[:, 1, 1] = (

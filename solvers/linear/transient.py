@@ -21,7 +21,7 @@ CHANGE = 1e-6  # of the largest value: a smaller change of the rest position is 
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class StateHistory:
     """States of a system over time.
 
     Attributes:
@@ -167,7 +167,9 @@ def _find_equilibrium(space: StateSpace, loads: FloatArray) -> FloatArray | None
     return np.asarray(rest) if left <= UNBALANCED * np.linalg.norm(push) else None
 
 
-def solve_transient(space: StateSpace, loads: SteppedLoads, initial_state: FloatArray) -> Motion:
+def solve_transient(
+    space: StateSpace, loads: SteppedLoads, initial_state: FloatArray
+) -> StateHistory:
     """Return the motion under loads, exact at every time of the grid whatever its steps.
 
     Args:
@@ -191,10 +193,10 @@ def solve_transient(space: StateSpace, loads: SteppedLoads, initial_state: Float
     for number, kind in enumerate(kinds):
         left[number + 1] = propagators[kind].advance(right[number]) + forcing[number]
         right[number + 1] = left[number + 1] + struck[number + 1]
-    return Motion(loads, left, right)
+    return StateHistory(loads, left, right)
 
 
-def read_response(space: StateSpace, motion: Motion) -> Response:
+def read_response(space: StateSpace, motion: StateHistory) -> Response:
     """Return the displacements and speeds of the outputs."""
     values, rates = motion.loads.evaluate()
     begins, ends = motion.right[:-1], motion.left[1:]
@@ -228,7 +230,7 @@ def find_figures(
     return tuple(_figures_of(response, column, start, final, near) for column in range(len(start)))
 
 
-def find_energy(space: StateSpace, motion: Motion) -> EnergyBalance | None:
+def find_energy(space: StateSpace, motion: StateHistory) -> EnergyBalance | None:
     """Balance of energy, its integrals by the trapezoidal rule with end corrections (error of fourth
     order): what does not add up says how coarse the samples are for the modes that move.
 

@@ -13,7 +13,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop
 from headstock.solvers.linear.load_history import SteppedLoads
-from headstock.solvers.linear.transient import EnergyBalance, Motion, Response
+from headstock.solvers.linear.transient import EnergyBalance, Response, StateHistory
 from headstock.solvers.motion.friction import friction_force, friction_slope
 from headstock.solvers.motion.friction_integrator import (
     CHUNK,
@@ -352,7 +352,7 @@ def sharpen_friction(loop: ClosedLoop, share: float) -> ClosedLoop:
 def solve_friction_transient(
     loop: ClosedLoop,
     loads: SteppedLoads,
-    free: Motion,
+    free: StateHistory,
     *,
     inputs: Sequence[Channel],
     outputs: Sequence[Channel],

@@ -217,7 +217,7 @@ class VaryingSystem:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseModes:
+class SampledModes:
     """What is kept of a pose: its modes as they come between some channels, and what each output has of
     each input at once, whatever moves ``(p, k)``.
     """
@@ -237,7 +237,7 @@ class PoseModes:
 
 def look_at_pose(
     posed: PosedModes, channels: PlantChannels, *, all_modes: bool = True, least: int = 0
-) -> PoseModes:
+) -> SampledModes:
     """A pose in its modes, with the shapes of those that may be kept.
 
     Args:
@@ -273,7 +273,7 @@ def look_at_pose(
             for output in channels.outputs
         ]
     ).reshape(len(channels.outputs), len(channels.inputs))
-    return PoseModes(
+    return SampledModes(
         channels,
         coordinates,
         posed.motions[:, :count].copy(),
@@ -313,7 +313,7 @@ def _middle_of(positions: Iterable[float]) -> float:
     return min(places, key=lambda position: abs(position - 0.5 * (places[0] + places[-1])))
 
 
-def transport_modes(poses: Mapping[float, PoseModes], kept: int) -> dict[float, FloatArray]:
+def transport_modes(poses: Mapping[float, SampledModes], kept: int) -> dict[float, FloatArray]:
     """Return the rotation ``(m, m)`` of the modes of each pose that makes them agree with their neighbours';
     those of the middle stay.
     """
@@ -326,7 +326,7 @@ def transport_modes(poses: Mapping[float, PoseModes], kept: int) -> dict[float, 
     return turns
 
 
-def align_modes(before: PoseModes, after: PoseModes, kept: int) -> FloatArray:
+def align_modes(before: SampledModes, after: SampledModes, kept: int) -> FloatArray:
     """Express the first modes of a pose by those of another one: orthogonal ``(m, m)``, a row for each
     of the former.
 
@@ -338,7 +338,7 @@ def align_modes(before: PoseModes, after: PoseModes, kept: int) -> FloatArray:
     return np.asarray(left @ right)
 
 
-def turn_plant(pose: PoseModes, turn: FloatArray) -> SampledPlant:
+def turn_plant(pose: SampledModes, turn: FloatArray) -> SampledPlant:
     """The matrices of a pose in modes that were carried along a path.
 
     Args:

@@ -27,7 +27,7 @@ from headstock.solvers.motion.plant import (
     FIELDS,
     PlantChannels,
     PosedModes,
-    PoseModes,
+    SampledModes,
     SampledMotion,
     SampledPlant,
     VaryingSystem,
@@ -138,7 +138,7 @@ def _halve_span(
     return (span[0], half), (half, span[1])
 
 
-def _count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tuple[int, float]:
+def _count_kept_modes(poses: Mapping[float, SampledModes], up_to_hz: float) -> tuple[int, float]:
     """How many modes are kept everywhere: all up to a frequency, one at least, and on to the widest
     gap; and the lowest frequency left out [Hz].
     """
@@ -160,7 +160,7 @@ def _count_kept_modes(poses: Mapping[float, PoseModes], up_to_hz: float) -> tupl
 
 
 def _turn_poses(
-    poses: Mapping[float, PoseModes],
+    poses: Mapping[float, SampledModes],
     turns: Mapping[float, FloatArray],
     slow_below_hz: float | None,
 ) -> dict[float, SampledPlant]:
@@ -218,7 +218,7 @@ def _misfit(
 
 
 def _compare_transports(
-    poses: Mapping[float, PoseModes], turns: Mapping[float, FloatArray], some: Sequence[float]
+    poses: Mapping[float, SampledModes], turns: Mapping[float, FloatArray], some: Sequence[float]
 ) -> float:
     """Largest difference between modes transported along some of the poses and those transported
     along all.
@@ -248,7 +248,7 @@ class _TransportedPose:
         shares: ``(m,)`` how much is kept of each natural mode.
     """
 
-    pose: PoseModes
+    pose: SampledModes
     turn: FloatArray
     plant: SampledPlant
     shares: FloatArray
@@ -273,7 +273,7 @@ def sample_motion(
             without mass.
         AccuracyError: The greatest number of poses does not suffice.
     """
-    looks: dict[float, PoseModes] = {}
+    looks: dict[float, SampledModes] = {}
     spans = list(itertools.pairwise(breaks))
     wide, counts = set(range(len(spans))), [1] * len(spans)
     while wide:
@@ -330,7 +330,7 @@ def vary_motion(
         AccuracyError: It has fewer modes than the other.
     """
     times = np.array(list(base.anchors))
-    before, poses = base.at(times), list[PoseModes]()
+    before, poses = base.at(times), list[SampledModes]()
     plants: dict[str, list[FloatArray]] = {name: [] for name in FIELDS}
     for time, momenta in base.anchors.items():
         pose = _look(place(time), channels, base.modes)
@@ -365,7 +365,7 @@ def vary_motion(
     )
 
 
-def _look(posed: PosedModes, channels: PlantChannels, least: int = 0) -> PoseModes:
+def _look(posed: PosedModes, channels: PlantChannels, least: int = 0) -> SampledModes:
     """The modes of a pose that may be kept, so many at least, faded.
 
     Raises:
@@ -381,7 +381,7 @@ def _look(posed: PosedModes, channels: PlantChannels, least: int = 0) -> PoseMod
     return modes
 
 
-def _fade_modes(pose: PoseModes, up_to_hz: float) -> PoseModes:
+def _fade_modes(pose: SampledModes, up_to_hz: float) -> SampledModes:
     """A pose whose modes beyond a frequency are moved less and less, and move less; what they lack
     follows at once.
 
@@ -415,7 +415,7 @@ def _shares(omega: FloatArray, up_to_hz: float) -> FloatArray:
     return np.asarray(level**3 * (10.0 + level * (6.0 * level - 15.0)))
 
 
-def _count_fading_modes(poses: Collection[PoseModes], up_to_hz: float) -> tuple[int, float]:
+def _count_fading_modes(poses: Collection[SampledModes], up_to_hz: float) -> tuple[int, float]:
     """How many modes there are that are kept or fading in some pose, and the highest frequency of
     one that is kept by half or more [Hz].
     """
@@ -447,7 +447,7 @@ def _cut_evenly(low: float, high: float, count: int) -> list[float]:
     return [float(time) for time in np.linspace(low, high, count + 1)]
 
 
-def _transport(pose: PoseModes, turn: FloatArray, channels: PlantChannels) -> _TransportedPose:
+def _transport(pose: SampledModes, turn: FloatArray, channels: PlantChannels) -> _TransportedPose:
     shares = _shares(pose.coordinates.omega[: len(turn)], channels.up_to_hz)
     return _TransportedPose(pose, turn, turn_plant(pose, turn), shares)
 
