@@ -2,10 +2,11 @@
 kind; and ``effects.json``, with those by parts of its model.
 """
 
+import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, NotRequired, TypedDict
+from typing import NotRequired, TypedDict
 
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.numbers.numbers import Numbers
@@ -115,10 +116,13 @@ def try_effects(
     """
     comm = comm or MPI.COMM_SELF
     scene = make_on_root(comm, lambda: load_choice(choice))
-    pairs = {effect: _switched_runs(effect, scene) for effect in EFFECT_NAMES}
-    switches = list(
-        dict.fromkeys([(), *(settings for pair in pairs.values() for settings in pair)])
-    )
+    # what is set for the two runs that are compared
+    pairs: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {}
+    for effect in EFFECT_NAMES:
+        needed = _missing_need(effect, scene)
+        as_named = (f"effects.{needed}=true",) if needed else ()
+        pairs[effect] = as_named, (*as_named, *switch_effect(effect, scene))
+    switches = dict.fromkeys([(), *itertools.chain.from_iterable(pairs.values())])
     planned = make_on_root(
         comm, lambda: {settings: plan_change(choice, settings) for settings in switches}
     )
@@ -155,28 +159,15 @@ def try_effects(
     return [_compare_runs(effect, scene, pairs[effect], tried) for effect in pairs if done]
 
 
-class _Pair(NamedTuple):
-    """What is set for the two runs that are compared."""
-
-    as_named: tuple[str, ...]
-    other: tuple[str, ...]
-
-
-def _switched_runs(effect: str, scene: Scene) -> _Pair:
-    needed = _missing_need(effect, scene)
-    need = (f"effects.{needed}=true",) if needed else ()
-    return _Pair(need, (*need, *switch_effect(effect, scene)))
-
-
 def _compare_runs(
     effect: str,
     scene: Scene,
-    pair: _Pair,
+    pair: tuple[tuple[str, ...], tuple[str, ...]],
     tried: Mapping[tuple[str, ...], "_Run | PlannedRun | str"],
 ) -> EffectTrial:
     """An effect by its two runs, or by why one of them was not to be had."""
     named, written = effect in scene.effects, tried[()]
-    as_named, other = tried[pair.as_named], tried[pair.other]
+    as_named, other = (tried[settings] for settings in pair)
     if not (isinstance(written, _Run) and isinstance(as_named, _Run) and isinstance(other, _Run)):
         obstacle = next(run for run in (as_named, other) if isinstance(run, str))
         return EffectTrial(effect, named, obstacle=obstacle)
