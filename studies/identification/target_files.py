@@ -70,11 +70,10 @@ def _read_case(
                 f"{mode.frequency_hz:g} Hz lies below modes_above ({floor:g} Hz), so no mode can meet it; lower that",
             )
     shaped = tuple(_fill_shape(mode, scene) for mode in modes)
-    limit = table.at_most and ModeLimit(
-        table.at_most.modes,
-        table.at_most.below,
-        _relative(table.at_most.tolerance, 1.0) or LIMIT_TOLERANCE,
-    )
+    limit = None
+    if (at_most := table.at_most) is not None:
+        sigma = _relative(at_most.tolerance, 1.0) or LIMIT_TOLERANCE
+        limit = ModeLimit(at_most.modes, at_most.below, sigma)
     return TargetCase(name, table.variant, pose, floor, shaped, tuple(compliances), limit)
 
 
