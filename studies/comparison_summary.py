@@ -284,8 +284,9 @@ def _summarise_point(
         "error_left_out": _left_out(errors.values()),
         "budget": {direction: dict(shares) for direction, shares in budget.shares.items()},
         "weak_link": {
-            direction: link
-            and {"name": link.name, "share": link.share, "change_if_doubled": link.change}
+            direction: None
+            if link is None
+            else {"name": link.name, "share": link.share, "change_if_doubled": link.change}
             for direction, link in solution.weak_links[name].items()
         },
     }

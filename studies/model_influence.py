@@ -104,10 +104,10 @@ def _follow_model(
         if pairs.missing:
             others = model.watch(pose, modes.below + len(modes.frequencies_hz)).modes
             names = name_modes(model.at(pose).coupled, others).names
-            followed.added += [
+            followed.added.extend(
                 f"{names[mode]} ({others.frequencies_hz[mode]:.4g} Hz) in pose {pose}"
                 for mode in pairs.missing
-            ]
+            )
     followed.lines.extend(_compare_lines(response, model) for response in written.frf.values())
     return followed
 

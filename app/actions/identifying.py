@@ -5,6 +5,7 @@ that the data leave open.
 import math
 import shlex
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 from headstock.app.actions.running import claim_on_root, require_ranks
@@ -12,7 +13,7 @@ from headstock.app.commands.batch_commands import IdentifyOptions
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.pipeline.answers.static import UM_PER_KN
-from headstock.pipeline.storage.json_texts import JsonTable, dump_summary
+from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
@@ -200,8 +201,8 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
 
         def publish() -> int:
             found = assess_starts(problem, loaded.task.name, starts)
-            summary = summarise_identification(found)
-            summary["seconds"] = time.perf_counter() - begin
+            seconds = time.perf_counter() - begin
+            summary = {**summarise_identification(found), "seconds": seconds}
             _publish(options, found, summary, output, origin)
             _print_identification(found, output)
             return DONE if found.converged else FAILED
@@ -212,7 +213,7 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
 def _publish(
     options: IdentifyOptions,
     found: Identification,
-    summary: JsonTable,
+    summary: Mapping[str, object],
     output: Path,
     origin: Provenance | None,
 ) -> None:
@@ -222,7 +223,7 @@ def _publish(
         origin: Where the results come from.
     """
     if origin is not None:
-        summary["provenance"] = origin.summarise()
+        summary = {**summary, "provenance": origin.summarise()}
     with_folders = origin is None or origin.command is not None
     command = _command(options, found.problem.settings.starts, with_folders=with_folders)
     written = load_scene(options.scene, overrides=options.chosen.overrides)
