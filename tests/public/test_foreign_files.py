@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 
 SECONDS = 4.0  # of the processor, on a busy machine
@@ -36,8 +36,7 @@ MESH = 'solid = { mesh = "FILE", unit = "1 mm" }'
 
 def scene_with(folder: Path, old: str, new: str) -> Path:
     assert old in BLOCK
-    path = folder / "scene.toml"
-    path.write_text(BLOCK.replace(old, new))
+    path = write_scene(folder, BLOCK.replace(old, new))
     return path
 
 

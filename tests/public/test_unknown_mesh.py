@@ -9,7 +9,7 @@ import pytest
 
 import headstock as hs
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 
 BAR = machine("""
@@ -31,8 +31,7 @@ COLUMN = "modal.error_hz[0]"
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "bar.toml"
-    path.write_text(BAR)
+    path = write_scene(tmp_path, BAR, name="bar")
     return path
 
 

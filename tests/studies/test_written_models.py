@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 from headstock.pipeline.numbers.folders import read_run_numbers
 from headstock.pipeline.numbers.numbers import make_key
@@ -151,8 +151,7 @@ def test_a_pose_that_matters_stays(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    path = tmp_path / "scene.toml"
-    path.write_text(FAST)
+    path = write_scene(tmp_path, FAST)
     assert main(["effects", str(path), "--only", "pose", "--write"]) == 0
     told = capsys.readouterr().out
     assert "keep pose_dependent" in told and "no file is written" in told

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.pipeline.numbers.folders import read_run_numbers
@@ -42,8 +42,7 @@ speeds = ["3000 rpm", "15000 rpm", 20]
 @pytest.fixture
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    path = tmp_path / "bar.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE, name="bar")
     return path
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 from headstock.studies.parameters.records import POINTS_FILE
 
@@ -39,8 +39,7 @@ stiffness = { x = "80 N/um", y = "80 N/um", z = "200 N/um", rx = "200 kN m/rad",
 
 @pytest.fixture
 def scene_file(tmp_path: Path) -> Path:
-    path = tmp_path / "scene.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE)
     return path
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 from headstock.geometry.frames import FloatArray
 from headstock.scene.building.loader import load_scene
@@ -50,8 +50,7 @@ MASS, LATERAL = 20.0, 60e6
 
 @pytest.fixture
 def scene_file(tmp_path: Path) -> Path:
-    path = tmp_path / "slide.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE, name="slide")
     return path
 
 
