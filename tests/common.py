@@ -89,6 +89,14 @@ def run_command(ranks: int, folder: Path, *words: str) -> subprocess.CompletedPr
     return run_on_ranks(ranks, folder, "-m", "mpi4py", "-m", "headstock.app.command_line", *words)
 
 
+def call(
+    capsys: pytest.CaptureFixture[str], words: Sequence[str], code: int = 0
+) -> pytest.CaptureResult[str]:
+    """What a command prints here; it has to end with this code."""
+    assert main([*words]) == code
+    return capsys.readouterr()
+
+
 def approx(expected: object, rel: float | None = None, abs: SupportsFloat | None = None) -> object:
     """`pytest.approx` without its absolute tolerance of 1e-12, within which compliances of 1e-9 m/N
     are all alike: an expected zero needs an ``abs`` of its own.
