@@ -17,6 +17,7 @@ from typing import BinaryIO, SupportsFloat, cast
 import numpy as np
 import pytest
 import scipy.linalg
+from _pytest.capture import CaptureResult
 from mpi4py import MPI
 
 from headstock.app.command_line import main
@@ -91,7 +92,7 @@ def run_command(ranks: int, folder: Path, *words: str) -> subprocess.CompletedPr
 
 def call(
     capsys: pytest.CaptureFixture[str], words: Sequence[str], code: int = 0
-) -> pytest.CaptureResult[str]:
+) -> CaptureResult[str]:
     """What a command prints here; it has to end with this code."""
     assert main([*words]) == code
     return capsys.readouterr()
