@@ -17,6 +17,7 @@ from typing import BinaryIO, SupportsFloat, cast
 import numpy as np
 import pytest
 import scipy.linalg
+from _pytest.capture import CaptureResult
 from mpi4py import MPI
 
 from headstock.app.command_line import main
@@ -87,6 +88,14 @@ def run_command(ranks: int, folder: Path, *words: str) -> subprocess.CompletedPr
     if ranks == 1:
         return run_alone(folder, *words)
     return run_on_ranks(ranks, folder, "-m", "mpi4py", "-m", "headstock.app.command_line", *words)
+
+
+def call(
+    capsys: pytest.CaptureFixture[str], words: Sequence[str], code: int = 0
+) -> CaptureResult[str]:
+    """What a command prints here; it has to end with this code."""
+    assert main([*words]) == code
+    return capsys.readouterr()
 
 
 def approx(expected: object, rel: float | None = None, abs: SupportsFloat | None = None) -> object:

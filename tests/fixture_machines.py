@@ -41,6 +41,16 @@ def machine(text: str) -> str:
     return "".join(write_tables(scene))
 
 
+def write_scene(folder: Path, text: str, *changes: tuple[str, str], name: str = "scene") -> Path:
+    """The file of a scene; each change has to have something to replace."""
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    path = folder / f"{name}.toml"
+    path.write_text(text)
+    return path
+
+
 def write_tables(scene: Mapping[str, object]) -> Iterator[str]:
     """A table an entry of each section, keys a line; tables further down are inline."""
     for key, value in scene.items():

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from fixture_machines import write_scene
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results
@@ -15,16 +16,6 @@ from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene
-
-
-def write_scene(folder: Path, text: str, *changes: tuple[str, str], name: str = "scene") -> Path:
-    """The file of a scene; each change has to have something to replace."""
-    for old, new in changes:
-        assert old in text, old
-        text = text.replace(old, new)
-    path = folder / f"{name}.toml"
-    path.write_text(text)
-    return path
 
 
 def run(scene: Scene, folder: Path, into: str = "out") -> Results:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 
 BLOCK = machine("""
@@ -35,8 +35,7 @@ def scene_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     its own.
     """
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    path = tmp_path / "block.toml"
-    path.write_text(BLOCK)
+    path = write_scene(tmp_path, BLOCK, name="block")
     path.with_name("targets.toml").write_text(TARGETS)
     return path
 

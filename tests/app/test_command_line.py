@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from common import approx
+from common import approx, call
 from headstock.app.actions.checking import choose_fidelity
 from headstock.app.command_line import main
 from headstock.app.terminal import guard
@@ -62,8 +62,7 @@ def test_help_imports_nothing_that_computes_and_lists_what_works() -> None:
 def test_help_shows_brackets_as_they_are(
     name: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([*name, "--help"]) == 0
-    text = capsys.readouterr().out
+    text = call(capsys, [*name, "--help"]).out
     assert "\\" not in text and ("[required]" in text) == bool(name)
 
 
@@ -208,8 +207,7 @@ def test_a_bad_scene_ends_with_2_and_all_problems_and_touches_nothing(
         .replace('material = "steel"', 'material = "steal"')
     )
     before = sorted(tmp_path.rglob("*"))
-    assert main([command, str(scene_file)]) == 2
-    message = capsys.readouterr().err
+    message = call(capsys, [command, str(scene_file)], 2).err
     assert f"{scene_file}:4" in message
     assert "steal" in message
     assert "Traceback" not in message
@@ -315,8 +313,7 @@ def test_an_unwritable_output_folder_ends_with_1_before_anything_is_computed(
     scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "file").write_text("")
-    assert main(["run", str(scene_file), "-o", str(tmp_path / "file" / "out")]) == 1
-    captured = capsys.readouterr()
+    captured = call(capsys, ["run", str(scene_file), "-o", str(tmp_path / "file" / "out")], 1)
     assert "OutputError" in captured.err
     assert "rigid" not in captured.out
 

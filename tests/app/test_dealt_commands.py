@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from common import approx, run_command
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 
 pytestmark = pytest.mark.process
 
@@ -43,8 +43,7 @@ bounds = ["20 N/um", "900 N/um"]
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "column.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE, name="column")
     (tmp_path / "targets.toml").write_text(TARGETS)
     return path
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from common import approx, run_alone, run_command, run_on_ranks
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.pipeline import runner
 from headstock.reduction.components import elastic
 from headstock.solvers.errors import ConvergenceError
@@ -69,8 +69,7 @@ def fail_to_converge(*_: object, **__: object) -> None:
 
 @pytest.fixture
 def scene_file(tmp_path: Path) -> Path:
-    path = tmp_path / "column.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE, name="column")
     return path
 
 

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import headstock as hs
-from fixture_machines import machine
-from headstock.app.command_line import main
+from common import call
+from fixture_machines import machine, write_scene
 
 SECONDS = 4.0  # of the processor, on a busy machine
 BLOCK = machine("""
@@ -36,8 +36,7 @@ MESH = 'solid = { mesh = "FILE", unit = "1 mm" }'
 
 def scene_with(folder: Path, old: str, new: str) -> Path:
     assert old in BLOCK
-    path = folder / "scene.toml"
-    path.write_text(BLOCK.replace(old, new))
+    path = write_scene(folder, BLOCK.replace(old, new))
     return path
 
 
@@ -184,8 +183,7 @@ def test_report_and_open_name_what_was_altered(
         hs.open(folder)
     assert expected in str(caught.value)
     assert "headstock run SCENE" in str(caught.value)
-    assert main(["report", str(folder)]) == 2
-    assert expected in " ".join(capsys.readouterr().err.split())
+    assert expected in " ".join(call(capsys, ["report", str(folder)], 2).err.split())
 
 
 def test_a_summary_nested_beyond_reason_is_named(folder: Path) -> None:
@@ -211,8 +209,7 @@ def test_results_that_unpack_to_gigabytes_are_refused_by_name(
     reseal(folder)
     with pytest.raises(hs.HeadstockError, match=f"/{place} claims 6442450944 values"):
         hs.open(folder)
-    assert main(["report", str(folder)]) == 2
-    assert "claims" in capsys.readouterr().err
+    assert "claims" in call(capsys, ["report", str(folder)], 2).err
 
 
 def test_a_record_of_other_values_than_its_types_is_named(folder: Path) -> None:

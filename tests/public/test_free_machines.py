@@ -9,7 +9,7 @@ import pytest
 
 import headstock as hs
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 
 YOUNG, DENSITY, THICK, LONG = 210e9, 7850.0, 0.02, 1.0
 MASS = DENSITY * THICK**2 * LONG
@@ -35,8 +35,7 @@ TWO_ENDS = 'interfaces = { end = { face = "z+" }, other = { face = "z-", couplin
 
 
 def run(folder: Path, text: str) -> hs.Results:
-    scene = folder / "scene.toml"
-    scene.write_text(text)
+    scene = write_scene(folder, text)
     return hs.run(scene)
 
 

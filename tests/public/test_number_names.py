@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import headstock as hs
-from common import approx
+from common import approx, call
 from headstock.app.command_line import main
 
 CANTILEVER = Path(__file__).parents[2] / "machines" / "cantilever.toml"
@@ -89,8 +89,7 @@ def test_a_name_that_no_number_can_have_is_refused_with_its_line(
 ) -> None:
     scene.write_text(SCENE.replace("compliance(*point=tcp,direction=x)", name))
     line = SCENE.splitlines().index("[studies.heights]") + 3
-    assert main([command, str(scene), *study]) == 2
-    told = capsys.readouterr().err
+    told = call(capsys, [command, str(scene), *study], 2).err
     assert words in told and "studies.heights.watch[1]" in told
     assert f"scene.toml:{line}" in told
 
@@ -100,8 +99,7 @@ def test_a_pattern_without_a_number_lists_those_there_are(
 ) -> None:
     scene.write_text(SCENE.replace("mode=1)", "mode=9)"))
     out = scene.parent / "out"
-    assert main(["study", str(scene), "heights", "-o", str(out)]) == 2
-    told = capsys.readouterr().err
+    told = call(capsys, ["study", str(scene), "heights", "-o", str(out)], 2).err
     assert "mode=9" in told and FIRST in told
     rows = json.loads((out / "study.json").read_text())["rows"]
     assert rows and all(FIRST in row["missing"][0] for row in rows)

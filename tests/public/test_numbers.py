@@ -11,7 +11,7 @@ import pytest
 from cross_slide import SCENE
 
 import headstock as hs
-from common import approx
+from common import approx, call
 from headstock.app.command_line import main
 
 FIRST = "frequency(pose=left,mode=1)"
@@ -28,11 +28,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_table_lists_numbers_with_units_of_the_report(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["numbers", str(folder)]) == 0
-    printed = capsys.readouterr().out
+    printed = call(capsys, ["numbers", str(folder)]).out
     assert FIRST in printed and "µm/kN" in printed and "not in ±" in printed
-    assert main(["numbers", str(folder), "frequency"]) == 0
-    printed = capsys.readouterr().out
+    printed = call(capsys, ["numbers", str(folder), "frequency"]).out
     assert FIRST in printed and "compliance(" not in printed
 
 
@@ -56,8 +54,7 @@ def test_files_hold_numbers_in_si_units(folder: Path, tmp_path: Path) -> None:
 def test_a_pattern_without_a_match_lists_the_names(
     folder: Path, pattern: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["numbers", str(folder), pattern]) == 2
-    said = capsys.readouterr().err
+    said = call(capsys, ["numbers", str(folder), pattern], 2).err
     assert repr(pattern) in said and "(pose=left" in said
 
 
@@ -103,8 +100,7 @@ def test_a_folder_of_an_earlier_version_is_refused_with_the_remedy(
     digest = hashlib.sha256((old / "results.h5").read_bytes()).hexdigest()
     summary["files"]["results.h5"]["sha256"] = digest
     (old / "summary.json").write_text(json.dumps(summary))
-    assert main(["numbers", str(old)]) == 2
-    said = capsys.readouterr().err
+    said = call(capsys, ["numbers", str(old)], 2).err
     assert "version 2" in said and "headstock run" in said
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import headstock as hs
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 
 SECONDS = 3.0  # of the processor, on a busy machine; the ordinary check of this scene takes 0.02
 SCENE = machine("""
@@ -28,8 +28,7 @@ parameters.leaf = "1 mm"
 @pytest.fixture
 def write(tmp_path: Path):  # type: ignore[no-untyped-def]
     def write(parameters: str, rest: str = "") -> Path:
-        path = tmp_path / "scene.toml"
-        path.write_text(SCENE + parameters + "\n" + rest)
+        path = write_scene(tmp_path, SCENE + parameters + "\n" + rest)
         return path
 
     return write

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import headstock as hs
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 OFFSET = np.array([0.03, -0.02, -0.1])
@@ -38,8 +38,7 @@ def carried(arm: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @pytest.mark.parametrize("fidelity", ["rigid", "segmented", "polynomial", "elastic"])
 def test_the_tip_of_an_offset_moves_by_the_rotation_too(tmp_path: Path, fidelity: str) -> None:
-    scene = tmp_path / "arm.toml"
-    scene.write_text(BODY.replace("FIDELITY", fidelity))
+    scene = write_scene(tmp_path, BODY.replace("FIDELITY", fidelity), name="arm")
     result = hs.run(scene)
     # a turn of 90 degrees about y leads z of the component to x of the machine
     moved = carried(np.array([OFFSET[2], OFFSET[1], -OFFSET[0]]))
@@ -117,8 +116,7 @@ def test_a_lumped_mechanism_takes_it_in_runs_and_sweeps() -> None:
 
 
 def test_one_entry_of_an_offset_can_be_varied(tmp_path: Path) -> None:
-    scene = tmp_path / "arm.toml"
-    scene.write_text(BODY.replace("FIDELITY", "rigid"))
+    scene = write_scene(tmp_path, BODY.replace("FIDELITY", "rigid"), name="arm")
     table = hs.study(
         scene,
         vary={"points.longer.offset[2]": [0.0, -0.1]},
@@ -140,8 +138,7 @@ def test_one_entry_of_an_offset_can_be_varied(tmp_path: Path) -> None:
 def test_an_offset_that_means_nothing_is_refused(
     tmp_path: Path, setting: dict[str, object], words: str
 ) -> None:
-    scene = tmp_path / "arm.toml"
-    scene.write_text(BODY.replace("FIDELITY", "rigid"))
+    scene = write_scene(tmp_path, BODY.replace("FIDELITY", "rigid"), name="arm")
     with pytest.raises(hs.SceneError) as caught:
         hs.load(scene, set=setting)
     assert words in str(caught.value)

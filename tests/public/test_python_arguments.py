@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from fixture_machines import write_scene
 
 wrong: Any = hs  # called with arguments that no type checker lets pass
 
@@ -39,8 +40,7 @@ count = 6
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "scene.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE)
     return path
 
 
@@ -203,8 +203,7 @@ def test_a_name_that_leaves_the_folder_and_comes_back_is_refused(tmp_path: Path,
     folder = tmp_path / "mine"
     (folder / "parts").mkdir(parents=True)
     (folder / "part.step").write_text("ISO-10303-21;\n")
-    scene = folder / "scene.toml"
-    scene.write_text(BLOCK_SCENE.replace("FILE", name))
+    scene = write_scene(folder, BLOCK_SCENE.replace("FILE", name))
     with pytest.raises(hs.SceneError, match="outside the scene's folder"):
         hs.check(scene)
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import headstock as hs
-from common import approx
-from fixture_machines import machine
+from common import approx, call
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 
 BAR = machine("""
@@ -31,8 +31,7 @@ COLUMN = "modal.error_hz[0]"
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "bar.toml"
-    path.write_text(BAR)
+    path = write_scene(tmp_path, BAR, name="bar")
     return path
 
 
@@ -40,8 +39,7 @@ def test_a_study_shows_the_known_part_of_every_error_and_what_it_lacks(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert main(["study", str(scene), "modes", "-o", str(out)]) == 0
-    printed = " ".join(capsys.readouterr().out.split())
+    printed = " ".join(call(capsys, ["study", str(scene), "modes", "-o", str(out)]).out.split())
     with (out / "study.csv").open() as file:
         rows = list(csv.DictReader(file))
     known = [float(row[f"{COLUMN} without unknown sources"]) for row in rows]
@@ -93,8 +91,7 @@ def test_an_error_of_known_sources_is_shown_as_before(
 ) -> None:
     scene.write_text(BAR.replace('20 mm", cells', '10 mm", cells'))
     out = tmp_path / "out"
-    assert main(["run", str(scene), "--no-figures", "-o", str(out)]) == 0
-    printed = capsys.readouterr().out
+    printed = call(capsys, ["run", str(scene), "--no-figures", "-o", str(out)]).out
     assert "+ ?" not in printed and "± covers 95 % of errors" in printed
     with next((out / "tables").glob("modes_*.csv")).open() as file:
         assert "± known, unknown sources apart [Hz]" not in next(csv.reader(file))
@@ -105,8 +102,7 @@ def test_a_comparison_marks_the_variant_whose_mesh_is_unknown(
 ) -> None:
     scene.write_text(BAR + '[variants.fine]\n"components.bar.mesh.size" = "10 mm"\n')
     out = tmp_path / "out"
-    assert main(["compare", str(scene), "-o", str(out)]) == 0
-    printed = " ".join(capsys.readouterr().out.split())
+    printed = " ".join(call(capsys, ["compare", str(scene), "-o", str(out)]).out.split())
     assert printed.count(" + ?") >= 2
     assert "as written: known of ±, not all: reduction" in printed
     assert "fine: ± covers 95 % of errors, from" in printed

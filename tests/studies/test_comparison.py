@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from common import approx, present
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.store import Store
@@ -45,8 +45,7 @@ interfaces = { foot = { face = "z-" }, tip = { face = "z+", coupling = "average"
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "scene.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE)
     return path
 
 

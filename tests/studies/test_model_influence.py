@@ -6,7 +6,7 @@ import pytest
 
 import scene_runs
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.numbers.numbers import make_key
@@ -102,8 +102,7 @@ def test_equal_bodies_are_tried_together_and_the_pose_where_there_is_a_path() ->
 def test_a_body_that_bends_loses_a_mode_by_name_and_one_that_does_not_may_be_rigid(
     tmp_path: Path,
 ) -> None:
-    path = tmp_path / "tower.toml"
-    path.write_text(TOWER)
+    path = write_scene(tmp_path, TOWER, name="tower")
     choice = SceneChoice(path, None, (), ())
     found = try_models(choice, Store(tmp_path / "store"), kinds=["elasticity"])
     by_change = {(each.trial.bodies[0], each.trial.tried): each for each in found}
@@ -145,8 +144,9 @@ pose_model = "WRITTEN"
 def test_the_worth_of_following_the_pose_is_the_difference_that_one_run_tells(
     written: str, tried: str, sense: str, tmp_path: Path
 ) -> None:
-    path = tmp_path / "slide.toml"
-    path.write_text((DATA / "slide.toml").read_text() + MOVE.replace("WRITTEN", written))
+    path = write_scene(
+        tmp_path, (DATA / "slide.toml").read_text() + MOVE.replace("WRITTEN", written), name="slide"
+    )
     choice = SceneChoice(path, None, (), ("path",))
     (found,) = try_models(choice, Store(tmp_path / "trials"), kinds=["pose"])
     assert not found.obstacle

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from common import approx
-from fixture_machines import machine
+from common import approx, call
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 from headstock.pipeline.numbers.folders import read_run_numbers
 from headstock.pipeline.numbers.numbers import make_key
@@ -151,10 +151,8 @@ def test_a_pose_that_matters_stays(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    path = tmp_path / "scene.toml"
-    path.write_text(FAST)
-    assert main(["effects", str(path), "--only", "pose", "--write"]) == 0
-    told = capsys.readouterr().out
+    path = write_scene(tmp_path, FAST)
+    told = call(capsys, ["effects", str(path), "--only", "pose", "--write"]).out
     assert "keep pose_dependent" in told and "no file is written" in told
     assert not (tmp_path / "scene_good_enough.toml").exists()
 
@@ -266,8 +264,7 @@ def test_the_command_writes_a_scene_that_checks_and_runs_and_overwrites_nothing(
     path.write_text(BLOCK)
     page = tmp_path / "effects.html"
     command = ["effects", str(path), "--only", "elasticity", "--write", "--page", str(page)]
-    assert main(command) == 0
-    assert "together they move" in capsys.readouterr().out
+    assert "together they move" in call(capsys, command).out
     assert "data:image/png;base64" in page.read_text()
     assert target.read_text().startswith(BLOCK) and path.read_text() == BLOCK
     variant = ["--variant", "good_enough"]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from common import approx
+from common import approx, call
 from fixture_machines import machine
 from headstock.app.actions.cataloguing import paste_text
 from headstock.app.command_line import main
@@ -28,8 +28,7 @@ KEYS = {
 def test_all_elements_are_listed_with_range_and_source(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["catalogue", "--json", str(tmp_path / "all.json")]) == 0
-    text = capsys.readouterr().out
+    text = call(capsys, ["catalogue", "--json", str(tmp_path / "all.json")]).out
     assert all(f" {name} " in text for name in ENTRIES)
     assert text.count("range: stiffness within a factor of") == text.count("preload: ") == 9
     assert max(map(len, text.splitlines())) <= 100
@@ -39,12 +38,10 @@ def test_all_elements_are_listed_with_range_and_source(
 
 
 def test_a_family_or_one_element_is_shown_by_name(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["catalogue", "guide"]) == 0
-    family = capsys.readouterr().out
+    family = call(capsys, ["catalogue", "guide"]).out
     assert "guide_15" in family and "roller_guide_15" not in family
     for name in ("guide_35", "catalogue:guide_35"):
-        assert main(["catalogue", name]) == 0
-        shown = capsys.readouterr().out
+        shown = call(capsys, ["catalogue", name]).out
         # 490 N/um divided and multiplied by 1.6, 240 kN m/rad by 2.5
         assert "normal: 490 N/um, from 310 N/um to 780 N/um" in shown
         assert "pitch: 240 kN m/rad, from 96 kN m/rad to 600 kN m/rad" in shown
@@ -107,5 +104,4 @@ def test_check_run_and_report_say_what_comes_from_the_catalogue(
 def test_an_unknown_element_is_refused_with_the_nearest_names(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    assert main(["catalogue", "ball_screw_40x12"]) == 2
-    assert "ball_screw_40x10" in capsys.readouterr().err
+    assert "ball_screw_40x10" in call(capsys, ["catalogue", "ball_screw_40x12"], 2).err

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from common import approx
-from fixture_machines import machine
+from common import approx, call
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.pipeline.numbers.folders import read_run_numbers
@@ -42,8 +42,7 @@ speeds = ["3000 rpm", "15000 rpm", 20]
 @pytest.fixture
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    path = tmp_path / "bar.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE, name="bar")
     return path
 
 
@@ -51,8 +50,7 @@ def test_one_table_tells_modes_compliances_weak_links_dofs_and_seconds(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out, copy = tmp_path / "out", tmp_path / "copy.json"
-    assert main(["compare", str(scene), "-o", str(out), "--json", str(copy)]) == 0
-    printed = capsys.readouterr().out
+    printed = call(capsys, ["compare", str(scene), "-o", str(out), "--json", str(copy)]).out
     for text in (
         "as written",
         "R",
@@ -104,8 +102,7 @@ def test_other_analyses_are_compared_as_run_finds_them(
         + LOBES
         + '[variants.soft]\n"joints.x_screw.stiffness.axial" = "75 N/um"\n'
     )
-    assert main(["compare", str(scene), "-o", str(out)]) == 0
-    printed = capsys.readouterr().out
+    printed = call(capsys, ["compare", str(scene), "-o", str(out)]).out
     assert "Limit depth of cut [mm]" in printed and "Profiles of faces [µm]" in printed
     variants = json.loads((out / "compare.json").read_text())["variants"]
     assert main(["run", str(scene), "-o", str(tmp_path / "run"), "--variant", "soft"]) == 0
@@ -156,8 +153,7 @@ def test_effort_begins_with_an_empty_store_and_shows_the_changed_model_too(
         "--fidelity",
         "rigid,segmented",
     ]
-    assert main([*arguments, "--effort", "--change", "thick"]) == 0
-    printed = capsys.readouterr().out
+    printed = call(capsys, [*arguments, "--effort", "--change", "thick"]).out
     assert (
         "Effort from scene to answers, from an empty store, then with thick" in printed
         and "CPU s" in printed
@@ -324,8 +320,7 @@ def test_a_run_of_rigid_or_segmented_parts_states_no_errors(
     damped = '[analyses.frf]\nto = "900 Hz"\npoints = 5\noutputs = ["tcp"]\n[effects]\ndamping = { modal = 0.02 }\n'
     scene.write_text(SCENE.replace('fidelity = "segmented"', f'fidelity = "{fidelity}"') + damped)
     out = tmp_path / "run"
-    assert main(["run", str(scene), "-o", str(out), "--no-figures"]) == 0
-    printed = capsys.readouterr().out
+    printed = call(capsys, ["run", str(scene), "-o", str(out), "--no-figures"]).out
     summary = json.loads((out / "summary.json").read_text())
     (modes,), (response,) = summary["modal"], summary["frf"].values()
     assert set(modes["error_hz"]) == {None} and response["error"] is None

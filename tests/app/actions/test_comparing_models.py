@@ -12,7 +12,7 @@ import pytest
 import scipy.linalg
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.solids import Box
@@ -38,8 +38,7 @@ effects.damping = { modal = 0.02 }
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
     monkeypatch.setenv("COLUMNS", "120")
-    path = tmp_path / "bar.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE, name="bar")
     return path
 
 

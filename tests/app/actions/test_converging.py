@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from fixture_machines import machine
+from common import call
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 from headstock.studies.parameters.records import POINTS_FILE
 
@@ -39,8 +40,7 @@ stiffness = { x = "80 N/um", y = "80 N/um", z = "200 N/um", rx = "200 kN m/rad",
 
 @pytest.fixture
 def scene_file(tmp_path: Path) -> Path:
-    path = tmp_path / "scene.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE)
     return path
 
 
@@ -105,8 +105,7 @@ def test_a_first_mesh_above_the_most_dofs_is_refused_before_anything_is_computed
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["converge", str(DATA / "support.step"), "-o", str(tmp_path / "out")]
-    assert main([*words, "--most-dofs", "5000"]) == 2
-    said = " ".join(capsys.readouterr().err.split())
+    said = " ".join(call(capsys, [*words, "--most-dofs", "5000"], 2).err.split())
     assert "(part 5.14 mm) would have about 37 000 dofs" in said
     assert "--most-dofs is 5000" in said and "write larger sizes" in said
     assert not (tmp_path / "out" / POINTS_FILE).exists()
@@ -199,5 +198,4 @@ def test_a_scene_without_anything_to_watch_says_what_to_write(
     scene_file: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scene_file.write_text(SCENE[: SCENE.index("[analyses.static]")])
-    assert main(["converge", str(scene_file)]) == 2
-    assert "[analyses.modal] with count = 6" in capsys.readouterr().err
+    assert "[analyses.modal] with count = 6" in call(capsys, ["converge", str(scene_file)], 2).err

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from common import approx
-from headstock.app.command_line import main
+from common import approx, call
 from headstock.scene.building.loader import load_scene
 from headstock.validation.machines.identification_cases import SCENE
 
@@ -43,8 +42,7 @@ def test_fitted_values_go_into_a_variant_to_paste(
 ) -> None:
     scene, targets, output = files
     options = ["-o", str(output), "--json", str(output / "copy.json"), "--starts", "2"]
-    assert main(["identify", scene, targets, *options]) == 0
-    printed = capsys.readouterr().out
+    printed = call(capsys, ["identify", scene, targets, *options]).out
     assert printed.count("  start  sum of squares") == 2
     assert "held out" in printed
     summary = json.loads((output / "identification.json").read_text())
@@ -93,8 +91,7 @@ def test_bad_input_ends_with_two_and_overwrites_nothing(
     output.mkdir()
     (output / "calibrated.toml").write_text("# mine\n")
     Path(targets).write_text(TARGETS.replace(old, new, 1))
-    assert main(["identify", scene, targets, "-o", str(output)]) == 2
-    problem = capsys.readouterr().err
+    problem = call(capsys, ["identify", scene, targets, "-o", str(output)], 2).err
     assert message in problem
     assert "nothing was computed" in problem
     assert [path.name for path in output.iterdir()] == ["calibrated.toml"]
@@ -112,8 +109,7 @@ def test_a_bound_at_which_a_part_cannot_be_built_is_bad_input(
         '"components.column.solid.box[0]"',
     )
     Path(targets).write_text(text.replace('["30 mm", "50 mm"]', '["25 mm", "50 mm"]'))
-    assert main(["identify", scene, targets, "-o", str(output)]) == 2
-    problem = capsys.readouterr().err
+    problem = call(capsys, ["identify", scene, targets, "-o", str(output)], 2).err
     assert "parameters.place.bounds[0]" in problem
     assert "components.column: interfaces.foot" in problem
 
@@ -127,8 +123,7 @@ def test_a_fit_that_cannot_start_is_a_named_failure(
             'normal = "50 N/um"', 'normal = "0 N/um"'
         )
     )
-    assert main(["identify", scene, targets, "-o", str(output)]) == 1
-    problem = capsys.readouterr().err
+    problem = call(capsys, ["identify", scene, targets, "-o", str(output)], 1).err
     assert "ConvergenceError: none of 1 start(s) could be computed" in problem
     assert "rigid motion(s) are free" in problem
     assert not (output / "calibrated.toml").exists()

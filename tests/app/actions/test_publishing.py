@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common import call
 from headstock.app.actions.publishing import publish_again, publish_run
 from headstock.app.command_line import main
 from headstock.app.pictures import pictures
@@ -161,8 +162,7 @@ def test_a_renderer_that_ends_its_process_leaves_a_report_and_a_remark(
     (tmp_path / "pyvista.py").write_text("import os\nos.abort()\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "empty"))
-    assert main(["report", str(folder)]) == 0
-    said = " ".join(capsys.readouterr().out.split())
+    said = " ".join(call(capsys, ["report", str(folder)]).out.split())
     assert "warning: no picture of the machine: VTK ended the process (SIGABRT)" in said
     assert "VTK ended the process (SIGABRT)" in (folder / "report.html").read_text()
     assert main(["show", str(MACHINES / "three_axis.toml"), "-o", str(tmp_path / "x.png")]) == 1
@@ -201,8 +201,7 @@ def test_a_summary_that_is_none_is_named_and_nothing_is_overwritten(
     for text in (whole[:-50], *(json.dumps(content) for content in edited)):
         path.write_text(text)
         capsys.readouterr()
-        assert main(["report", str(folder)]) == 2
-        message = capsys.readouterr().err
+        message = call(capsys, ["report", str(folder)], 2).err
         assert message.startswith("error: ") and "internal error" not in message
     assert (folder / "report.html").read_bytes() == report
 

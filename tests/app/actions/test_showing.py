@@ -13,7 +13,7 @@ import pytest
 import pyvista
 
 from built_parts import built_part
-from common import approx
+from common import approx, call
 from fixture_machines import machine
 from headstock.app.actions import showing
 from headstock.app.command_line import main
@@ -51,8 +51,7 @@ def test_a_part_is_drawn_into_a_new_folder_and_listed_with_a_table_that_can_be_p
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     words = ["show", str(SUPPORT), "-o", "pictures/faces.png", "--json", "faces.json", "--all"]
-    assert main(words) == 0
-    printed = capsys.readouterr().out
+    printed = call(capsys, words).out
     assert is_png(folder / "pictures" / "faces.png")
     listed = json.loads((folder / "faces.json").read_text())
     assert len(listed["faces"]) == 83
@@ -91,8 +90,7 @@ def test_a_machine_is_drawn_before_anything_is_computed(
 
     monkeypatch.setattr(showing, "draw_numbered", draw)
     scene, at_x = str(MACHINES / "three_axis.toml"), ["--set", 'poses.measured.X="40 mm"']
-    assert main(["show", scene, "--json", "machine.json"]) == 0
-    printed = capsys.readouterr().out
+    printed = call(capsys, ["show", scene, "--json", "machine.json"]).out
     assert is_png(folder / "three_axis_machine.png")
     assert sorted(path.name for path in folder.iterdir() if path.name[0] != ".") == [
         "machine.json",
@@ -311,8 +309,7 @@ def test_a_part_that_cannot_be_meshed_is_not_called_ready(
         raise MeshError(f"{component.name}: face 7 crosses face 9")
 
     monkeypatch.setattr("headstock.app.actions.starting.mesh_component", refuse)
-    assert main(["new", "mine", "--part", str(SUPPORT)]) == 1
-    said = capsys.readouterr()
+    said = call(capsys, ["new", "mine", "--part", str(SUPPORT)], 1)
     assert "part: face 7 crosses face 9" in said.err
     assert "ready" not in said.out
     assert (folder / "mine" / "mine.toml").is_file()
@@ -342,12 +339,10 @@ def test_a_solid_of_an_assembly_is_chosen_by_name_and_number(
     with built_part(folder / "pair.step"):
         for place in (0, 50):
             gmsh.model.occ.addBox(place, 0, 0, 10 + place, 10, 10)
-    assert main(["show", "pair.step"]) == 2
-    said = capsys.readouterr().err
+    said = call(capsys, ["show", "pair.step"], 2).err
     assert said.startswith("error: pair.step holds 2 solids; choose one: --solid 1")
     assert said.count("pair.step") == 2, "once as the file, once in what to write"
-    assert main(["show", "pair.step", "--solid", "2"]) == 0
-    assert "60 × 10 × 10 mm" in capsys.readouterr().out
+    assert "60 × 10 × 10 mm" in call(capsys, ["show", "pair.step", "--solid", "2"]).out
     assert main(["new", "mine", "--part", "pair.step", "--solid", "2"]) == 0
     assert tomllib.loads((folder / "mine" / "mine.toml").read_text())["components"]["part"][
         "solid"
@@ -372,8 +367,7 @@ def test_what_cannot_be_shown_is_named(
     (folder / "odd.step").write_text(
         "ISO-10303-21;\n#1=X('(NAN,',0.);\n#2=CARTESIAN_POINT('',(0.,-NaN,0.));\n"
     )
-    assert main(arguments) == 2
-    assert words in capsys.readouterr().err
+    assert words in call(capsys, arguments, 2).err
 
 
 def write_support_mesh(folder: Path, name: str) -> Path:
@@ -391,8 +385,7 @@ def test_a_part_from_a_mesh_takes_the_three_commands_of_a_step_part(
 ) -> None:
     write_support_mesh(folder, "part.xdmf")
     capsys.readouterr()
-    assert main(["show", "part.xdmf", "-o", "mesh.png", "--json", "mesh.json"]) == 0
-    printed = capsys.readouterr().out
+    printed = call(capsys, ["show", "part.xdmf", "-o", "mesh.png", "--json", "mesh.json"]).out
     assert is_png(folder / "mesh.png") and "lengths are taken as m" in printed
     listed = json.loads((folder / "mesh.json").read_text())
     assert {one["name"] for one in listed["sets"]} == {"top", "bottom"}

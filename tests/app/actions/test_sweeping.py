@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from common import approx, present
+from common import approx, call, present
 from headstock.app.charts.sweep import middle_plane, way_of
 from headstock.app.command_line import main
 
@@ -100,8 +100,7 @@ def test_what_is_printed_says_where_each_quantity_is_lowest_and_highest(
     swept: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     again = Path(shutil.copytree(swept, tmp_path / "again"))
-    assert main(["sweep", str(SCENE), "line", "-o", str(again)]) == 0
-    said = capsys.readouterr().out
+    said = call(capsys, ["sweep", str(SCENE), "line", "-o", str(again)]).out
     summary = json.loads((again / "sweep.json").read_text())
     stiffest = np.array(summary["static"]["tcp"]["compliance_um_per_kN"])[:, 2, 2].min()
     assert f"{stiffest:.4g}" in said
@@ -159,8 +158,7 @@ def test_a_sweep_states_the_errors_of_one_pose_and_which_it_is(
         )
     )
     out = tmp_path / "out"
-    assert main(["sweep", str(scene_file), "line", "-o", str(out)]) == 0
-    printed = " ".join(capsys.readouterr().out.split())
+    printed = " ".join(call(capsys, ["sweep", str(scene_file), "line", "-o", str(out)]).out.split())
     assert main(["run", str(scene_file), "-o", str(tmp_path / "run"), "--no-figures"]) == 0
     swept, alone = (
         json.loads(path.read_text())

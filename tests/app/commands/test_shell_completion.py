@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from headstock.app.command_line import main
+from common import call
 from headstock.app.commands.shell_completion import SCRIPTS
 
 PROGRAM = f'#!/bin/sh\nexec "{sys.executable}" -P -m headstock.app.command_line "$@"\n'
@@ -63,11 +63,9 @@ def test_commands_options_names_and_files_are_completed(shell: str, folder: Path
 
 @pytest.mark.parametrize("shell", SCRIPTS)
 def test_a_script_is_printed_for_each_shell(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["completion", shell]) == 0
-    assert capsys.readouterr().out == SCRIPTS[shell]
+    assert call(capsys, ["completion", shell]).out == SCRIPTS[shell]
     assert f"_HEADSTOCK_COMPLETE=complete_{shell}" in SCRIPTS[shell]
 
 
 def test_another_shell_is_refused_with_those_there_are(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["completion", "tcsh"]) == 2
-    assert "bash, zsh, fish" in capsys.readouterr().err
+    assert "bash, zsh, fish" in call(capsys, ["completion", "tcsh"], 2).err

@@ -9,6 +9,7 @@ import pytest
 
 import headstock as hs
 from common import approx
+from fixture_machines import write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.accuracy import interface_choice
 from headstock.pipeline.answers.accuracy import InterfaceErrorsAnswer
@@ -202,8 +203,7 @@ def test_without_the_comparison_a_large_rigid_joint_is_named_and_a_flexible_one_
 
 
 def test_a_scene_without_such_a_joint_says_that_nothing_is_compared(folder: Path) -> None:
-    path = folder / "alone.toml"
-    path.write_text(HEAD.replace("TIP", "lower.tip") + WHOLE)
+    path = write_scene(folder, HEAD.replace("TIP", "lower.tip") + WHOLE, name="alone")
     plan = plan_scene(load_scene(path))
     assert not [stage for stage in plan.stages if stage.kind == "joints"]
     assert any("interface_errors has nothing to compare" in text for text in plan.warnings)
@@ -331,8 +331,7 @@ def test_trials_of_shapes_end_within_a_budget_and_say_what_they_reached(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(interface_choice, "TRIAL_SECONDS", 0.1)
-    path = tmp_path / "three.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE, name="three")
     results = hs.run(path)
     (failure,) = results.failures
     text = str(failure)
@@ -347,7 +346,6 @@ def test_more_shapes_are_tried_while_the_budget_lasts(
     clock = itertools.count(0, 15)
     watch = SimpleNamespace(process_time=lambda: float(next(clock)))
     monkeypatch.setattr(interface_choice, "time", watch)
-    path = tmp_path / "three.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE, name="three")
     said = " ".join(map(str, hs.run(path).failures))
     assert "with 12 shapes" not in said

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.pipeline.answers.accuracy import ModelErrorsAnswer
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -131,8 +131,7 @@ def test_a_rigid_column_names_the_bending_modes_that_are_missing(folder: Path) -
 
 
 def test_it_is_planned_only_where_it_is_named(folder: Path) -> None:
-    path = folder / "segmented.toml"
-    path.write_text(SCENE.replace("FIDELITY", "segmented"))
+    path = write_scene(folder, SCENE.replace("FIDELITY", "segmented"), name="segmented")
     kinds = [stage.kind for stage in plan_scene(load_scene(path)).stages]
     assert kinds.count("models") == 1
     plain = load_scene(path, overrides=["model_errors=false"])

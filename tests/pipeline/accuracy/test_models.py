@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import scene_runs
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.pipeline.accuracy.models import add_change
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
@@ -50,8 +50,7 @@ def run(folder: Path, asked: str, *overrides: str) -> Results:
 
 @pytest.fixture(scope="module")
 def truth(folder: Path) -> Results:
-    path = folder / "mast.toml"
-    path.write_text(SCENE.replace("ASKED", "5 %"))
+    path = write_scene(folder, SCENE.replace("ASKED", "5 %"), name="mast")
     scene = load_scene(path, overrides=["components.mast.fidelity=elastic"])
     parts = {
         name: dataclasses.replace(part, mesh=dataclasses.replace(part.mesh, size=size, cells="hex"))
@@ -122,8 +121,7 @@ analyses.modal = { count = 3 }
 
 
 def test_a_clamped_body_that_could_not_move_as_a_rigid_one_stays_elastic(tmp_path: Path) -> None:
-    path = tmp_path / "clamped.toml"
-    path.write_text(CLAMPED)
+    path = write_scene(tmp_path, CLAMPED, name="clamped")
     results = scene_runs.run(load_scene(path), tmp_path)
     assert answer(results).met and results.components["block"].fidelity == "elastic"
     assert answer(results).models["block"].why

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from common import approx, present
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 from headstock.app.texts.bounded_values import accuracy_words
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
@@ -124,8 +124,7 @@ def test_the_table_and_the_report_show_peaks_with_their_plus_minus(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("HEADSTOCK_STORE", str(folder / "store"))
-    path = folder / "mast.toml"
-    path.write_text(SCENE)
+    path = write_scene(folder, SCENE, name="mast")
     output = folder / "shown"
     assert main(["run", str(path), "-o", str(output), "--no-figures"]) == 0
     told = capsys.readouterr().out

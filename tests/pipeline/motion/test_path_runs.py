@@ -8,7 +8,7 @@ import pytest
 
 import scene_runs
 from common import approx, present
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathCurves, PathResult
 from headstock.pipeline.numbers.estimates import DISCRETISATION
@@ -56,8 +56,7 @@ material = "al7075-t6-dry"
 
 
 def load(folder: Path, text: str = SCENE) -> Scene:
-    path = folder / "scene.toml"
-    path.write_text(text)
+    path = write_scene(folder, text)
     return load_scene(path)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 import scene_runs
 from common import approx, present
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.app.report.report import render_report
 from headstock.app.views.registry import list_tables
 from headstock.app.views.transient import tabulate_transient
@@ -245,8 +245,7 @@ def test_the_error_at_a_probe_along_a_path_covers_what_a_fine_mesh_changes(
         text = text.replace(old, new)
     judged = []
     for mesh in ('size = "20 mm", cells = "tet"', 'size = "4 mm", cells = "hex"'):
-        path = tmp_path / "scene.toml"
-        path.write_text(text.replace('size = "10 mm", cells = "hex"', mesh))
+        path = write_scene(tmp_path, text.replace('size = "10 mm", cells = "hex"', mesh))
         results = scene_runs.run(load_scene(path), tmp_path)
         (found,) = find_answers(results.answers, PathResult)
         judged.append({number.key.kind: number for number in found.list_numbers()})

@@ -11,7 +11,7 @@ import scipy.integrate
 from mpi4py import MPI
 
 from common import approx, present
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath, Pose
 from headstock.meshing.components.meshing import describe_component
@@ -166,8 +166,7 @@ def test_a_beam_that_is_turned_bends_at_its_root_as_beam_theory_says(tmp_path: P
     """Clamped at the distance a from the axis: the load rho A alpha (a + x) bends the tip by
     rho A alpha (a L^4 / 8 + 11 L^5 / 120) / (E I), and it vibrates at its first frequency.
     """
-    path = tmp_path / "beam.toml"
-    path.write_text(BEAM)
+    path = write_scene(tmp_path, BEAM, name="beam")
     curves = run(load_scene(path), tmp_path / "out").runs[0].curves
     length, root, section = 0.6, 0.05, 0.02**2
     bending = 210e9 * 0.02**4 / 12.0

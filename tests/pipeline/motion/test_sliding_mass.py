@@ -8,7 +8,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.integrate import solve_ivp
 
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.path import PathResult
@@ -49,8 +49,7 @@ outputs = [["tcp", "z"]]
 
 
 def test_a_mass_slides_along_an_arm_that_tilts_as_lagranges_equation_says(tmp_path: Path) -> None:
-    path = tmp_path / "arm.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE, name="arm")
     scene = load_scene(path)
     plan = plan_scene(scene)
     parts = {

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import scene_runs
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.app.report.report import render_report
 from headstock.app.views.registry import list_tables
 from headstock.app.views.view import FinishedRun
@@ -165,8 +165,7 @@ def test_a_bar_along_a_contour_carries_its_inertia_and_the_cut(
 ) -> None:
     """As a rod and as a beam: accelerated along itself and across in a corner, under a steady force."""
     (tmp_path / "steady.csv").write_text(f"time,fx,fy,fz\n-1,{PULL},{PUSH},0\n9,{PULL},{PUSH},0\n")
-    path = tmp_path / "scene.toml"
-    path.write_text(BAR.replace("cutting_force", f"{control}cutting_force"))
+    path = write_scene(tmp_path, BAR.replace("cutting_force", f"{control}cutting_force"))
     results = scene_runs.run(load_scene(path), tmp_path)
     (found,) = find_answers(results.answers, ContourAnswer)
     request = load_scene(path).analyses[ContouringRequest]

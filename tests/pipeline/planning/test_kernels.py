@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.geometry.parts.solids import StepFile
 from headstock.pipeline.planning.budgets import KERNEL_SECONDS
 from headstock.pipeline.planning.plan import Plan, Stage
@@ -49,9 +49,9 @@ def keep_compiled(name: str) -> None:
 
 
 def plan_twice(folder: Path, solid: str, analyses: str) -> tuple[Plan, Plan]:
-    path = folder / "scene.toml"
-    path.write_text(
-        BLOCK.replace('"SOLID"', f"{{ {solid} }}").replace('"ANALYSES"', f"{{ {analyses} }}")
+    path = write_scene(
+        folder,
+        BLOCK.replace('"SOLID"', f"{{ {solid} }}").replace('"ANALYSES"', f"{{ {analyses} }}"),
     )
     scene = load_scene(path)
     plan = plan_scene(scene)

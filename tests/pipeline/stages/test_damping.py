@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -134,7 +134,6 @@ def test_every_mode_of_a_deforming_machine_has_the_ratio_of_its_rayleigh_damping
     ],
 )
 def test_what_is_no_damping_is_refused(tmp_path: Path, setting: str, words: str) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_text(SLIDER)
+    path = write_scene(tmp_path, SLIDER)
     with pytest.raises(SceneError, match=words):
         load_scene(path, overrides=(setting,))

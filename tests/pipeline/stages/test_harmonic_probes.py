@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from common import approx, present
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
@@ -259,7 +259,6 @@ def test_files_hold_what_probes_see(bar: tuple[Path, Results]) -> None:
     ],
 )
 def test_what_no_probe_can_show_is_refused(tmp_path: Path, setting: str, words: str) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_text(BAR)
+    path = write_scene(tmp_path, BAR)
     with pytest.raises(SceneError, match=words):
         load_scene(path, overrides=(setting,))

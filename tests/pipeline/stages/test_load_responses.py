@@ -12,7 +12,7 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.app.report.report import render_report
 from headstock.app.tables.frf import tabulate_response
 from headstock.app.views.view import FinishedRun
@@ -105,8 +105,7 @@ def test_loads_of_a_scene_are_inputs_as_large_as_they_are(tmp_path: Path) -> Non
 
 
 def test_loads_are_inputs_of_an_exported_state_space_too(tmp_path: Path) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_text(BEAM)
+    path = write_scene(tmp_path, BEAM)
     scene = load_scene(path, overrides=("components.beam.fidelity=segmented",
                                         'loads.wind={ at = "beam.tip", force = ["0 N", "0 N", "5 N"] }',
                                         'analyses.frf.inputs=["wind", ["tip", "z"]]'))  # fmt: skip
@@ -130,7 +129,6 @@ def test_loads_are_inputs_of_an_exported_state_space_too(tmp_path: Path) -> None
     ],
 )
 def test_what_is_no_input_is_refused(tmp_path: Path, setting: str, words: str) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_text(BEAM)
+    path = write_scene(tmp_path, BEAM)
     with pytest.raises(SceneError, match=words):
         load_scene(path, overrides=(setting,))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from common import approx
+from fixture_machines import write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.results import Results
 from headstock.scene.building.loader import load_scene
@@ -157,8 +158,9 @@ def test_a_point_mass_on_a_lever_without_inertia_swings_freely_about_the_springs
 def test_a_chain_of_an_included_file_gets_its_prefix(tmp_path: Path) -> None:
     point = '[points]\ntip = { tool = "row_2.center", work = "row_1.center" }\n'
     (tmp_path / "part.toml").write_text(chain(2).partition("[analyses")[0] + point)
-    path = tmp_path / "scene.toml"
-    path.write_text('include = { file = "part.toml", prefix = "left_" }\n[analyses.modal]\n')
+    path = write_scene(
+        tmp_path, 'include = { file = "part.toml", prefix = "left_" }\n[analyses.modal]\n'
+    )
     machine = load_scene(path).machine
     assert list(machine.components) == ["left_row_1", "left_row_2"]
     assert list(machine.joints) == ["left_row_spring_1", "left_row_spring_2"]
@@ -182,8 +184,7 @@ def test_a_chain_of_an_included_file_gets_its_prefix(tmp_path: Path) -> None:
 def test_what_a_point_mass_cannot_have_is_refused(
     tmp_path: Path, settings: tuple[str, ...], words: str
 ) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_text(POINT)
+    path = write_scene(tmp_path, POINT)
     with pytest.raises(SceneError, match=words):
         load_scene(path, overrides=settings)
 
@@ -202,7 +203,6 @@ def test_what_a_point_mass_cannot_have_is_refused(
     ],
 )
 def test_what_is_no_chain_is_refused(tmp_path: Path, setting: str, words: str) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_text(chain(3))
+    path = write_scene(tmp_path, chain(3))
     with pytest.raises(SceneError, match=words):
         load_scene(path, overrides=(setting,))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
@@ -125,8 +125,7 @@ stiffness = { shear = "300 N/um", normal = "300 N/um", tilt = "1e5 N m/rad", tor
     ],
 )
 def test_what_cannot_be_displaced_is_refused(tmp_path: Path, setting: str, words: str) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_text(BEAM)
+    path = write_scene(tmp_path, BEAM)
     with pytest.raises(SceneError, match=words):
         load_scene(path, overrides=(setting,))
 

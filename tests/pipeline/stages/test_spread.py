@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
@@ -41,8 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def load(folder: Path, *overrides: str) -> Scene:
-    path = folder / "scene.toml"
-    path.write_text(SCENE)
+    path = write_scene(folder, SCENE)
     return load_scene(path, overrides=overrides)
 
 

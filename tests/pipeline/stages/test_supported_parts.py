@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.pipeline.results.files import read_summary
 from headstock.pipeline.results.summary import RunSummary
@@ -229,7 +229,6 @@ def test_a_tube_held_all_around_slides_and_turns_on_its_springs(tmp_path: Path) 
 )
 def test_what_is_no_support_is_refused(tmp_path: Path, keys: dict[str, object], words: str) -> None:
     lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
-    path = tmp_path / "scene.toml"
-    path.write_text("\n".join([BEAM, "[supports.other]", *lines]))
+    path = write_scene(tmp_path, "\n".join([BEAM, "[supports.other]", *lines]))
     with pytest.raises(SceneError, match=words):
         load_scene(path)

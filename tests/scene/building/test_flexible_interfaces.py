@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 
@@ -21,8 +21,7 @@ FLEXIBLE = "coupling = { flexible = 12 }"
 
 
 def write(folder: Path, coupling: str) -> Path:
-    path = folder / "scene.toml"
-    path.write_text(SCENE.replace('"COUPLING"', f"{{ {coupling} }}"))
+    path = write_scene(folder, SCENE.replace('"COUPLING"', f"{{ {coupling} }}"))
     return path
 
 
@@ -82,11 +81,12 @@ LAYER = 'kind = "bolted"\nstiffness_per_area = { normal = "3 N/um/mm^2", shear =
 
 
 def glue(folder: Path, base: str, post: str, joint: str) -> Path:
-    path = folder / "glued.toml"
-    path.write_text(
+    path = write_scene(
+        folder,
         GLUED.replace('"BASE"', f"{{ {base} }}")
         .replace('"POST"', f"{{ {post} }}")
-        .replace('kind = "JOINT"', joint)
+        .replace('kind = "JOINT"', joint),
+        name="glued",
     )
     return path
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.pipeline.preview.doubts import free_motion_warnings
 from headstock.scene.building.joints import KINDS, build_joint, find_joint_faults, joint_rotation
 from headstock.scene.building.loader import load_scene
@@ -172,8 +172,9 @@ stiffness = { radial = "200 N/um" }
 def test_a_spindle_that_may_turn_is_known_before_any_mesh(
     fixed: str, offset: int, free: str | None, tmp_path: Path
 ) -> None:
-    path = tmp_path / "spindle.toml"
-    path.write_text(SPINDLE.replace('REST = "REST"', "%s") % (fixed, offset))
+    path = write_scene(
+        tmp_path, SPINDLE.replace('REST = "REST"', "%s") % (fixed, offset), name="spindle"
+    )
     found = free_motion_warnings(load_scene(path))
     assert len(found) == (0 if free is None else 1)
     if free is not None:

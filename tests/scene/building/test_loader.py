@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fixture_machines import write_scene
 from headstock.app.actions.schemas import scene_schema
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import JointEnd
@@ -85,8 +86,7 @@ moment = ["0 N mm", "5000 N mm", "0 N mm"]
 
 
 def load(folder: Path, text: str, **options: Any) -> Machine:
-    path = folder / "scene.toml"
-    path.write_text(text)
+    path = write_scene(folder, text)
     return load_scene(path, **options).machine
 
 
@@ -239,8 +239,7 @@ def test_the_orientation_turns_the_machine_and_leaves_gravity(tmp_path: Path) ->
 def test_effects_are_off_unless_named(
     tmp_path: Path, text: str, gravity: tuple[float, ...], effects: frozenset[str]
 ) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_text(text + SI)
+    path = write_scene(tmp_path, text + SI)
     scene = load_scene(path)
     assert scene.machine.gravity == gravity
     assert scene.effects == effects

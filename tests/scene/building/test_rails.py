@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import machine, write_scene
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
@@ -37,8 +37,7 @@ def load(folder: Path, *changes: tuple[str, str]) -> Scene:
     for old, new in changes:
         assert text.count(old) == 1, old
         text = text.replace(old, new)
-    path = folder / "scene.toml"
-    path.write_text(text)
+    path = write_scene(folder, text)
     return load_scene(path)
 
 
@@ -191,8 +190,7 @@ def test_a_screw_that_cannot_be_is_named_with_its_remedy(
         text = text.replace('length = "60 mm"\n', 'length = "60 mm"\n' + SHAFT)
     else:
         assert text.count(old) == 1
-    path = tmp_path / "scene.toml"
-    path.write_text(text.replace(old, new))
+    path = write_scene(tmp_path, text.replace(old, new))
     with pytest.raises(SceneError) as caught:
         load_scene(path)
     matching = [

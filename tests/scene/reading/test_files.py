@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from fixture_machines import write_scene
 from headstock.scene.reading.files import MAX_BYTES, TomlTable, read_scene, resolve_file
 from headstock.scene.reading.findings import Findings, SceneError
 
@@ -24,8 +25,7 @@ def test_a_file_of_one_mebibyte_is_read_and_a_larger_one_is_not(tmp_path: Path) 
 
 
 def test_fifty_levels_are_read_and_more_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_text("a = " + "[" * 48 + "]" * 48)
+    path = write_scene(tmp_path, "a = " + "[" * 48 + "]" * 48)
     assert read(path)
     path.write_text("a = " + "[" * 51 + "]" * 51)
     with pytest.raises(SceneError, match="50 deep"):
@@ -68,8 +68,7 @@ def test_fifty_levels_are_read_and_more_are_refused(tmp_path: Path) -> None:
 def test_a_hostile_text_is_refused_within_a_second_of_processor_time(
     tmp_path: Path, text: str
 ) -> None:
-    path = tmp_path / "scene.toml"
-    path.write_text(text)
+    path = write_scene(tmp_path, text)
     start = time.process_time()  # of this process alone: others may be busy
     with pytest.raises(SceneError):
         read(path)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from fixture_machines import write_scene
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.reading.names import RESULT_KEYS, SCENE_KEYS
@@ -65,8 +66,7 @@ def test_every_old_key_names_one_that_the_schema_has(old: str) -> None:
 def test_an_old_key_in_a_scene_is_refused_at_its_line(
     tmp_path: Path, added: str, line: int, new: str
 ) -> None:
-    path = tmp_path / "bar.toml"
-    path.write_text(SCENE + added)
+    path = write_scene(tmp_path, SCENE + added, name="bar")
     with pytest.raises(SceneError) as caught:
         load_scene(path)
     (problem,) = [found for found in caught.value.problems if new in found.message]
@@ -74,8 +74,7 @@ def test_an_old_key_in_a_scene_is_refused_at_its_line(
 
 
 def test_an_old_key_of_a_setting_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "bar.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE, name="bar")
     with pytest.raises(SceneError, match=r"(?s)--set .*write allow_locking"):
         load_scene(path, overrides=["components.bar.mesh.force=true"])
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from faults.runs import SCENE
+from fixture_machines import write_scene
 from headstock.geometry.parts.solids import MeshFile
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -79,8 +80,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
 
 
 def load(folder: Path, name: str, *, kind: str = "mesh", overrides: tuple[str, ...] = ()) -> Scene:
-    path = folder / "scene.toml"
-    path.write_text(PLAIN_SCENE.replace(SOLID, f'solid = {{ {kind} = "{name}" }}'))
+    path = write_scene(folder, PLAIN_SCENE.replace(SOLID, f'solid = {{ {kind} = "{name}" }}'))
     return load_scene(path, overrides=overrides)
 
 
@@ -130,7 +130,6 @@ def test_a_file_beyond_the_size_cap_is_refused_with_its_size(folder: Path) -> No
 def test_names_that_might_become_file_names_hold_nothing_but_letters_digits_and_lines(
     folder: Path, section: str, name: str
 ) -> None:
-    path = folder / "scene.toml"
-    path.write_text(f'{SCENE}\n[{section}."{name}"]\n')
+    path = write_scene(folder, f'{SCENE}\n[{section}."{name}"]\n')
     with pytest.raises(SceneError):
         load_scene(path)

@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 import headstock as hs
 from common import approx
+from fixture_machines import write_scene
 from headstock.app.command_line import main
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.storage.store import Store
@@ -69,8 +70,7 @@ def write_case(name: str, scene: Path, *, variant: str | None, pose: str) -> str
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "machine.toml"
-    path.write_text(SHORT)
+    path = write_scene(tmp_path, SHORT, name="machine")
     return path
 
 
@@ -149,8 +149,7 @@ def test_what_follows_has_the_derivatives_of_keys_that_are_fitted_one_by_one(
     case = '[cases.stiff]\nvariant = "screw"\nfrequencies = ["40 Hz", "50 Hz", "60 Hz", "70 Hz"]\n'
     found = []
     for text in (TARGETS, BY_KEYS):
-        targets = tmp_path / "targets.toml"
-        targets.write_text(case + text)
+        targets = write_scene(tmp_path, case + text, name="targets")
         problem = prepare_problem(load_targets(targets, scene), Store(tmp_path), MPI.COMM_SELF)
         point = evaluate(problem, problem.coordinates([0.044, 57e6, 0.07]))
         found.append((point.residuals, data_jacobian(problem, point)))
@@ -180,8 +179,7 @@ def test_the_wall_of_an_elastic_part_is_found_again(
     scene.write_text(ELASTIC)
     truth = hs.load(scene, variant="fine", set={"parameters.wall": "43 mm"})
     case = f'[cases.fine]\nvariant = "fine"\npose = "middle"\nfrequencies = {write_frequencies(measure(truth, "middle")[:6])}\n'
-    targets = tmp_path / "targets.toml"
-    targets.write_text(case + WALL)
+    targets = write_scene(tmp_path, case + WALL, name="targets")
     assert main(["identify", str(scene), str(targets), "-o", str(tmp_path / "out")]) == 0
     assert "column is meshed and reduced anew at every value of wall" in capsys.readouterr().out
     found = json.loads((tmp_path / "out" / "identification.json").read_text())
@@ -195,10 +193,11 @@ def test_derivatives_of_a_part_that_is_meshed_anew_are_those_of_the_machine(
 ) -> None:
     """The column of 100 mm is square: its bending modes are any two of their plane."""
     scene.write_text(ELASTIC.replace('wall = "40 mm"', f'wall = "{wall}"'))
-    targets = tmp_path / "targets.toml"
-    targets.write_text(
+    targets = write_scene(
+        tmp_path,
         '[cases.fine]\nvariant = "fine"\nfrequencies = ["40 Hz", "50 Hz", "60 Hz", "70 Hz"]\n'
-        + WALL
+        + WALL,
+        name="targets",
     )
     problem = prepare_problem(load_targets(targets, scene), Store(tmp_path), MPI.COMM_SELF)
     (place,) = problem.coordinates([problem.parameters[0].start])

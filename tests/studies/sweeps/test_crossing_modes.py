@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fixture_machines import machine
+from common import call
+from fixture_machines import machine, write_scene
 from headstock.app.command_line import main
 from headstock.geometry.frames import FloatArray
 from headstock.scene.building.loader import load_scene
@@ -50,8 +51,7 @@ MASS, LATERAL = 20.0, 60e6
 
 @pytest.fixture
 def scene_file(tmp_path: Path) -> Path:
-    path = tmp_path / "slide.toml"
-    path.write_text(SCENE)
+    path = write_scene(tmp_path, SCENE, name="slide")
     return path
 
 
@@ -115,8 +115,7 @@ def test_a_pose_that_lacks_one_result_fails_the_sweep_by_name(
 
     monkeypatch.setattr(poses, "solve_lowest_modes", fail_in_the_third)
     out = tmp_path / "out"
-    assert main(["sweep", str(scene_file), "few", "-o", str(out)]) == 1
-    said = capsys.readouterr().out
+    said = call(capsys, ["sweep", str(scene_file), "few", "-o", str(out)], 1).out
     assert "failed: pose X 0 mm: modal analysis: LAPACK gave up" in said
     assert "failed in" in said
     monkeypatch.undo()
@@ -130,7 +129,6 @@ def test_a_carriage_that_would_leave_its_rail_is_refused_before_anything_is_comp
 ) -> None:
     out = tmp_path / "out"
     longer = 'sweeps.few.axes={ X = ["-400 mm", "420 mm", 5] }'
-    assert main(["sweep", str(scene_file), "few", "-o", str(out), "--set", longer]) == 2
-    said = capsys.readouterr().err
+    said = call(capsys, ["sweep", str(scene_file), "few", "-o", str(out), "--set", longer], 2).err
     assert "joint carriage (80 mm long) hangs 10 mm over the end of rail bed.rail" in said
     assert not out.exists()
