@@ -94,7 +94,7 @@ def render_stub() -> str:
             table = definitions[found.schema.__name__]
             inner = rules_in(table, "properties").get(found.only_key, table)
             if found.only_key:
-                inner = definitions[f"{found.only_key.capitalize()}Table"]
+                inner = definitions[f"_{found.only_key.capitalize()}Table"]
             classes.append(write_noun(found, inner))
         else:
             imports.append(f"from {home} import {name} as {name}")

@@ -12,7 +12,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO, SupportsFloat, cast
+from typing import Any, BinaryIO, SupportsFloat, cast
 
 import numpy as np
 import pytest
@@ -46,6 +46,13 @@ RUN_RENDERER = pictures._run
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 # a side such as ``z+``, or from facet centres ``(n, 3)`` those wanted
 Choice = str | Callable[[FloatArray], BoolArray]
+
+
+def run_process(
+    command: Sequence[str | Path], *, check: bool = False, **options: Any
+) -> subprocess.CompletedProcess[str]:
+    """Run a program to its end, with what it prints as text."""
+    return subprocess.run(command, capture_output=True, text=True, check=check, **options)
 
 
 def rank_words(ranks: int) -> list[str]:

@@ -106,7 +106,7 @@ def kinds_of(path: Path) -> frozenset[str]:
         "fem": elements,
         "scenes": runs or (not elements and uses_elements(path, by_name=True)),
         "smoke": "pytestmark = pytest.mark.smoke" in text,
-        "process": bool(imports & {"subprocess", "multiprocessing"}),
+        "process": bool(imports & {"subprocess", "multiprocessing"}) or "run_process" in text,
         "mpi": any(word in text for word in ("mpirun", "run_on_ranks", "rank_words")),
         "faults": path.is_relative_to(ROOT / "tests" / "faults"),
         "hard": "pytest.mark.hard(" in text,

@@ -6,14 +6,13 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import h5py
 import pytest
 
-from common import approx
+from common import approx, run_process
 
 ROOT = Path(__file__).resolve().parent.parent
 PATCH = ROOT / "tests" / "data" / "adding_an_analysis.patch"
@@ -63,14 +62,7 @@ def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(ROOT / "pyproject.toml", copy)
     # a repository around the copy would take the paths for its own
     variables = os.environ | {"GIT_CEILING_DIRECTORIES": str(copy.parent)}
-    done = subprocess.run(
-        ["git", "apply", "--unidiff-zero", str(PATCH)],
-        cwd=copy,
-        env=variables,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run_process(["git", "apply", "--unidiff-zero", str(PATCH)], cwd=copy, env=variables)
     assert done.returncode == 0, f"tests/data/README.md says how to mend the patch:\n{done.stderr}"
     return copy
 
@@ -80,15 +72,7 @@ def run_in(copy: Path, *command: str) -> str:
         "PYTHONPATH": str(copy / ".typing"),
         "HEADSTOCK_STORE": str(copy / "store"),
     }
-    done = subprocess.run(
-        [sys.executable, "-P", "-m", *command],
-        cwd=copy,
-        env=variables,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    done = run_process([sys.executable, "-P", "-m", *command], cwd=copy, env=variables, timeout=300)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
     return done.stdout
 

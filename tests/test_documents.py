@@ -3,12 +3,12 @@
 import ast
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from common import run_process
 from headstock.app.actions.cataloguing import render_catalogue, render_cutting
 from headstock.app.actions.schemas import plain_schema, render_reference, rules_in
 from headstock.pipeline.results.files import read_mesh, read_summary
@@ -61,14 +61,7 @@ def test_every_command_of_a_document_runs_as_typed(document: str, checkout: Path
         "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
     }
     for text in shown:
-        done = subprocess.run(
-            ["sh", "-eu", "-c", text],
-            cwd=checkout,
-            env=variables,
-            capture_output=True,
-            text=True,
-            timeout=SECONDS,
-        )
+        done = run_process(["sh", "-eu", "-c", text], cwd=checkout, env=variables, timeout=SECONDS)
         assert done.returncode == 0, (
             f"{document}:\n{text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
         )
@@ -78,12 +71,10 @@ def test_the_python_of_the_page_of_files_finds_the_arrays_of_its_table(checkout:
     page = "docs/files.md"
     (command,), (program,) = blocks(page, "sh"), blocks(page, "python")
     printed = [
-        subprocess.run(
+        run_process(
             line,
             cwd=checkout,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            capture_output=True,
-            text=True,
             check=True,
             timeout=SECONDS,
         ).stdout
@@ -104,7 +95,7 @@ def test_the_python_of_the_page_of_files_finds_the_arrays_of_its_table(checkout:
 def test_the_python_of_the_page_of_architecture_prints_what_it_shows(checkout: Path) -> None:
     page = "docs/architecture.md"
     _, shown = blocks(page, "text")
-    done = subprocess.run(
+    done = run_process(
         [sys.executable, "-P", "-c", "\n".join(blocks(page, "python"))],
         cwd=checkout,
         env={
@@ -112,8 +103,6 @@ def test_the_python_of_the_page_of_architecture_prints_what_it_shows(checkout: P
             "HEADSTOCK_STORE": str(checkout / "store"),
             "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
         },
-        capture_output=True,
-        text=True,
         timeout=SECONDS,
     )
     assert done.returncode == 0, done.stderr[-2000:]
@@ -149,11 +138,9 @@ def defined_in(path: Path) -> set[str]:
 
 def test_the_cost_of_a_large_part_on_the_page_of_clusters_is_what_its_command_prints() -> None:
     (shown,) = blocks("docs/hpc.md", "text")
-    done = subprocess.run(
+    done = run_process(
         [sys.executable, ROOT / "benchmarks" / "large_model.py"],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        capture_output=True,
-        text=True,
         check=True,
         timeout=SECONDS,
     )
@@ -223,7 +210,7 @@ def test_links_of_a_document_lead_to_files(document: str) -> None:
 @pytest.mark.process
 def test_the_site_builds_and_none_of_its_links_is_broken(tmp_path: Path) -> None:
     command = [str(ROOT / "headstock"), "docs", "--quick", "-o", str(tmp_path / "site")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS)
+    done = run_process(command, timeout=SECONDS)
     assert done.returncode == 0, done.stderr[-2000:]
     pages = {path.stem for path in (tmp_path / "site").glob("*.html")}
     assert {path.stem for path in (ROOT / "docs").glob("*.md")} <= pages

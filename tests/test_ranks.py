@@ -1,14 +1,13 @@
 """The elastic side gives the same answers on 1, 2 and 4 ranks, also with more ranks than cells."""
 
 import os
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import rank_program
-from common import rank_words
+from common import rank_words, run_process
 from headstock.geometry.frames import FloatArray
 
 PROGRAM = Path(rank_program.__file__)
@@ -42,9 +41,7 @@ def run_on(ranks: int, path: Path, *, iterative: bool = True) -> dict[str, Float
         "PYTHONPATH": paths,
     }
     command = [*rank_words(ranks), str(PROGRAM), str(path), *(["iterative"] if iterative else [])]
-    done = subprocess.run(
-        command, env=inherited | more, capture_output=True, text=True, timeout=300, check=False
-    )
+    done = run_process(command, env=inherited | more, timeout=300)
     assert done.returncode == 0, done.stderr[-3000:]
     with np.load(path) as file:
         return dict(file)

@@ -7,7 +7,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import sys
 import venv
 import zipfile
@@ -18,6 +17,7 @@ import pytest
 from slurm_stand_ins import write_stand_ins
 
 import release_check
+from common import run_process
 
 ROOT = Path(__file__).resolve().parent.parent
 COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
@@ -52,13 +52,11 @@ def call(built: Built, folder: Path, *words: str, **variables: str) -> str:
     """What the program of the unpacked wheel prints."""
     # threads too are the launcher's to choose
     inherited = {name: text for name, text in os.environ.items() if not SETTINGS.fullmatch(name)}
-    done = subprocess.run(
+    done = run_process(
         [sys.executable, "-P", "-c", START, *words],
         cwd=folder,
         env=inherited | {"PYTHONPATH": str(built.packages)} | variables,
         check=True,
-        capture_output=True,
-        text=True,
     )
     return done.stdout
 
@@ -66,13 +64,11 @@ def call(built: Built, folder: Path, *words: str, **variables: str) -> str:
 def launch(folder: Path, *words: str, **variables: str) -> str:
     """What the launcher of this checkout prints, with this Python."""
     inherited = {name: text for name, text in os.environ.items() if not SETTINGS.fullmatch(name)}
-    done = subprocess.run(
+    done = run_process(
         [ROOT / "headstock", *words],
         cwd=folder,
         env=inherited | {"HEADSTOCK_PYTHON": sys.executable} | variables,
         check=True,
-        capture_output=True,
-        text=True,
     )
     return done.stdout
 
@@ -178,12 +174,8 @@ def test_a_job_of_the_installed_package_is_started_by_the_python_it_is_installed
         (["run", str(scene), "--no-figures", "-o", "run", "--on", "slurm"], ""),
     ):
         (tmp_path / "bin" / "bad").write_text(bad)
-        done = subprocess.run(
-            [python, "-P", "-m", "headstock.app.start", *words],
-            cwd=tmp_path,
-            env=variables,
-            capture_output=True,
-            text=True,
+        done = run_process(
+            [python, "-P", "-m", "headstock.app.start", *words], cwd=tmp_path, env=variables
         )
         assert done.returncode == 0, done.stdout + done.stderr
     scripts = [
@@ -200,12 +192,10 @@ def test_a_job_of_the_installed_package_is_started_by_the_python_it_is_installed
 def test_an_unpacked_source_archive_runs(built: Built, tmp_path: Path) -> None:
     shutil.unpack_archive(built.sdist, tmp_path, filter="data")
     (tree,) = tmp_path.iterdir()
-    done = subprocess.run(
+    done = run_process(
         [tree / "headstock", "--version"],
         env=os.environ | {"HEADSTOCK_PYTHON": sys.executable, "PYTHONPATH": ""},
         check=True,
-        capture_output=True,
-        text=True,
     )
     assert done.stdout.startswith("headstock 0.")
     linked = {path.name for path in (tree / ".typing" / "headstock").iterdir()}

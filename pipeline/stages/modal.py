@@ -242,22 +242,19 @@ def _damp_modes(
     given = bool(scene.modal_damping) and coupled.system.damping is None and hysteretic is None
     totals = [error.total for error in undamped[first:count]]
     exact = [ratio is not None and (given or not ratio) for ratio in ratios[first:]]
-    ratio_errors = (
-        *estimates.ratios[:first],
-        *map(_keep_error, estimates.ratios[first:], frequencies[first:], totals, exact),
-    )
-    frequency_errors = (
-        *estimates.frequencies_hz[:first],
+    errors = [
+        *zip(estimates.ratios[:first], estimates.frequencies_hz[:first], strict=True),
         *map(
-            _widen_error,
-            estimates.frequencies_hz[first:],
+            _combine_errors,
+            zip(estimates.ratios[first:], estimates.frequencies_hz[first:], strict=True),
             frequencies[first:],
             totals,
             complete.frequencies_hz[first:count],
+            exact,
         ),
-    )
-    comparable = [mode for mode in range(first, count) if totals[mode - first] is not None]
-    rough = [mode for mode in comparable if _is_rough(ratios[mode], ratio_errors[mode])]
+    ]
+    ratio_errors, frequency_errors = zip(*errors, strict=True) if errors else ((), ())
+    rough = _find_rough(first, totals, ratios[first:], ratio_errors[first:])
     warnings = [
         *warn_of_no_damping(scene, coupled.system),
         *_warn_of_growing(damped, complete),
@@ -268,30 +265,46 @@ def _damp_modes(
     return _Damping(ratios, frequencies, ratio_errors, frequency_errors, tuple(warnings))
 
 
-def _keep_error(
-    known: float | None, hz: float | None, undamped: float | None, exact: bool
-) -> float | None:
-    """Return how far a damping ratio may be off: not at all where it is given; None where its mode or its
-    frequency has no estimate.
+def _combine_errors(
+    errors: tuple[float | None, float | None],
+    hz: float | None,
+    undamped: float | None,
+    undamped_hz: float,
+    exact: bool,
+) -> tuple[float | None, float | None]:
+    """Return how far a damping ratio and a damped frequency may be off; None where nobody knows.
+
+    Args:
+        errors: Of both by the damping alone.
+        hz: The damped frequency.
+        undamped: How far the undamped frequency may be off [Hz]: in proportion the other may be too.
+        exact: The damping ratio is given.
     """
-    if exact:
-        return 0.0
-    return None if hz is None or undamped is None else known
+    ratio, frequency = errors
+    if hz is None or undamped is None:
+        return 0.0 if exact else None, None
+    if frequency is not None:
+        frequency = max(frequency, undamped * hz / float(undamped_hz))
+    return 0.0 if exact else ratio, frequency
 
 
-def _widen_error(
-    known: float | None, hz: float | None, undamped: float | None, undamped_hz: float
-) -> float | None:
-    """Return how far a damped frequency may be off: as far as the undamped one in proportion at least;
-    None where one of these is unknown.
+def _find_rough(
+    first: int,
+    undamped: Sequence[float | None],
+    ratios: Sequence[float | None],
+    errors: Sequence[float | None],
+) -> list[int]:
+    """Find the modes, of those from a number on, whose damping ratio is a rough estimate though their
+    undamped frequency has one.
     """
-    if known is None or hz is None or undamped is None:
-        return None
-    return max(known, undamped * hz / float(undamped_hz))
-
-
-def _is_rough(ratio: float | None, error: float | None) -> bool:
-    return ratio is None or error is None or error > LARGE_ERROR * abs(ratio)
+    return [
+        mode
+        for mode, (total, ratio, error) in enumerate(
+            zip(undamped, ratios, errors, strict=True), first
+        )
+        if total is not None
+        and (ratio is None or error is None or error > LARGE_ERROR * abs(ratio))
+    ]
 
 
 def _warn_of_rough(

@@ -306,7 +306,10 @@ def _feed_back(
     read = np.vstack([plant.c[rows_read], _motor_rates(plant, trains, asked)])
     seen_d = np.vstack([plant.d[rows_read], np.zeros((count, plant.d.shape[1]))])
     measured = np.concatenate([5 * np.arange(count) + 3, 5 * np.arange(count) + 4])
-    spread = _spread_set_points(trains)
+    # from set points of the axes to controllers: one axis may have two drives
+    axes = dict.fromkeys(train.axis for train in trains)
+    driven = np.array([[float(train.axis == axis) for axis in axes] for train in trains])
+    spread = np.kron(driven.reshape(count, len(axes)), np.eye(5, 3))
     direct = control.d[:, measured]
     # forces act at once on what the controllers measure, and these at once on forces: an algebraic
     # loop. It is solved here, so that force = gains @ (states, control states, set points, loads)
@@ -350,15 +353,6 @@ def set_channels(trains: Sequence[DriveTrain]) -> tuple[Channel, ...]:
         for axis in dict.fromkeys(train.axis for train in trains)
         for kind in SET_POINTS
     )
-
-
-def _spread_set_points(trains: tuple[DriveTrain, ...]) -> FloatArray:
-    """From set points of the axes to the inputs of the controllers ``(5 n_drives, 3 n_axes)``: one
-    axis may have two drives.
-    """
-    axes = dict.fromkeys(train.axis for train in trains)
-    driven = np.array([[float(train.axis == axis) for axis in axes] for train in trains])
-    return np.kron(driven.reshape(len(trains), len(axes)), np.eye(5, 3))
 
 
 def find_velocity_lag(loop: ClosedLoop, axis: str) -> tuple[float, dict[Channel, float]]:

@@ -307,8 +307,8 @@ def _find_held_outputs(posed: PosedModes, channels: PlantChannels) -> NDArray[np
     )
 
 
-def _middle_of(positions: Iterable[float]) -> float:
-    """Of rising positions the one nearest to the middle of the path."""
+def find_middle(positions: Iterable[float]) -> float:
+    """Find the one of rising positions that is nearest to the middle of the path."""
     places = list(positions)
     return min(places, key=lambda position: abs(position - 0.5 * (places[0] + places[-1])))
 
@@ -318,7 +318,7 @@ def transport_modes(poses: Mapping[float, SampledModes], kept: int) -> dict[floa
     those of the middle stay.
     """
     positions = list(poses)
-    middle = positions.index(_middle_of(positions))
+    middle = positions.index(find_middle(positions))
     turns = {positions[middle]: np.eye(kept)}
     for path in (positions[middle:], positions[middle::-1]):
         for before, after in itertools.pairwise(path):

@@ -31,8 +31,8 @@ from headstock.solvers.motion.plant import (
     SampledMotion,
     SampledPlant,
     VaryingSystem,
-    _middle_of,
     align_modes,
+    find_middle,
     invert_sizes,
     largest_entries,
     look_at_pose,
@@ -110,7 +110,7 @@ def sample_plant(
             side
             for span, half, miss in zip(wide, halves, misses, strict=True)
             if miss > TOLERANCE
-            for side in _halve_span(span, half)
+            for side in ((span[0], half), (half, span[1]))
         ]
         if not wide and rotation_error > TURN_TOLERANCE:
             wide = list(itertools.pairwise(poses))
@@ -130,12 +130,6 @@ def sample_plant(
                 f"{rotation_error:.2g} in the direction of modes (limit {TURN_TOLERANCE:g}); shorten the path, or write "
                 'pose_model = "frozen"'
             )
-
-
-def _halve_span(
-    span: tuple[float, float], half: float
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    return (span[0], half), (half, span[1])
 
 
 def _count_kept_modes(poses: Mapping[float, SampledModes], up_to_hz: float) -> tuple[int, float]:
@@ -167,7 +161,7 @@ def _turn_poses(
     plants = {position: turn_plant(pose, turns[position]) for position, pose in poses.items()}
     if slow_below_hz is None:
         return plants
-    omega = poses[_middle_of(poses)].coordinates.omega
+    omega = poses[find_middle(poses)].coordinates.omega
     slow = int(np.count_nonzero(omega < 2.0 * np.pi * slow_below_hz))
     return {
         position: plant.part_slow(slow, poses[position].sum_left_out(len(plant.stiffness)))
@@ -176,7 +170,7 @@ def _turn_poses(
 
 
 def _scales(sampled_poses: Mapping[float, SampledPlant]) -> FloatArray:
-    middle = sampled_poses[_middle_of(sampled_poses)]
+    middle = sampled_poses[find_middle(sampled_poses)]
     return np.asarray(
         np.sqrt(np.maximum(middle.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
     )
@@ -224,7 +218,7 @@ def _compare_transports(
     along all.
     """
     kept = len(next(iter(turns.values())))
-    middle = _middle_of(poses)
+    middle = find_middle(poses)
     coarse = transport_modes(
         {position: poses[position] for position in poses if position in some or position == middle},
         kept,
@@ -306,7 +300,11 @@ def sample_motion(
         rotation_error=sum(rotations.tolist()),
         highest_hz=highest_hz,
         complete=all(pose.coordinates.complete for pose in poses.values()),
-        anchors={time: transported[time].momenta for grid in finer for time in _pick(grid)},
+        anchors={
+            time: transported[time].momenta
+            for grid in finer
+            for time in grid[:: max(1, (len(grid) - 1) // ANCHORED)]
+        },
     )
 
 
@@ -436,11 +434,6 @@ def _find_errors(
     pairs = zip(grids, finer, strict=True)
     misses = [_miss(grid, fine, transported, channels) for grid, fine in pairs]
     return np.array(misses), np.array([_find_rotation_error(fine, transported) for fine in finer])
-
-
-def _pick(grid: Sequence[float]) -> Sequence[float]:
-    """Return the times at which a machine that differs little is looked at."""
-    return grid[:: max(1, (len(grid) - 1) // ANCHORED)]
 
 
 def _cut_evenly(low: float, high: float, count: int) -> list[float]:

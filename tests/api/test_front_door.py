@@ -4,7 +4,6 @@ import ast
 import json
 import os
 import runpy
-import subprocess
 import sys
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from common import run_process
 from headstock.app.command_line import main
 from headstock.machine import Sections
 from headstock.scene.schema.scene import SceneTable
@@ -31,9 +31,7 @@ def scene(tmp_path: Path) -> Path:
 def loaded_by(code: str) -> set[str]:
     """Packages that a fresh interpreter has loaded after some code."""
     listing = f"{code}\nimport sys\nprint(*{{name.partition('.')[0] for name in sys.modules}})"
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", listing], capture_output=True, text=True, check=True
-    )
+    done = run_process([sys.executable, "-P", "-c", listing], check=True)
     return set(done.stdout.split())
 
 
@@ -216,11 +214,5 @@ def test_a_response_is_a_table_of_its_lines(scene: Path) -> None:
 )
 def test_the_launcher_starts_python_and_notebook(words: list[str], wanted: list[str]) -> None:
     own = {"HEADSTOCK_DRY_RUN": "1", "HEADSTOCK_PYTHON": sys.executable}
-    done = subprocess.run(
-        [ROOT / "headstock", *words],
-        env=os.environ | own,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = run_process([ROOT / "headstock", *words], env=os.environ | own, check=True)
     assert done.stdout.split("\n")[-len(wanted) - 1 : -1] == wanted, done.stderr

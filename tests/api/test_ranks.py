@@ -3,13 +3,12 @@
 import json
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from common import approx, rank_words
+from common import approx, rank_words, run_process
 from fixture_machines import machine
 
 SCENE = machine("""
@@ -66,14 +65,11 @@ with open(f"answers{sys.argv[1]}_{rank}.json", "w") as file:
 def run_script(folder: Path) -> None:
     """As ``./headstock python --ranks 2 script.py`` does."""
     more = {"OMP_NUM_THREADS": "1", "HEADSTOCK_STORE": str(folder / "store2")}
-    done = subprocess.run(
+    done = run_process(
         [*rank_words(2), "-m", "mpi4py", "script.py", "2"],
         cwd=folder,
         env=os.environ | more,
-        capture_output=True,
-        text=True,
         timeout=300,
-        check=False,
     )
     assert done.returncode == 0, done.stderr[-3000:]
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from common import approx, call
+from common import approx, call, run_process
 from headstock.app.actions.checking import choose_fidelity
 from headstock.app.command_line import main
 from headstock.app.terminal import guard
@@ -34,7 +34,7 @@ def test_help_imports_nothing_that_computes_and_lists_what_works() -> None:
         "headstock.app.command_line",
         "--help",
     ]
-    result = subprocess.run(listing, capture_output=True, text=True, timeout=120)
+    result = run_process(listing, timeout=120)
     assert result.returncode == 0
     imported = {
         line.rpartition("|")[2].strip().partition(".")[0] for line in result.stderr.splitlines()
@@ -77,9 +77,7 @@ def test_no_heavy_library_is_imported_by_check_plan_or_a_run_without_elastic_com
         f"found = [name for name in {HEAVY!r} if name in sys.modules]\n"
         "assert not found, found\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=120
-    )
+    result = run_process([sys.executable, "-P", "-c", code], timeout=120)
     assert result.returncode == 0, result.stderr
 
 
@@ -125,9 +123,7 @@ def test_the_second_run_of_an_unchanged_scene_takes_all_from_the_store_and_needs
         f"found = [name for name in {HEAVY!r} if name in sys.modules]\n"
         "assert not found, found\n"
     )
-    result = subprocess.run(
-        [sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=120
-    )
+    result = run_process([sys.executable, "-P", "-c", code], timeout=120)
     assert result.returncode == 0, result.stderr
     stages = json.loads((tmp_path / "out" / "summary.json").read_text())["stages"]
     assert [row["cached"] for row in stages if row["stage"] in {"mesh", "reduce"}] == [True, True]
@@ -450,22 +446,14 @@ def test_output_that_nobody_takes_is_no_fault_of_the_program(
 ) -> None:
     command = f'{{ "{sys.executable}" -P -m headstock.app.command_line {words}; echo "code $?" >&3; }} {redirection}'
     variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    done = subprocess.run(
-        ["bash", "-c", f"exec 3>&2; {command}"],
-        env=variables,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run_process(["bash", "-c", f"exec 3>&2; {command}"], env=variables)
     assert f"code {code}" in done.stderr
     assert done.stderr.replace(f"code {code}", "").strip() == said
 
 
 def run_in_shell(command: str) -> subprocess.CompletedProcess[str]:
     variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    return subprocess.run(
-        ["bash", "-c", command], env=variables, capture_output=True, text=True, check=False
-    )
+    return run_process(["bash", "-c", command], env=variables)
 
 
 def test_a_run_whose_reader_leaves_ends_with_its_results(scene_file: Path, tmp_path: Path) -> None:
@@ -525,7 +513,5 @@ def test_without_home_the_libraries_get_the_one_of_the_account(
         "-o",
         str(tmp_path / "out"),
     ]
-    done = subprocess.run(
-        [*command, *figures], env=environment | home, capture_output=True, text=True
-    )
+    done = run_process([*command, *figures], env=environment | home)
     assert (done.returncode, done.stderr) == (0, ""), done.stderr

@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from common import run_process
+
 ROOT = Path(__file__).resolve().parent.parent.parent
 SLURM_TESTS = "tests/faults/test_slurm.py"
 
@@ -118,9 +120,7 @@ class Host:
 def run(
     command: list[str | Path], environment: Mapping[str, str], cwd: Path = ROOT
 ) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        command, env=environment, cwd=cwd, capture_output=True, text=True, timeout=60, check=False
-    )
+    return run_process(command, env=environment, cwd=cwd, timeout=60)
 
 
 @pytest.fixture
@@ -638,7 +638,7 @@ def entered(host: Host, tmp_path: Path) -> Host:
     for program in ("sh", "mkdir"):
         path = shutil.which(program)
         assert path, done
-        linked = subprocess.run(["ldd", path], capture_output=True, text=True, check=True).stdout
+        linked = run_process(["ldd", path], check=True).stdout
         for file in (path, *(word for word in linked.split() if word.startswith("/"))):
             target = root / "usr" / ("bin" if file == path else "lib")
             target.mkdir(parents=True, exist_ok=True)
@@ -761,13 +761,7 @@ def test_what_others_own_is_named_and_groups_of_one_member_are_not(host: Host) -
     way = "0 0 0 //\n0 1777 root /tmp\n1001 755 a /theirs\n0 777 root /open\n"
     script = f". {str(ROOT / 'environment/cache_folder.sh')!r}\nunmapped() {{ return 1; }}\nme=1000\nforeign_paths"
     host.write("id", "#!/bin/sh\necho a\n")
-    done = subprocess.run(
-        ["/bin/sh", "-c", script],
-        env=host.environment(),
-        input=lines + way,
-        capture_output=True,
-        text=True,
-    )
+    done = run_process(["/bin/sh", "-c", script], env=host.environment(), input=lines + way)
     assert done.stdout.splitlines() == [
         "/alien belongs to the account with number 1001",
         "/group can be written by the group b",

@@ -6,7 +6,6 @@ import hashlib
 import html
 import json
 import re
-import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from common import approx
+from common import approx, run_process
 from headstock.app.actions import publishing
 from headstock.app.command_line import main
 from headstock.app.pictures.pictures import Drawing
@@ -189,9 +188,7 @@ def test_version_prints_version_and_commit_and_computes_nothing(
         "import sys; from headstock.app.command_line import main; main(['--version'])\n"
         "print([name for name in ('numpy', 'h5py', 'mpi4py', 'pydantic') if name in sys.modules])"
     )
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=120
-    )
+    done = run_process([sys.executable, "-P", "-c", code], timeout=120)
     assert done.stdout.splitlines()[1:] == ["[]"]
 
 

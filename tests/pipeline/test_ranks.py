@@ -3,14 +3,13 @@ nothing changes its order.
 """
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from common import rank_words
+from common import rank_words, run_process
 from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
 
@@ -85,11 +84,9 @@ def solve_on(ranks: int, folder: Path) -> dict[str, FloatArray]:
             patch.setattr(sys, "argv", ["", str(scene), str(out)])
             exec(PROGRAM, {})
     else:
-        done = subprocess.run(
+        done = run_process(
             [*rank_words(ranks), "-P", "-c", PROGRAM, str(scene), str(out)],
             env=os.environ | more,
-            capture_output=True,
-            text=True,
             timeout=120,
         )
         assert done.returncode == 0, done.stderr[-3000:]

@@ -1,7 +1,6 @@
 """Cutting coefficients of one's own, materials by name, up and down milling, and limits of mills."""
 
 import json
-import subprocess
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import headstock as hs
-from common import approx
+from common import approx, run_process
 
 ROOT = Path(__file__).resolve().parents[2]
 STEEL = 'Ktc = "1800 N/mm^2"\nKrc = "540 N/mm^2"\nKac = "0 N/mm^2"\nKte = "30 N/mm"\nKre = "9 N/mm"'
@@ -205,10 +204,8 @@ def test_the_range_of_a_coefficient_is_a_share_of_the_error(tmp_path: Path) -> N
 
 
 def test_a_dozen_materials_are_listed_with_source_and_range(tmp_path: Path) -> None:
-    done = subprocess.run(
+    done = run_process(
         [str(ROOT / "headstock"), "catalogue", "cutting", "--json", str(tmp_path / "all.json")],
-        capture_output=True,
-        text=True,
         check=True,
     )
     listed = json.loads((tmp_path / "all.json").read_text())

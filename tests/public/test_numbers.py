@@ -2,7 +2,6 @@
 
 import csv
 import json
-import subprocess
 import sys
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import pytest
 from cross_slide import SCENE
 
 import headstock as hs
-from common import approx, call
+from common import approx, call, run_process
 from headstock.app.command_line import main
 
 FIRST = "frequency(pose=left,mode=1)"
@@ -77,9 +76,7 @@ def test_numbers_open_without_a_solver(folder: Path) -> None:
         "print([name for name in sys.modules if name.startswith(('headstock.solvers', 'headstock.reduction',"
         " 'headstock.pipeline.answers', 'dolfinx', 'scipy'))])"
     )
-    told = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    ).stdout.split("\n")
+    told = run_process([sys.executable, "-c", program], check=True).stdout.split("\n")
     assert int(told[0]) > 5 and told[1] == "[]"
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 from slurm_stand_ins import write_stand_ins
 
+from common import run_process
 from fixture_machines import machine
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -102,13 +103,8 @@ def opened(
     code: int = 0,
 ) -> tuple[set[str], str]:
     """Run a command in a planted folder: what it opened there, and what it printed."""
-    done = subprocess.run(
-        command,
-        cwd=folder,
-        env=settings(folder, shim) | {**(variables or {})},
-        capture_output=True,
-        text=True,
-        timeout=100,
+    done = run_process(
+        command, cwd=folder, env=settings(folder, shim) | {**(variables or {})}, timeout=100
     )
     assert done.returncode == code, done.stderr
     return list_opened(folder), done.stdout + done.stderr
@@ -265,12 +261,10 @@ def test_a_library_that_the_user_loaded_in_such_a_folder_is_named(tmp_path: Path
     (tmp_path / "scene.toml").write_text(SCENE)
     (tmp_path / "ucx.conf").write_text("")
     code = "import mpi4py.MPI\nimport headstock as hs\nhs.run('scene.toml')\n"
-    done = subprocess.run(
+    done = run_process(
         [sys.executable, "-P", "-c", code],
         cwd=tmp_path,
         env=os.environ | {"HEADSTOCK_STORE": str(tmp_path / "store")},
-        capture_output=True,
-        text=True,
         timeout=100,
     )
     assert done.returncode == 0, done.stderr
@@ -291,12 +285,7 @@ def test_settings_of_the_account_are_read(tmp_path: Path) -> None:
         "HEADSTOCK_STORE": str(tmp_path / "store"),
         "XDG_CACHE_HOME": os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache"),
     }
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", code],
-        cwd=tmp_path,
-        env=os.environ | own,
-        capture_output=True,
-        text=True,
-        timeout=100,
+    done = run_process(
+        [sys.executable, "-P", "-c", code], cwd=tmp_path, env=os.environ | own, timeout=100
     )
     assert done.stdout == "7\n", done.stderr

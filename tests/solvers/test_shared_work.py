@@ -15,7 +15,7 @@ from typing import TypedDict
 import pytest
 from mpi4py import MPI
 
-from common import rank_words
+from common import rank_words, run_process
 from headstock.geometry.errors import HeadstockError
 from headstock.solvers import shared_work
 from headstock.solvers.ranks import Node
@@ -80,7 +80,7 @@ def share_on_ranks(
 ) -> Shared:
     words = [*rank_words(ranks), "-P", "-m", "mpi4py", "-c", PROGRAM, str(folder)]
     request = json.dumps([seconds, memory_mb, failing, nodes])
-    done = subprocess.run([*words, request], capture_output=True, text=True, timeout=120)
+    done = run_process([*words, request], timeout=120)
     assert done.returncode == 0, done.stderr
     found: Shared = json.loads(done.stdout)
     return found

@@ -2,13 +2,12 @@
 
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from common import call
+from common import call, run_process
 from headstock.app.commands.shell_completion import SCRIPTS
 
 PROGRAM = f'#!/bin/sh\nexec "{sys.executable}" -P -m headstock.app.command_line "$@"\n'
@@ -39,9 +38,7 @@ def ask(shell: str, folder: Path, *words: str) -> list[str]:
         "HOME": str(folder),
         "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
     }
-    done = subprocess.run(
-        [shell, "-c", line], cwd=folder, env=variables, capture_output=True, text=True, check=False
-    )
+    done = run_process([shell, "-c", line], cwd=folder, env=variables)
     assert done.returncode == 0, done.stderr
     # what follows a tab describes the word
     return [word for text in done.stdout.splitlines() for word in text.split("\t")[0].split()]

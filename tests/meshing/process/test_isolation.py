@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from common import approx
+from common import approx, run_process
 from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits, isolate, run_isolated
 
 pytestmark = pytest.mark.workers
@@ -46,7 +46,7 @@ def _namespaces() -> None:
     code = (
         "from headstock.meshing.process.isolation import isolate; import sys; sys.exit(isolate([]))"
     )
-    done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True)
+    done = run_process([sys.executable, "-P", "-c", code])
     if done.returncode:
         pytest.skip(f"no namespaces here: {done.stderr}")
 
@@ -212,7 +212,7 @@ from headstock.meshing.process.running import run_job
 print(run_job(MeshJob("describe", Box((1.0, 2.0, 3.0))), what="box", time_limit=60.0).properties.volume)
 """
     command = ["bash", "-c", f'{limits}; exec "$@"', "bash", sys.executable, "-P", "-c", code]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = run_process(command)
     assert done.returncode == 0 and float(done.stdout) == approx(6.0), done.stderr
 
 
@@ -233,7 +233,7 @@ run_job(MeshJob("mesh", Box((100.0, 40.0, 1000.0)), size=6.0, straight=True), wh
         "-c",
         code,
     ]
-    done = subprocess.run(command, capture_output=True, text=True)
+    done = run_process(command)
     last = done.stderr.strip().splitlines()[-1]
     assert "column: " in last
     assert "ulimit -v" in last and "8 GiB" in last
@@ -259,11 +259,9 @@ def test_a_worker_of_a_script_does_not_see_the_scripts_folder(tmp_path: Path) ->
         "print(run_isolated('isolated_code', [], limits=WorkerLimits(1 << 30, 20, 60.0)).errors.strip())\n"
     )
     paths = [os.environ.get("PYTHONPATH", ""), str(modules)]
-    done = subprocess.run(
+    done = run_process(
         [sys.executable, folder / "script.py"],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
-        capture_output=True,
-        text=True,
     )
     assert done.stdout == "[]\n", done.stderr

@@ -4,13 +4,13 @@ list of problems.
 
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from common import run_process
 from faults.runs import SCENE
 from faults.scene_fuzz import MB_ALLOWED, SECONDS_ALLOWED, run_scene_fuzz
 
@@ -106,13 +106,7 @@ def answers(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, fl
     for path, name in paths.items():
         Path(path).write_text(HOSTILE[name]())
     variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    done = subprocess.run(
-        [sys.executable, "-c", TRY, *paths],
-        env=variables,
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
+    done = run_process([sys.executable, "-c", TRY, *paths], env=variables, timeout=600)
     assert done.returncode == 0, done.stderr
     tries = [json.loads(line) for line in done.stdout.splitlines()]
     return {paths[path]: (ending, seconds, peak) for path, ending, seconds, peak in tries}

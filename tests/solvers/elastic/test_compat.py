@@ -16,7 +16,7 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 
-from common import make_box, make_component
+from common import make_box, make_component, run_process
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
@@ -59,12 +59,9 @@ def measure(kind: CellKind) -> dict[str, list[float]]:
 @pytest.mark.process
 def test_numbers_of_every_cell_are_those_of_the_newest_dolfinx() -> None:
     here = {kind: measure(kind) for kind in KINDS}
-    done = subprocess.run(
+    done = run_process(
         [ROOT / "headstock", "--with", "dolfinx-new", "exec", "python3", "-P", __file__],
         env=os.environ | {"PYTHONPATH": str(ROOT / "tests")},
-        capture_output=True,
-        text=True,
-        check=False,
     )
     assert done.returncode == 0, done.stderr
     there = json.loads(done.stdout)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from common import run_process
 from headstock.solvers.elastic.form_cache import _clear_unfinished, _require_private
 from headstock.solvers.elastic.kernels import form_cache_folder, kernel_link
 from headstock.solvers.errors import CompileError
@@ -32,9 +33,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def compile_in(cwd: Path) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [sys.executable, "-c", COMPILE], cwd=cwd, capture_output=True, text=True, timeout=60
-    )
+    return run_process([sys.executable, "-c", COMPILE], cwd=cwd, timeout=60)
 
 
 def test_what_a_killed_compilation_left_does_not_block_the_next(

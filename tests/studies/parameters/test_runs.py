@@ -12,7 +12,7 @@ import pytest
 from mpi4py import MPI
 
 import headstock.studies.parameters.runs
-from common import approx, present
+from common import approx, present, run_process
 from headstock.geometry.errors import HeadstockError
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.results.results import Results
@@ -298,7 +298,7 @@ def test_a_killed_study_loses_no_finished_point(scene_file: Path, tmp_path: Path
         os.kill(process.pid, signal.SIGKILL)
     finished = path.read_bytes()[: path.read_bytes().rfind(b"\n") + 1]
     assert 3 <= finished.count(b"\n") < 24
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = run_process(command, timeout=120)
     assert done.returncode == 0, done.stderr
     assert path.read_bytes().startswith(finished)
     assert path.read_bytes().count(b"\n") == 24

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from common import rank_words, run_alone
+from common import rank_words, run_alone, run_process
 from headstock.scene.building.loader import load_scene
 from headstock.studies.sweeps.files import SWEEP_FILE
 from headstock.studies.sweeps.journals import FOLDER
@@ -47,9 +47,7 @@ def sweep_words(folder: Path) -> list[str]:
 def sweep_on_two_ranks(folder: Path, program: str) -> subprocess.CompletedProcess[str]:
     variables = {**os.environ, "HEADSTOCK_STORE": str(folder / "store"), "OMP_NUM_THREADS": "1"}
     command = [*rank_words(2), "-P", "-c", program]
-    return subprocess.run(
-        [*command, *sweep_words(folder)], env=variables, capture_output=True, text=True, timeout=60
-    )
+    return run_process([*command, *sweep_words(folder)], env=variables, timeout=60)
 
 
 @pytest.mark.parametrize(
