@@ -511,6 +511,20 @@ def choose_variants(
         for choice, scene in scenes
         for made in _with_fidelities(choice, scene, fidelities, alone=len(scenes) == 1)
     ]
+    return _mark_impossible(path, choices, problems)
+
+
+def _mark_impossible(
+    path: Path, choices: Sequence[VariantChoice], problems: list[Problem]
+) -> tuple[VariantChoice, ...]:
+    """Return the choices, each with why it cannot be.
+
+    Args:
+        problems: Of variants that are no choice.
+
+    Raises:
+        SceneError: There are such problems, or no two choices can be.
+    """
     refused = [_list_problems(path, choice) for choice in choices]
     if refused.count([]) < min(2, len(choices)):
         problems += itertools.chain.from_iterable(refused)

@@ -38,7 +38,6 @@ from headstock.scene.building.components import (
 )
 from headstock.scene.building.joints import KINDS
 from headstock.scene.expansion.parameters import PARAMETERS
-from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import KeyPath, show_key
 from headstock.scene.reading.keys import NUMBER, ReadValue, read_entries, replace_numbers
 from headstock.scene.reading.units import Quantity
@@ -369,13 +368,15 @@ def make_parametric(
     laws = find_laws(scene, parameters)
     by_component: dict[str, list[KeyLaw]] = {}
     by_joint: dict[str, list[KeyLaw]] = {}
+    written = read_entries(scene.raw, "components")
     for law in laws:
         section, name = str(law.key[0]), str(law.key[1])
         if section == "joints":
             by_joint.setdefault(name, []).append(law)
         elif section != PARAMETERS:
-            for owner in [name] if section == "components" else _made_of(scene.raw, name):
-                by_component.setdefault(owner, []).append(law)
+            for owner, entry in written.items():
+                if owner == name if section == "components" else entry.get("material") == name:
+                    by_component.setdefault(owner, []).append(law)
     shapes = [component.shape for other in others for component in other.components.values()]
     components = {}
     for name, own_laws in by_component.items():
@@ -411,14 +412,6 @@ def _share_shape(shape: _ParametricShape, known: list[_ParametricShape]) -> _Par
             return other
     known.append(shape)
     return shape
-
-
-def _made_of(raw: TomlTable, material: str) -> list[str]:
-    return [
-        name
-        for name, entry in read_entries(raw, "components").items()
-        if entry.get("material") == material
-    ]
 
 
 def _find_touched(

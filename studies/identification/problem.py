@@ -139,11 +139,6 @@ def _list_blocks(state: CaseState, pairing: Pairing) -> Iterator[_Block]:
         yield _Block(np.array([gap]), partial(_limit_slopes, state))
 
 
-def _case_residuals(state: CaseState, pairing: Pairing) -> FloatArray:
-    """Return the residuals of a case over their standard deviations."""
-    return np.concatenate([np.zeros(0), *(block.values for block in _list_blocks(state, pairing))])
-
-
 def mode_rows(state: CaseState, pairing: Pairing) -> tuple[tuple[int | None, ...], int]:
     """Return the row of each frequency among the residuals of a case (None where it is held out), and
     how many residuals there are.
@@ -153,12 +148,6 @@ def mode_rows(state: CaseState, pairing: Pairing) -> tuple[tuple[int | None, ...
     rows = iter(int(end) for block, end in zip(blocks, ends[:-1], strict=True) if block.frequency)
     held_out = [target.hold_out for target in state.model.case.modes]
     return tuple(None if held else next(rows) for held in held_out), int(ends[-1])
-
-
-def _case_jacobian(state: CaseState, pairing: Pairing) -> FloatArray:
-    """Return derivatives ``(r, p)`` of the residuals by the parameters' values."""
-    rows = [block.find_slopes() for block in _list_blocks(state, pairing)]
-    return np.vstack([np.zeros((0, len(state.model.parameters))), *rows])
 
 
 def _read_eigenvalue(mode: int) -> Callable[[CaseSlope], float]:
@@ -365,12 +354,11 @@ def exchange_modes(problem: FitProblem, point: FitPoint, pairings: tuple[Pairing
 
 
 def data_jacobian(problem: FitProblem, point: FitPoint) -> FloatArray:
-    """Derivatives ``(r, p)`` of the residuals of the data by the coordinates."""
-    blocks = [
-        _case_jacobian(state, pairing)
-        for state, pairing in zip(point.states, point.pairings, strict=True)
-    ]
-    return np.vstack(blocks) * problem.value_slopes(point.coordinates)
+    """Return derivatives ``(r, p)`` of the residuals of the data by the coordinates."""
+    pairs = zip(point.states, point.pairings, strict=True)
+    rows = [block.find_slopes() for pair in pairs for block in _list_blocks(*pair)]
+    by_values = np.vstack([np.zeros((0, len(problem.parameters))), *rows])
+    return by_values * problem.value_slopes(point.coordinates)
 
 
 def prior_residuals(problem: FitProblem, coordinates: FloatArray) -> FloatArray:
@@ -393,9 +381,9 @@ def _make_point(
     states: tuple[CaseState, ...],
     pairings: tuple[Pairing, ...],
 ) -> FitPoint:
-    residuals = np.concatenate(
-        [_case_residuals(state, pairing) for state, pairing in zip(states, pairings, strict=True)]
-    )
+    pairs = zip(states, pairings, strict=True)
+    values = [block.values for pair in pairs for block in _list_blocks(*pair)]
+    residuals = np.concatenate([np.zeros(0), *values])
     priors = prior_residuals(problem, coordinates)
     return FitPoint(
         coordinates=coordinates,

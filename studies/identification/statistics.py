@@ -81,7 +81,10 @@ def assess(
     scaled singular vectors.
     """
     precision = np.where(np.isfinite(prior_sigmas), 1.0 / prior_sigmas, 0.0) ** 2
-    freedom = _freedom(jacobian, precision)
+    normal = jacobian.T @ jacobian
+    # a parameter counts by the share that the data and not its prior gives
+    by_data = np.trace(np.linalg.pinv(normal + np.diag(precision), hermitian=True) @ normal)
+    freedom = float(len(jacobian) - by_data)
     noise = float(np.sqrt(residuals @ residuals / freedom)) if freedom >= 1.0 else None
     used = noise if from_residuals and noise is not None and noise > 0.0 else 1.0
     weighed = jacobian / used
@@ -112,15 +115,6 @@ def assess(
         noise=noise,
         freedom=freedom,
     )
-
-
-def _freedom(jacobian: FloatArray, precision: FloatArray) -> float:
-    """Number of data less the number of parameters they fix, each by the share that the data and
-    not its prior gives.
-    """
-    normal = jacobian.T @ jacobian
-    used = np.trace(np.linalg.pinv(normal + np.diag(precision), hermitian=True) @ normal)
-    return float(len(jacobian) - used)
 
 
 def _invert(information: FloatArray, allowed: FloatArray) -> FloatArray:

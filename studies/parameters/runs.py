@@ -419,13 +419,7 @@ def _compute_point(
     try:
         runs = _repeat_point(job, point, comm, warm, announce)
     except (HeadstockError, SceneError, MemoryError, SharedFailure) as error:
-        cause = error.__cause__ if isinstance(error, SharedFailure) else error
-        # what is no property of this point is computed when the study is started again
-        if isinstance(cause, StudyError) or blames_surroundings(error):
-            raise
-        if cause is error and comm.size > 1:
-            raise  # what other ranks do not know of ends them all
-        return replace(record, status="failed", error=f"{type(cause).__name__}: {cause}")
+        return replace(record, status="failed", error=_describe_failure(error, comm))
     if comm.rank > 0:
         return record
     results = runs[-1].results
@@ -443,6 +437,21 @@ def _compute_point(
         peak_mb=tuple(run.peak_mb for run in runs if run.peak_mb is not None),
         cached_stages=sum(stage.cached for stage in results.stages),
     )
+
+
+def _describe_failure(error: Exception, comm: MPI.Comm) -> str:
+    """Return why a point failed.
+
+    Raises:
+        Exception: The error itself, where it is none of this point alone.
+    """
+    cause = error.__cause__ if isinstance(error, SharedFailure) else error
+    # what is no property of this point is computed when the study is started again
+    if isinstance(cause, StudyError) or blames_surroundings(error):
+        raise error
+    if cause is error and comm.size > 1:
+        raise error  # what other ranks do not know of ends them all
+    return f"{type(cause).__name__}: {cause}"
 
 
 class _PointRun(NamedTuple):

@@ -5,7 +5,7 @@ fine one: order and limit.
 import math
 import re
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypeGuard
 
@@ -203,27 +203,32 @@ class StudyTable(Displayed):
         return frame_columns(self._columns())
 
     def _columns(self) -> dict[str, list[object]]:
-        """Heads with units, and the value of every row."""
+        """Return heads with units, and the value of every row."""
+        records = [row.record for row in self.rows]
         columns: dict[str, list[object]] = {}
-        if any(row.record.family for row in self.rows):
-            columns["family"] = [row.record.family for row in self.rows]
-        for key in self.varied:
-            if (numbers := varied_numbers(self, key)) is not None:
-                columns[_with_unit(key, numbers.unit)] = list(numbers.values)
-                continue
-            settings = (row.record.varied.get(key) for row in self.rows)
-            columns[key] = [None if each is None else show_setting(each) for each in settings]
+        if any(record.family for record in records):
+            columns["family"] = [record.family for record in records]
+        columns.update(map(self._varied_column, self.varied))
         for name in self.columns:
-            unit = self.unit_of(name)
-            columns[_with_unit(name, unit)] = [row.values.get(name) for row in self.rows]
-            if any(name in row.known for row in self.rows):
-                columns[_with_unit(known_head(name), unit)] = [
-                    row.known.get(name) for row in self.rows
-                ]
-        columns["status"] = [row.record.status for row in self.rows]
-        if any(row.record.error for row in self.rows):
-            columns["error"] = [row.record.error for row in self.rows]
+            columns.update(self._watched_columns(name))
+        columns["status"] = [record.status for record in records]
+        if any(record.error for record in records):
+            columns["error"] = [record.error for record in records]
         return columns
+
+    def _varied_column(self, key: str) -> tuple[str, list[object]]:
+        if (numbers := varied_numbers(self, key)) is not None:
+            return _with_unit(key, numbers.unit), list(numbers.values)
+        settings = (row.record.varied.get(key) for row in self.rows)
+        return key, [None if value is None else show_setting(value) for value in settings]
+
+    def _watched_columns(self, name: str) -> Iterator[tuple[str, list[object]]]:
+        """Yield a watched value, and what is known of it where anything is."""
+        unit = self.unit_of(name)
+        yield _with_unit(name, unit), [row.values.get(name) for row in self.rows]
+        if any(name in row.known for row in self.rows):
+            known = [row.known.get(name) for row in self.rows]
+            yield _with_unit(known_head(name), unit), known
 
     def _short_form(self) -> ShortForm:
         failed = sum(row.record.status == "failed" for row in self.rows)
