@@ -174,8 +174,10 @@ def _join_pieces(
     omegas: ArrayLike = 0.0,
 ) -> LoadHistory:
     """Return pieces ``(p,)``; one value is that of all."""
-    pieces = np.broadcast_arrays(begins, ends, values, slopes, amplitudes, omegas)
-    return LoadHistory(*(np.array(part, dtype=float) for part in pieces))
+    pieces = np.array(
+        np.broadcast_arrays(begins, ends, values, slopes, amplitudes, omegas), dtype=float
+    )
+    return LoadHistory(pieces[0], pieces[1], pieces[2], pieces[3], pieces[4], pieces[5])
 
 
 def step_loads(loads: Sequence[LoadHistory], duration: float, sampling_hz: float) -> SteppedLoads:
