@@ -572,16 +572,16 @@ def show_direction(vector: Iterable[float]) -> str:
     return f"[{', '.join(f'{number:.4g}' for number in numbers)}]"
 
 
+def describe_direction(description: str, words: Iterable[str], *examples: object) -> JsonForm:
+    """Describe a direction by one of some words, or three numbers, for the JSON schema."""
+    forms = [{"enum": [*words]}, THREE_NUMBERS]
+    return JsonForm({"description": description, "examples": [*examples], "anyOf": forms})
+
+
 Direction = Annotated[
     tuple[float, float, float],
     BeforeValidator(read_direction),
-    JsonForm(
-        {
-            "description": "x, -z ... or three plain numbers",
-            "examples": ["x", "-z", [1, 0, 0]],
-            "anyOf": [{"enum": list(AXIS_DIRECTIONS)}, THREE_NUMBERS],
-        }
-    ),
+    describe_direction("x, -z ... or three plain numbers", AXIS_DIRECTIONS, "x", "-z", [1, 0, 0]),
 ]
 
 
