@@ -331,23 +331,24 @@ def print_findings(findings: Sequence[ModelFinding]) -> None:
         print(f"as written: {_show_price(tried[0].written)}")
     idle = [each for each in tried if each.influence < IDLE]
     for each in [each for each in tried if each not in idle]:
-        print(f"\n{each.trial.name} ({_show_price(each.tried)})")
-        for what, modes in (("lacks", each.missing), ("adds", each.added)):
-            for mode in modes[:MODES_SHOWN]:
-                print(f"  {what} {mode}")
-            if len(modes) > MODES_SHOWN:
-                print(f"  {what} {len(modes) - MODES_SHOWN} more")
-        for change in [change for change in each.changes if change.share > IDLE][:MODES_SHOWN]:
-            # its modes are named above
-            if change.without is not None and change.present is not None:
-                print(
-                    f"  {change.label:<28} {show_share(change.share):>9}   {_describe_model(change)}"
-                )
+        _print_finding(each)
     print("\nSummary of models, worth over price")
     for each in [each for each in findings if each not in idle]:
         _print_entry(each.trial.name, each.verdict)
     if idle:
         _print_entry(f"less than {show_share(IDLE)}", "; ".join(each.trial.name for each in idle))
+
+
+def _print_finding(finding: ModelFinding) -> None:
+    print(f"\n{finding.trial.name} ({_show_price(finding.tried)})")
+    for what, modes in (("lacks", finding.missing), ("adds", finding.added)):
+        more = [f"{len(modes) - MODES_SHOWN} more"] if len(modes) > MODES_SHOWN else []
+        for words in [*modes[:MODES_SHOWN], *more]:
+            print(f"  {what} {words}")
+    for change in [change for change in finding.changes if change.share > IDLE][:MODES_SHOWN]:
+        # its modes are named above
+        if change.without is not None and change.present is not None:
+            print(f"  {change.label:<28} {show_share(change.share):>9}   {_describe_model(change)}")
 
 
 def _print_entry(head: str, words: str) -> None:

@@ -327,25 +327,26 @@ def _describe_value(rule: JsonTable) -> str:
         return (
             f"{rule['description']}, such as {examples}" if examples else str(rule["description"])
         )
-    if rule.get("type") == "array":
-        inner = rule.get("items")
-        if "examples" in rule:
-            return f"list, such as `{_show(_items(rule, 'examples')[0])}`"
-        count = _describe_count(rule.get("minItems"), rule.get("maxItems"))
-        return (
-            f"list of {count}{' × ' if count else ''}({_describe_value(inner)})"
-            if isinstance(inner, dict) and inner
-            else f"list of {count} values"
-        )
-    if rule.get("type") == "object":
-        inner = rule.get("additionalProperties")
-        if not isinstance(inner, dict) or not inner:
-            return "table"
-        count = _describe_count(rule.get("minProperties"), rule.get("maxProperties"))
-        return f"table of {count}{' ' if count else ''}names: {_describe_value(inner)}"
     kind = str(rule.get("type", ""))
+    if kind in ("array", "object"):
+        return _describe_entries(rule, kind)
     words = {"string": "text", "boolean": "`true`, `false`", "integer": "whole number"}
     return words.get(kind, kind) + _describe_limits(rule)
+
+
+def _describe_entries(rule: JsonTable, kind: str) -> str:
+    """What a list or a table holds, and how many."""
+    inner = rule.get("items" if kind == "array" else "additionalProperties")
+    entry = _describe_value(inner) if isinstance(inner, dict) and inner else ""
+    if kind == "object":
+        count = _describe_count(rule.get("minProperties"), rule.get("maxProperties"))
+        return f"table of {count}{' ' if count else ''}names: {entry}" if entry else "table"
+    if "examples" in rule:
+        return f"list, such as `{_show(_items(rule, 'examples')[0])}`"
+    count = _describe_count(rule.get("minItems"), rule.get("maxItems"))
+    return (
+        f"list of {count}{' × ' if count else ''}({entry})" if entry else f"list of {count} values"
+    )
 
 
 def _describe_count(low: JsonValue, high: JsonValue) -> str:

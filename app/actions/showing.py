@@ -201,20 +201,19 @@ def patch_rows(found: LikelyInterface) -> list[str]:
 def _show_part(
     solid: StepFile | MeshFile, survey: CadSurvey, name: str, options: ShowOptions
 ) -> int:
-    console = make_console()
+    console, meshed = make_console(), isinstance(solid, MeshFile)
     x, y, z = (1e3 * side for side in survey.size)
     unit = survey.unit or "not understood"
     title = f"{solid.path.name}: {len(survey.faces)} faces, {x:.4g} × {y:.4g} × {z:.4g} mm"
     console.print(f"{title} (unit of the file: {unit})", style="bold", markup=False)
-    if isinstance(solid, MeshFile) and options.component is None and options.unit is None:
-        console.print(
-            f"a mesh file names no unit: its lengths are taken as {unit}; --unit says otherwise",
-            style="yellow",
-            markup=False,
-        )
-    doubt = None if isinstance(solid, MeshFile) else doubt_size(solid.path, max(survey.size))
-    if doubt is not None:
-        console.print(f"warning: {doubt}", style="yellow", markup=False)
+    doubt = None if meshed else doubt_size(solid.path, max(survey.size))
+    remarks = [] if doubt is None else [f"warning: {doubt}"]
+    if meshed and options.component is None and options.unit is None:
+        remarks = [
+            f"a mesh file names no unit: its lengths are taken as {unit}; --unit says otherwise"
+        ]
+    for remark in remarks:
+        console.print(remark, style="yellow", markup=False)
     _print_sets(survey)
     _print_faces(survey, options.every_face)
     suggestions = part_suggestions(survey)

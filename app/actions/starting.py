@@ -229,21 +229,6 @@ def write_part_scene(
     found = likely_interfaces(survey.faces)
     foot, tip = _choose_ends(found)
     screws = next((one for one in found if one.role == "screws" and not free), None)
-    others = [
-        one
-        for one in part_suggestions(survey)
-        if one.faces not in (foot.faces, tip.faces)
-        and one.name not in (foot.name, tip.name)
-        and one != screws
-    ]
-    chosen = [tip] if free else [foot, tip]
-    table, *lines = format_suggestions(PART_NAME, chosen).splitlines()
-    lines[-1] = lines[-1].replace(" }", ', coupling = "average" }', 1)
-    if others:
-        lines.append(
-            "# others; an area stiffens the part unless its coupling is average, even where nothing acts on it:"
-        )
-    lines += [f"# {line}" for line in format_suggestions(PART_NAME, others).splitlines()[1:]]
     choice = "" if solid is None else f", solid = {_quote(solid)}"
     shape = f"{{ step = {_quote(part.name)}{choice} }}"
     if unit is not None:
@@ -256,20 +241,35 @@ def write_part_scene(
         solid=shape,
         size=f"{1e3 * max(survey.size) / 25:.2g} mm",
         pad="         ",
-        interfaces="\n".join([table, *lines]),
+        interfaces=_list_interfaces(survey, [tip] if free else [foot, tip], {foot, tip, screws}),
         free=FREE if free else "",
         clamp="" if free else CLAMP.format(part=PART_NAME, foot=foot.name, tip=tip.name),
         count=FREE_MODES if free else FIXED_MODES,
         variant="" if screws is None else _screwed(foot, screws),
     )
+    if unit is None:
+        return text
     # a finished mesh has the size it has
-    return (
-        text
-        if unit is None
-        else "".join(
-            line for line in text.splitlines(keepends=True) if not line.startswith("# mesh = ")
+    lines = text.splitlines(keepends=True)
+    return "".join(line for line in lines if not line.startswith("# mesh = "))
+
+
+def _list_interfaces(
+    survey: CadSurvey, chosen: list[LikelyInterface], used: set[LikelyInterface | None]
+) -> str:
+    """The interfaces of a part that are chosen, and as comments others than those that are used."""
+    names, faces = {one.name for one in used if one}, [one.faces for one in used if one]
+    others = [
+        one for one in part_suggestions(survey) if one.faces not in faces and one.name not in names
+    ]
+    lines = format_suggestions(PART_NAME, chosen).splitlines()
+    lines[-1] = lines[-1].replace(" }", ', coupling = "average" }', 1)
+    if others:
+        lines.append(
+            "# others; an area stiffens the part unless its coupling is average, even where nothing acts on it:"
         )
-    )
+    lines += [f"# {line}" for line in format_suggestions(PART_NAME, others).splitlines()[1:]]
+    return "\n".join(lines)
 
 
 def _choose_ends(found: Sequence[LikelyInterface]) -> tuple[LikelyInterface, LikelyInterface]:

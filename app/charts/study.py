@@ -142,11 +142,7 @@ def describe_column(column: str, short: str) -> str:
     ending = next((end for end in UNITS if names[-1] == end or names[-1].endswith(f"_{end}")), None)
     words = [*names[:-1], names[-1].removesuffix(ending or "").rstrip("_") or names[-1]]
     if names[-1].startswith("compliance") and len(numbers) == len("xy"):
-        words.append(
-            "".join(
-                "xyz"[number] if 0 <= number < len("xyz") else str(number + 1) for number in numbers
-            )
-        )
+        words.append("".join(map(_name_axis, numbers)))
     else:
         words += [str(number + 1 if number >= 0 else number) for number in numbers]
     text = " ".join(words).replace("_", " ").replace("frequencies", "frequency")
@@ -154,17 +150,12 @@ def describe_column(column: str, short: str) -> str:
     return f"{text} [{UNITS[ending]}]" if ending else text
 
 
+def _name_axis(number: int) -> str:
+    return "xyz"[number] if 0 <= number < len("xyz") else str(number + 1)
+
+
 def _choose_axis(table: StudyTable) -> _Axis | None:
-    values = {
-        key: list(
-            dict.fromkeys(
-                show_setting(row.record.varied[key])
-                for row in table.rows
-                if key in row.record.varied
-            )
-        )
-        for key in table.varied
-    }
+    values = {key: _list_settings(table, key) for key in table.varied}
     many = [key for key in table.varied if len(values[key]) > 1] or list(table.varied)
     sizes = [key for key in many if MESH_SIZE.fullmatch(key)]
     if not many:
@@ -191,6 +182,12 @@ def _choose_axis(table: StudyTable) -> _Axis | None:
     low, high = min(known.values()), max(known.values())
     marks = {number: f"{number:.6g}" for number in known.values()}
     return _Axis(key, label, known, marks, logarithmic=low > 0.0 and high >= 4.0 * low)
+
+
+def _list_settings(table: StudyTable, key: str) -> list[str]:
+    """The values of a key as they are written, each once."""
+    varied = [row.record.varied for row in table.rows]
+    return list(dict.fromkeys(show_setting(each[key]) for each in varied if key in each))
 
 
 def _written_unit(texts: Sequence[str], unit: str) -> tuple[str, float]:

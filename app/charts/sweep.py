@@ -19,6 +19,7 @@ PER_ROW = 3
 FIELD_INCHES = (4.0, 3.5)
 # left, bottom, width, height of a field's map and of its colours, in fields
 MAP_SHARE, BAR_SHARE = (0.14, 0.13, 0.68, 0.79), (0.84, 0.13, 0.03, 0.79)
+FAMILIES = {"mode": "modes", "lobes": "lobes"}  # by how names of quantities begin
 MANY = 60  # poses that need no markers
 LEGEND_LINES = 20  # beside a chart
 DEEPEST_SHOWN = (
@@ -36,29 +37,24 @@ def draw_sweep(
         summary: As ``summarise_sweep`` gives it.
         limits: Limit depths of cut by the name of the direction of travel.
     """
-    quantities = [
-        quantity for quantity in list_swept(summary) if np.isfinite(quantity.values).any()
-    ]
-    families = {
-        "modes": [quantity for quantity in quantities if quantity.name.startswith("mode_")],
-        "stiffness": [
-            quantity for quantity in quantities if not quantity.name.startswith(("mode_", "lobes_"))
-        ],
-        "lobes": [quantity for quantity in quantities if quantity.name.startswith("lobes_")],
-    }
+    families: dict[str, list[Quantity]] = {"modes": [], "stiffness": [], "lobes": []}
+    for quantity in list_swept(summary):
+        if np.isfinite(quantity.values).any():
+            family = quantity.name.partition("_")[0]
+            families[FAMILIES.get(family, "stiffness")].append(quantity)
     moving = [axis for axis, count in enumerate(summary["shape"]) if count > 1]
     plane = summary["kind"] == "grid" and len(moving) >= 2
+    maps = functools.partial(_draw_maps, axes=moving[:2])
+    draw: Callable[..., bytes] = maps if plane else _draw_curves
     pictures: dict[str, Callable[[], bytes]] = {
-        name: functools.partial(_draw_maps, summary, members, moving[:2])
-        if plane
-        else functools.partial(_draw_curves, summary, members)
+        name: functools.partial(draw, summary, members)
         for name, members in families.items()
         if members
     }
     if summary["lobes"]:
         pictures["limits"] = functools.partial(_draw_limits, summary, limits)
         pictures["common_limits"] = functools.partial(_draw_common, summary)
-    return {name: draw() for name, draw in list(pictures.items())[share]}
+    return {name: picture() for name, picture in list(pictures.items())[share]}
 
 
 def _draw_limits(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> bytes:

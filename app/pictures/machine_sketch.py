@@ -53,8 +53,6 @@ def label_machine(
         along = np.tile(support.directions, (len(support.places), 1))
         marks.append(Marks(places, SUPPORT, CONE_SHARE, True, "cone", along))
         notes += [Note(name, place, SUPPORT) for place in support.places]
-    if supports:
-        legend.append((f"support, a cone per fixed direction: {len(supports)}", SUPPORT))
     points = placed.points.items()
     tools = np.array([point.tool_place for _, point in points]).reshape(-1, 3)
     works = [point.work_place for _, point in points if point.work_place is not None]
@@ -62,10 +60,12 @@ def label_machine(
     marks.append(Marks(np.array(works).reshape(-1, 3), WORK, TOOL_SHARE, True))
     # first, where there is most room
     notes = [Note(name, point.tool_place, TOOL_COLOR) for name, point in points] + notes
-    if points:
-        legend += [(f"tool of a point: {len(points)}", TOOL_COLOR)]
-    if works:
-        legend += [(f"work of a point: {len(works)}", WORK)]
+    shown = (
+        ("support, a cone per fixed direction", supports, SUPPORT),
+        ("tool of a point", points, TOOL_COLOR),
+        ("work of a point", works, WORK),
+    )
+    legend += [(f"{words}: {len(given)}", color) for words, given, color in shown if given]
     return LabelledSurface(
         joined.points,
         joined.triangles,

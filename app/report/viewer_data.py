@@ -149,16 +149,14 @@ def encode_machine(view: MachineView, captions: Captions) -> EncodedMachine | No
     }
     data["blob"] = base64.b64encode(zlib.compress(b"".join(blocks), COMPRESSION)).decode()
     count = sum(len(items) for items in shapes.values())
-    thinned = {
-        name: (len(skin.triangles), skin.thinned_from)
-        for name, skin in drawn.items()
-        if skin.thinned_from is not None
-    }
-    kept_whole = {
-        name: (len(skin.triangles), skin.kept_whole)
-        for name, skin in drawn.items()
-        if skin.kept_whole is not None
-    }
+    thinned, kept_whole = (
+        {
+            name: (len(skin.triangles), whole)
+            for name, skin in drawn.items()
+            if (whole := getattr(skin, kind)) is not None
+        }
+        for kind in ("thinned_from", "kept_whole")
+    )
     return EncodedMachine(
         script_json(data),
         count - sum(len(items) for items in offered.values()),

@@ -272,46 +272,31 @@ def study_csv(table: StudyTable) -> bytes:
     Varied quantities are numbers in SI with their unit in the head (``components.bed.mesh.size
     [m]``); other values stand as written.
     """
-    numbers = {key: varied_numbers(table, key) for key in table.varied}
-    written = [
-        [
-            show_setting(row.record.varied[key]) if key in row.record.varied else None
-            for row in table.rows
-        ]
-        for key in table.varied
-    ]
-    varied = [
-        written[place] if found is None else found.values
-        for place, found in enumerate(numbers.values())
-    ]
-    heads = [
-        f"{key} [{found.unit}]" if found is not None and found.unit else key
-        for key, found in numbers.items()
-    ]
+    varied = [_tabulate_key(table, key) for key in table.varied]
     columns = [column for column in table.columns if column not in MEASURED_NAMES]
     partly = [column for column in columns if any(column in row.known for row in table.rows)]
-    timing = (
-        "seconds",
-        "seconds spread",
-        "cpu seconds",
-        "threads",
-        "ranks",
-        "cached stages",
-        "status",
-        "error",
-    )
     rows = tuple(
         (
             row.record.family,
-            *(values[number] for values in varied),
+            *(values[number] for _, values in varied),
             *(row.values.get(column) for column in columns),
             *(row.known.get(column) for column in partly),
             *_timing_cells(row.record),
         )
         for number, row in enumerate(table.rows)
     )
-    headings = ("family", *heads, *map(table.head_of, columns), *map(known_head, partly), *timing)
+    heads = (*map(table.head_of, columns), *map(known_head, partly), *TIMING_HEADS)
+    headings = ("family", *(head for head, _ in varied), *heads)
     return encode_csv(PlainTable("study", headings, rows))
+
+
+def _tabulate_key(table: StudyTable, key: str) -> tuple[str, Sequence[Cell]]:
+    """Head and values of a key, as numbers where they are quantities of one kind."""
+    found = varied_numbers(table, key)
+    if found is not None:
+        return (f"{key} [{found.unit}]" if found.unit else key), found.values
+    settings = [row.record.varied for row in table.rows]
+    return key, [show_setting(varied[key]) if key in varied else None for varied in settings]
 
 
 def list_study(table: StudyTable, scene: Path) -> dict[str, object]:
@@ -366,6 +351,12 @@ def _list_series(series: SizeSeries) -> dict[str, object]:
         "finest_error": found.error,
         "remark": found.remark,
     }
+
+
+TIMING_HEADS = (
+    *("seconds", "seconds spread", "cpu seconds"),
+    *("threads", "ranks", "cached stages", "status", "error"),
+)
 
 
 def _timing_cells(record: StudyRecord) -> tuple[Cell, ...]:

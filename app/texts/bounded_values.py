@@ -416,16 +416,14 @@ def accuracy_words(
             f"accuracy {100.0 * accuracy['requested']:g} %: nothing to choose, since no number has an error of a mesh or of modes left out"
         ]
     last = rounds[-1]["quantity"]
-    known = "an unknown amount" if reached is None else f"{100.0 * reached:.2g} %"
     settings = "; ".join(f"{name}: {words}" for name, words in accuracy["settings"].items())
     state = "met" if accuracy["met"] else "not met"
     count = f"{len(rounds)} round{'s' if len(rounds) != 1 else ''}"
-    words = f"accuracy {100.0 * accuracy['requested']:g} % {state} in {count}: {last} within {known}, the others closer"
+    words = f"accuracy {100.0 * accuracy['requested']:g} % {state} in {count}: {last} within {_show_reached(reached)}, the others closer"
     if (own := accuracy.get("responses")) is not None:
-        size = "an unknown amount" if own["error"] is None else f"{100.0 * own['error']:.2g} %"
         words += (
             f"; peaks and static levels of frequency responses {'met' if own['met'] else 'did not meet'} it:"
-            f" {own['quantity']} within {size}"
+            f" {own['quantity']} within {_show_reached(own['error'])}"
         )
     share, at_hz, pose = max(_line_errors(responses or {}), default=(0.0, 0.0, ""))
     if share > accuracy["requested"]:
@@ -438,7 +436,11 @@ def accuracy_words(
         + (f". Next: {body['next']}" if body["next"] else "")
         for name, body in accuracy.get("models", {}).items()
     ]
-    return [words, *lines] if lines else [words, *([settings] if settings else [])]
+    return [words, *(lines or filter(None, [settings]))]
+
+
+def _show_reached(share: float | None) -> str:
+    return "an unknown amount" if share is None else f"{100.0 * share:.2g} %"
 
 
 def _line_errors(responses: Mapping[str, ResponseSummary]) -> list[tuple[float, float, str]]:

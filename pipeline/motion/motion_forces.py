@@ -3,12 +3,12 @@ of joints, from the states of its motion.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.machine.drives import Drive
 from headstock.pipeline.answers.motion_forces import DriveExtremes, DriveHistory
 from headstock.reduction.coupling.joint_forces import DAMPER, SPRING, JointForces
@@ -111,36 +111,29 @@ def largest_joint_forces(
     times: FloatArray,
     observe: Callable[[JointForces], FloatArray],
 ) -> dict[str, dict[str, Extreme]]:
-    """Return the largest force on the first end of every joint, by direction.
+    """Return the largest force on the first end of every joint, by direction; zero of springs where rigid
+    joints hold everything.
 
     Args:
         times: ``(n,)`` [s].
         observe: Forces of a joint ``(n, d)`` then.
     """
-    largest = {
-        joint.name: dict(zip(joint.directions, find_largest(times, observe(joint)), strict=True))
-        for joint in joints
-    }
-    return _leave_out_roundoff(largest)
-
-
-def _leave_out_roundoff(
-    joints: dict[str, dict[str, Extreme]],
-) -> dict[str, dict[str, Extreme]]:
-    """Forces of springs beside which rigid joints hold everything are zero."""
-    every = [item for directions in joints.values() for item in directions.items()]
-    largest = {
-        turns: max(
-            (abs(f.value) for name, f in every if name.startswith("r") == turns), default=0.0
-        )
-        for turns in (False, True)
-    }
+    largest = {joint: find_largest(times, observe(joint)) for joint in joints}
+    sizes = np.array([abs(force.value) for forces in largest.values() for force in forces])
+    still = iter(find_roundoff([name for joint in largest for name in joint.directions], sizes))
     return {
-        joint: {
-            name: Extreme(0.0, 0.0)
-            if abs(force.value) <= ROUNDOFF * largest[name.startswith("r")]
-            else force
-            for name, force in directions.items()
+        joint.name: {
+            name: Extreme(0.0, 0.0) if next(still) else force
+            for name, force in zip(joint.directions, forces, strict=True)
         }
-        for joint, directions in joints.items()
+        for joint, forces in largest.items()
     }
+
+
+def find_roundoff(dofs: Sequence[str], sizes: FloatArray) -> BoolArray:
+    """Find values ``(n,)`` that are roundoff of the largest of their kind: forces or moments, displacements
+    or rotations.
+    """
+    turns = np.array([dof.startswith("r") for dof in dofs], dtype=np.bool_)
+    straight, turned = (sizes[turns == kind].max(initial=0.0) for kind in (False, True))
+    return np.asarray(sizes <= ROUNDOFF * np.where(turns, turned, straight))

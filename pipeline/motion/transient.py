@@ -18,6 +18,7 @@ from headstock.pipeline.answers.transient import (
 )
 from headstock.pipeline.motion.motion_forces import (
     SteppedStates,
+    find_roundoff,
     follow_drives,
     largest_joint_forces,
     watch_joints,
@@ -81,7 +82,6 @@ SMOOTHING = "smoothing of friction"
 SHARPER = 0.1
 REMAINING = 1.0 / (1.0 - SHARPER**0.5)
 MOST_SOFTENED = 0.5  # of a frequency that an error may take
-ROUNDOFF = 1e-10  # of the largest displacement of its kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -511,21 +511,14 @@ def _input_of(load: TimedLoad) -> Channel:
 def _leave_out_roundoff(
     figures: tuple[TransientFigures, ...], outputs: Sequence[Channel]
 ) -> tuple[TransientFigures, ...]:
-    """Outputs that symmetry keeps at rest neither overshoot nor settle."""
-    kept = []
-    for channel, figure in zip(outputs, figures, strict=True):
-        like = [
-            abs(other.peak)
-            for name, other in zip(outputs, figures, strict=True)
-            if name[1].startswith("r") == channel[1].startswith("r")
-        ]
-        still = abs(figure.peak) <= ROUNDOFF * max(like)
-        kept.append(
-            TransientFigures(0.0, 0.0, 0.0, None if figure.final is None else 0.0, None, None)
-            if still
-            else figure
-        )
-    return tuple(kept)
+    """Let outputs that symmetry keeps at rest neither overshoot nor settle."""
+    still = find_roundoff([dof for _, dof in outputs], np.abs([own.peak for own in figures]))
+    return tuple(
+        TransientFigures(0.0, 0.0, 0.0, None if own.final is None else 0.0, None, None)
+        if rests
+        else own
+        for own, rests in zip(figures, still, strict=True)
+    )
 
 
 def _compare_peaks(solution: _Solution, others: _Others[_Solution]) -> tuple[Estimate, ...]:

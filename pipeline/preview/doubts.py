@@ -221,12 +221,10 @@ def _doubt_deflections(machine: Machine, parts: Parts, pose: Pose) -> list[str]:
         for support in machine.supports.values()
         if (joint := _hold(support, machine)) is not None
     }
+    joints = {name: dataclasses.replace(one, errors=None) for name, one in machine.joints.items()}
     bare = dataclasses.replace(
         machine,
-        joints={
-            name: dataclasses.replace(joint, errors=None) for name, joint in machine.joints.items()
-        }
-        | held,
+        joints=joints | held,
         components={name: machine.components[name] for name in bodies},
         points={},
         loads={},
@@ -245,17 +243,22 @@ def _doubt_deflections(machine: Machine, parts: Parts, pose: Pose) -> list[str]:
         if (deflection := float(np.linalg.norm(stretch))) > MOST_DEFLECTION
         and not machine.joints[spring.name].soft
     }
-    warnings = []
-    for family, names in name_families(sunk).items():
-        deflection, stiffness = max(sunk[name] for name in names)
-        frequency = math.sqrt(np.linalg.norm(machine.gravity) / deflection) / (2.0 * math.pi)
-        grounded = any(end.component is None for end in machine.joints[names[0]].ends)
-        what = "sinks" if grounded else "gives"
-        warnings.append(
-            f"joint {family} {what} by {_show_length(deflection)} under the weight it carries, with {stiffness:.3g} N/m at most, "
-            f"as a mount of {frequency:.2g} Hz; check the unit of its stiffness, or write soft = true where an air spring or rubber is meant"
-        )
-    return warnings
+    return [
+        _describe_sinking(machine, family, names[0], *max(sunk[name] for name in names))
+        for family, names in name_families(sunk).items()
+    ]
+
+
+def _describe_sinking(
+    machine: Machine, family: str, joint: str, deflection: float, stiffness: float
+) -> str:
+    frequency = math.sqrt(np.linalg.norm(machine.gravity) / deflection) / (2.0 * math.pi)
+    grounded = any(end.component is None for end in machine.joints[joint].ends)
+    return (
+        f"joint {family} {'sinks' if grounded else 'gives'} by {_show_length(deflection)} under the weight it carries, "
+        f"with {stiffness:.3g} N/m at most, as a mount of {frequency:.2g} Hz; "
+        f"check the unit of its stiffness, or write soft = true where an air spring or rubber is meant"
+    )
 
 
 def _hold(support: Support, machine: Machine) -> Joint | None:

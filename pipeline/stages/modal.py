@@ -182,8 +182,8 @@ def _name_errors(
     """Return the ± of frequencies, damping ratios and damped frequencies by key."""
     kinds = {
         FREQUENCY: frequencies,
-        DAMPING_RATIO: [Estimate({ALL_SOURCES: size}) for size in damping.ratio_errors],
-        DAMPED_FREQUENCY: [Estimate({ALL_SOURCES: size}) for size in damping.frequency_errors_hz],
+        DAMPING_RATIO: [Estimate({ALL_SOURCES: ratio}) for ratio, _ in damping.errors],
+        DAMPED_FREQUENCY: [Estimate({ALL_SOURCES: hz}) for _, hz in damping.errors],
     }
     return {
         make_key(kind, pose=pose, mode=mode): error
@@ -212,8 +212,7 @@ class _Damping:
 
     ratios: tuple[float | None, ...]
     frequencies_hz: tuple[float | None, ...]
-    ratio_errors: tuple[float | None, ...] = ()
-    frequency_errors_hz: tuple[float | None, ...] = ()
+    errors: tuple[tuple[float | None, float | None], ...] = ()
     warnings: tuple[str, ...] = ()
 
 
@@ -242,7 +241,7 @@ def _damp_modes(
     given = bool(scene.modal_damping) and coupled.system.damping is None and hysteretic is None
     totals = [error.total for error in undamped[first:count]]
     exact = [ratio is not None and (given or not ratio) for ratio in ratios[first:]]
-    errors = [
+    errors = (
         *zip(estimates.ratios[:first], estimates.frequencies_hz[:first], strict=True),
         *map(
             _combine_errors,
@@ -252,9 +251,8 @@ def _damp_modes(
             complete.frequencies_hz[first:count],
             exact,
         ),
-    ]
-    ratio_errors, frequency_errors = zip(*errors, strict=True) if errors else ((), ())
-    rough = _find_rough(first, totals, ratios[first:], ratio_errors[first:])
+    )
+    rough = _find_rough(first, totals, ratios[first:], errors[first:])
     warnings = [
         *warn_of_no_damping(scene, coupled.system),
         *_warn_of_growing(damped, complete),
@@ -262,7 +260,7 @@ def _damp_modes(
         *(() if hysteretic is None else _warn_of_large_losses(hysteretic, complete, names)),
         *_warn_of_creeping(range(first, count), estimates, names),
     ]
-    return _Damping(ratios, frequencies, ratio_errors, frequency_errors, tuple(warnings))
+    return _Damping(ratios, frequencies, errors, tuple(warnings))
 
 
 def _combine_errors(
@@ -292,14 +290,14 @@ def _find_rough(
     first: int,
     undamped: Sequence[float | None],
     ratios: Sequence[float | None],
-    errors: Sequence[float | None],
+    errors: Sequence[tuple[float | None, float | None]],
 ) -> list[int]:
     """Find the modes, of those from a number on, whose damping ratio is a rough estimate though their
     undamped frequency has one.
     """
     return [
         mode
-        for mode, (total, ratio, error) in enumerate(
+        for mode, (total, ratio, (error, _)) in enumerate(
             zip(undamped, ratios, errors, strict=True), first
         )
         if total is not None

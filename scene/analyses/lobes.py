@@ -179,19 +179,15 @@ Speeds = Annotated[
 ]
 
 
-def _read_travel(value: object) -> object:
-    return value if value == FEED else types.read_direction(value)
-
-
 TravelForm = Annotated[
     Literal["feed"] | tuple[float, float, float],
-    BeforeValidator(_read_travel),
-    types.JsonForm(
-        {
-            "description": "x, -z ..., three plain numbers, or feed",
-            "examples": ["x", "feed", [1, 1, 0]],
-            "anyOf": [{"enum": [FEED, *types.AXIS_DIRECTIONS]}, types.THREE_NUMBERS],
-        }
+    BeforeValidator(lambda value: value if value == FEED else types.read_direction(value)),
+    types.describe_direction(
+        "x, -z ..., three plain numbers, or feed",
+        (FEED, *types.AXIS_DIRECTIONS),
+        "x",
+        "feed",
+        [1, 1, 0],
     ),
 ]
 

@@ -54,12 +54,9 @@ def _build(table: _MapTable, draft: Draft) -> MapRequest:
 
 def _check(table: _MapTable, draft: Draft) -> None:
     """Report a machine without a lumped mechanism, and a sweep that spans no map."""
-    scene = draft.table
-    if not scene.is_lumped:
+    if not draft.table.is_lumped:
         draft.add(KEY, "a map needs a lumped mechanism; this scene has none")
-    draft.findings.check_name((*KEY, "sweep"), table.sweep, scene.sweeps, "sweep", "sweeps")
-    if (sweep := scene.sweeps.get(table.sweep)) is not None:
-        check_grid((*KEY, "sweep"), sweep, "a map", MAX_POSES, draft.findings)
+    check_grid((*KEY, "sweep"), table.sweep, "a map", MAX_POSES, draft)
 
 
 ANALYSIS = SceneAnalysis(

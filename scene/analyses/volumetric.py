@@ -67,9 +67,7 @@ def _check(table: _VolumetricTable, draft: Draft) -> None:
             KEY,
             "nothing moves the tool: there are no errors of guides, no gravity and no loads; write [effects] gravity = true or guide_errors = true",
         )
-    draft.check_name((*KEY, "sweep"), table.sweep, "sweeps")
-    if (sweep := scene.sweeps.get(table.sweep)) is not None:
-        check_grid((*KEY, "sweep"), sweep, "a volumetric map", MAX_POSES, draft.findings)
+    check_grid((*KEY, "sweep"), table.sweep, "a volumetric map", MAX_POSES, draft)
 
 
 ANALYSIS = SceneAnalysis(

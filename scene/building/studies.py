@@ -300,17 +300,20 @@ def build_grid(
     )
 
 
-def check_grid(key: KeyPath, sweep: SweepTable, what: str, most: int, findings: Findings) -> None:
-    """Report a sweep that is no grid of two or three axes, or one of too many poses.
+def check_grid(key: KeyPath, name: str, what: str, most: int, draft: Draft) -> None:
+    """Report a sweep that does not exist, is no grid of two or three axes, or has too many poses.
 
     Args:
         key: Where the sweep is named.
         what: Analysis that needs it, with its article.
     """
+    draft.check_name(key, name, "sweeps")
+    if (sweep := draft.table.sweeps.get(name)) is None:
+        return
     counts = [span.positions for span in (sweep.axes or {}).values()]
     if sum(count > 1 for count in counts) not in (2, 3):
-        findings.add(
+        draft.add(
             key, f"{what} needs a sweep of axes in which two or three have more than one position"
         )
     elif math.prod(counts) > most:
-        findings.add(key, f"has {math.prod(counts)} poses; {what} takes {most} at most")
+        draft.add(key, f"has {math.prod(counts)} poses; {what} takes {most} at most")

@@ -175,13 +175,7 @@ class _Expansion:
                         f"{show_key((*key, name))} makes an entry of this name too; rename one of them",
                     )
                 full[member] = place.entry
-                self._findings.written_at[(*key, member)] = (*key, name)
-                self._findings.written_at[(*key, member, *place.key)] = (
-                    *key,
-                    name,
-                    PLACES,
-                    place.written,
-                )
+                self._note((*key, member), (*key, name), place)
         return full
 
     def _expand_patches(self, patches: list[TomlValue], key: KeyPath) -> list[TomlValue]:
@@ -189,18 +183,17 @@ class _Expansion:
         for index, patch in enumerate(patches):
             if isinstance(patch, dict) and is_repeated(patch):
                 for place in self._members(patch, (*key, index)):
-                    self._findings.written_at[(*key, len(full))] = (*key, index)
-                    self._findings.written_at[(*key, len(full), *place.key)] = (
-                        *key,
-                        index,
-                        PLACES,
-                        place.written,
-                    )
+                    self._note((*key, len(full)), (*key, index), place)
                     full.append(place.entry)
             else:
                 self._findings.written_at[(*key, len(full))] = (*key, index)
                 full.append(patch)
         return full
+
+    def _note(self, made: KeyPath, written: KeyPath, place: _Place) -> None:
+        """Note where an entry, and its place, are written."""
+        self._findings.written_at[made] = written
+        self._findings.written_at[*made, *place.key] = (*written, PLACES, place.written)
 
     def _within_limits(
         self, places: list[TomlValue], common: TomlTable, key: KeyPath

@@ -10,9 +10,11 @@ from headstock.scene.reading.units import quote_value
 from headstock.scene.schema import types
 from headstock.scene.schema.components import DiskTable, RectTable, StripTable
 
+FIXED = ("x", "y", "z", NORMAL)
+
 
 def _read_fixed(value: object) -> object:
-    if isinstance(value, str) and value in ("x", "y", "z", NORMAL):
+    if isinstance(value, str) and value in FIXED:
         return value
     if not isinstance(value, list):
         raise types.problem(
@@ -25,12 +27,8 @@ def _read_fixed(value: object) -> object:
 Fixed = Annotated[
     str | tuple[float, float, float],
     BeforeValidator(_read_fixed),
-    types.JsonForm(
-        {
-            "description": f"x, y, z, {NORMAL} or three plain numbers",
-            "examples": ["x", NORMAL, [1, 1, 0]],
-            "anyOf": [{"enum": ["x", "y", "z", NORMAL]}, types.THREE_NUMBERS],
-        }
+    types.describe_direction(
+        f"x, y, z, {NORMAL} or three plain numbers", FIXED, "x", NORMAL, [1, 1, 0]
     ),
 ]
 

@@ -30,26 +30,19 @@ MAX_INCLUDED = 50
 _PREFIX = re.compile(r"([A-Za-z][A-Za-z0-9_]{0,31})?")
 
 
-def _read_accuracy(value: object) -> float:
-    share = types.read_share(value, "accuracy")
-    if not TIGHTEST <= share <= LOOSEST:
-        raise types.problem(
-            f'is {100.0 * share:g} %; an accuracy lies between {100.0 * TIGHTEST:g} % and {100.0 * LOOSEST:g} %; write "1 %"'
-        )
-    return share
+def _find_accuracy_fault(share: float) -> str:
+    if TIGHTEST <= share <= LOOSEST:
+        return ""
+    return types.find_share_fault(share, "accuracy") or (
+        f'is {100.0 * share:g} %; an accuracy lies between {100.0 * TIGHTEST:g} % and {100.0 * LOOSEST:g} %; write "1 %"'
+    )
 
 
 Accuracy = Annotated[
-    float,
-    BeforeValidator(_read_accuracy),
-    types.JsonForm(
-        {
-            "description": f"ratio from {TIGHTEST:g} to {LOOSEST:g}",
-            "examples": ["1 %", 0.01],
-            **types.RATIO_FORM,
-            "minimum": TIGHTEST,
-            "maximum": LOOSEST,
-        }
+    types.Ratio,
+    types.without_fault(_find_accuracy_fault),
+    types.describe_ratio(
+        f"ratio from {TIGHTEST:g} to {LOOSEST:g}", ("1 %", 0.01), minimum=TIGHTEST, maximum=LOOSEST
     ),
 ]
 

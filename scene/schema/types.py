@@ -398,36 +398,25 @@ RATIO_FORM: Form = {"type": ["number", "string"], "pattern": quantity_pattern(un
 def _read_ratio(value: object) -> float:
     if not isinstance(value, str):
         return _read_number(value)
-    try:
-        return parse_quantity(value, units.RATIO).value
-    except UnitError as error:
-        raise problem(str(error)) from error
+    return read_quantity(value, units.RATIO).value
 
 
-def read_share(value: object, what: str) -> float:
-    """A number between 0 and 1, plain or in per cent.
-
-    Raises:
-        PydanticCustomError: It is none.
-    """
-    share = _read_ratio(value)
-    if not 0.0 <= share <= 1.0:
-        article = "an" if what[0] in "aeiou" else "a"
-        raise problem(
-            f'is {share:g}; {article} {what} lies between 0 and 1; write for example 0.02 or "2 %"'
-        )
-    return share
+Ratio = Annotated[float, BeforeValidator(_read_ratio)]
 
 
-_SHARE = JsonForm(
-    {
-        "description": "ratio from 0 to 1",
-        "examples": [0.02, "2 %"],
-        **RATIO_FORM,
-        "minimum": 0.0,
-        "maximum": 1.0,
-    }
-)
+def describe_ratio(
+    description: str, examples: tuple[str | float, ...], **limits: float
+) -> JsonForm:
+    """Describe a ratio between limits for the JSON schema."""
+    return JsonForm({"description": description, "examples": [*examples], **RATIO_FORM, **limits})
+
+
+def find_share_fault(share: float, what: str) -> str:
+    """Say why a number is no share; empty where it is one."""
+    if 0.0 <= share <= 1.0:
+        return ""
+    article = "an" if what[0] in "aeiou" else "a"
+    return f'is {share:g}; {article} {what} lies between 0 and 1; write for example 0.02 or "2 %"'
 
 
 def find_damping_fault(share: float, what: str) -> str:
@@ -444,30 +433,17 @@ def find_damping_fault(share: float, what: str) -> str:
     )
 
 
-_DAMPING = JsonForm(
-    {
-        "description": "ratio from 0, below 1",
-        "examples": [0.02, "2 %"],
-        **RATIO_FORM,
-        "minimum": 0.0,
-        "exclusiveMaximum": 1.0,
-    }
-)
+_DAMPING = describe_ratio("ratio from 0, below 1", (0.02, "2 %"), minimum=0.0, exclusiveMaximum=1.0)
 DampingShare = Annotated[
-    float,
-    BeforeValidator(_read_ratio),
-    without_fault(lambda share: find_damping_fault(share, "damping ratio")),
-    _DAMPING,
+    Ratio, without_fault(lambda share: find_damping_fault(share, "damping ratio")), _DAMPING
 ]
 LossFactor = Annotated[
-    float,
-    BeforeValidator(_read_ratio),
-    without_fault(lambda share: find_damping_fault(share, "loss factor")),
-    _DAMPING,
+    Ratio, without_fault(lambda share: find_damping_fault(share, "loss factor")), _DAMPING
 ]
-
 NotNegativeShare = Annotated[
-    float, BeforeValidator(lambda value: read_share(value, "share")), _SHARE
+    Ratio,
+    without_fault(lambda share: find_share_fault(share, "share")),
+    describe_ratio("ratio from 0 to 1", (0.02, "2 %"), minimum=0.0, maximum=1.0),
 ]
 
 
@@ -596,16 +572,16 @@ def show_direction(vector: Iterable[float]) -> str:
     return f"[{', '.join(f'{number:.4g}' for number in numbers)}]"
 
 
+def describe_direction(description: str, words: Iterable[str], *examples: object) -> JsonForm:
+    """Describe a direction by one of some words, or three numbers, for the JSON schema."""
+    forms = [{"enum": [*words]}, THREE_NUMBERS]
+    return JsonForm({"description": description, "examples": [*examples], "anyOf": forms})
+
+
 Direction = Annotated[
     tuple[float, float, float],
     BeforeValidator(read_direction),
-    JsonForm(
-        {
-            "description": "x, -z ... or three plain numbers",
-            "examples": ["x", "-z", [1, 0, 0]],
-            "anyOf": [{"enum": list(AXIS_DIRECTIONS)}, THREE_NUMBERS],
-        }
-    ),
+    describe_direction("x, -z ... or three plain numbers", AXIS_DIRECTIONS, "x", "-z", [1, 0, 0]),
 ]
 
 

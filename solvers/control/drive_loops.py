@@ -61,7 +61,7 @@ class LinearBlock:
         )
 
 
-def connect_in_series(first: LinearBlock, second: LinearBlock) -> LinearBlock:
+def _connect_in_series(first: LinearBlock, second: LinearBlock) -> LinearBlock:
     """The second block fed by the first."""
     a = np.block(
         [[first.a, np.zeros((len(first.a), len(second.a)))], [second.b @ first.c, second.a]]
@@ -110,7 +110,7 @@ def make_dead_time(dead_time: float) -> LinearBlock:
             c=np.array([[0.0, -2.0 * b / root]]),
             d=np.ones((1, 1)),
         )
-        chain = connect_in_series(chain, section)
+        chain = _connect_in_series(chain, section)
     return chain
 
 
@@ -273,13 +273,13 @@ def make_controller(control: AxisControl) -> LinearBlock:
         block = LinearBlock(
             np.zeros((1, 1)), kp / control.integral_time * error, np.ones((1, 1)), direct
         )
-    block = connect_in_series(block, make_dead_time(control.dead_time))
+    block = _connect_in_series(block, make_dead_time(control.dead_time))
     if control.current_lag > 0.0:
         rate = 1.0 / control.current_lag
         lag = LinearBlock(
             np.array([[-rate]]), np.array([[rate]]), np.ones((1, 1)), np.zeros((1, 1))
         )
-        block = connect_in_series(block, lag)
+        block = _connect_in_series(block, lag)
     return block
 
 

@@ -354,22 +354,17 @@ def find_stability_figures(
     = -1 / (2 K_s Re G).
     """
     return tuple(
-        _find_figures(
-            model,
-            response,
-            channel,
-            response.outputs.index(channel),
-            response.inputs.index(channel),
-        )
+        _find_figures(model, response, channel)
         for channel in response.inputs
         if channel in response.outputs and not np.isnan(_entry(response, channel)).all()
     )
 
 
 def _find_figures(
-    model: FrfModel, response: FrequencyResponse, channel: Channel, row: int, column: int
+    model: FrfModel, response: FrequencyResponse, channel: Channel
 ) -> StabilityFigures:
-    values = response.receptance[:, row, column]
+    values = _entry(response, channel)
+    row, column = response.outputs.index(channel), response.inputs.index(channel)
     real_parts, sizes = np.array(values.real, dtype=float), np.array(np.abs(values), dtype=float)
 
     def value_at(hz: float) -> complex:

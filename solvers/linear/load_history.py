@@ -62,7 +62,7 @@ class LoadHistory:
 
 
 @dataclass(frozen=True, eq=False)
-class Sine:
+class _Sine:
     """Sinusoidal parts of loads on the steps of a grid: ``forward sin(omega s) + quadrature
     cos(omega s)`` at the time ``s`` after the begin of a step.
 
@@ -91,7 +91,7 @@ class SteppedLoads:
 
     times: FloatArray
     linear: FloatArray
-    sines: tuple[Sine, ...]
+    sines: tuple[_Sine, ...]
     impulses: FloatArray
     sampled: IndexArray
 
@@ -174,8 +174,10 @@ def _join_pieces(
     omegas: ArrayLike = 0.0,
 ) -> LoadHistory:
     """Return pieces ``(p,)``; one value is that of all."""
-    pieces = np.broadcast_arrays(begins, ends, values, slopes, amplitudes, omegas)
-    return LoadHistory(*(np.array(part, dtype=float) for part in pieces))
+    pieces = np.array(
+        np.broadcast_arrays(begins, ends, values, slopes, amplitudes, omegas), dtype=float
+    )
+    return LoadHistory(pieces[0], pieces[1], pieces[2], pieces[3], pieces[4], pieces[5])
 
 
 def step_loads(loads: Sequence[LoadHistory], duration: float, sampling_hz: float) -> SteppedLoads:
@@ -232,7 +234,7 @@ def _linear_part(load: LoadHistory, times: FloatArray) -> FloatArray:
     return np.asarray(np.where(acts[:, None], values, ends))
 
 
-def _sines(loads: Sequence[LoadHistory], times: FloatArray) -> tuple[Sine, ...]:
+def _sines(loads: Sequence[LoadHistory], times: FloatArray) -> tuple[_Sine, ...]:
     omegas = sorted({float(omega) for load in loads for omega in load.omegas if omega})
     sines = []
     for omega in omegas:
@@ -246,7 +248,7 @@ def _sines(loads: Sequence[LoadHistory], times: FloatArray) -> tuple[Sine, ...]:
             phase = omega * (times[:-1] - load.begins[piece])
             forward[:, column] = np.where(acts, load.amplitudes[piece] * np.cos(phase), 0.0)
             quadrature[:, column] = np.where(acts, load.amplitudes[piece] * np.sin(phase), 0.0)
-        sines.append(Sine(omega, forward, quadrature))
+        sines.append(_Sine(omega, forward, quadrature))
     return tuple(sines)
 
 

@@ -141,7 +141,7 @@ def filter_deviation(found: PathDeviation, low_pass: LowPass | None) -> PathDevi
 
 
 def measure_zones(
-    found: PathDeviation, raw: PathDeviation, move: SetPoint, output: int, residual_time: float
+    deviation: PathDeviation, raw: PathDeviation, move: SetPoint, output: int, residual_time: float
 ) -> tuple[ZoneFigures, ZoneFigures]:
     """Figures of one output in both zones; a zone ends before the next one begins, or so long after
     its ramp.
@@ -151,22 +151,13 @@ def measure_zones(
             residual vibration from one zone into another.
         residual_time: How long after a ramp its residual vibration is looked at [s].
     """
-    (first, first_end), (second, second_end) = move.zones
-    last, ahead = float(found.times[-1]), max(second, first_end)
-    return (
-        _measure(
-            found,
-            raw,
-            output,
-            _Zone(first, first_end, min(first_end + residual_time, ahead), ahead),
-        ),
-        _measure(
-            found,
-            raw,
-            output,
-            _Zone(second, second_end, min(second_end + residual_time, last), last),
-        ),
+    (_, first_end), (second, _) = move.zones
+    limits = max(second, first_end), float(deviation.times[-1])
+    one, other = (
+        _measure(deviation, raw, output, _Zone(begin, end, min(end + residual_time, limit), limit))
+        for (begin, end), limit in zip(move.zones, limits, strict=True)
     )
+    return one, other
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ PROBES = 2000
 
 
 @dataclass(frozen=True, eq=False)
-class EnergyHistory:
+class _EnergyHistory:
     """Energies over time ``(n,)`` [J], counted from the start.
 
     Attributes:
@@ -95,7 +95,7 @@ class DrivenMotion:
     right: FloatArray
     outputs: FloatArray
     friction: FloatArray
-    energy: EnergyHistory
+    energy: _EnergyHistory
     steps: int
 
 
@@ -229,14 +229,14 @@ def integrate_track(
 
 def _add_works(
     before: FloatArray, stored: FloatArray, works: FloatArray, pose: FloatArray
-) -> EnergyHistory:
+) -> _EnergyHistory:
     """Return the balance of energies ``(n,)`` stored just before and just after each time, and of works
     ``(n, 4)`` until then.
     """
     # what impulses add is work of the loads; works count from just after the first time
     struck = np.cumsum(np.where(np.arange(len(stored)) > 0, stored - before, 0.0))
     drives, loads, damping, friction = works.T
-    return EnergyHistory(stored, drives, loads + struck, damping, friction, pose)
+    return _EnergyHistory(stored, drives, loads + struck, damping, friction, pose)
 
 
 def _posed_work(
