@@ -3,6 +3,7 @@ and what is said where they do not. Neither an answer nor a solver is imported.
 """
 
 import contextlib
+import hashlib
 import io
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -12,7 +13,6 @@ from typing import Any, Never
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.meshing.process.strangers import RESULTS, SUMMARY, require_size
 from headstock.pipeline.numbers.numbers import Numbers
-from headstock.pipeline.storage.content_keys import file_digest
 from headstock.pipeline.storage.outputs import UnusableOutputError
 from headstock.pipeline.storage.records import RecordError, require_plain
 from headstock.scene.reading.names import RESULT_FORMAT
@@ -131,7 +131,7 @@ def read_results_file[T](folder: Path, read: "Callable[[h5py.File], T]") -> T:
     with naming_damage(path):
         if path.exists():
             require_size(path, RESULTS, RecordError)
-        if stated != file_digest(path):
+        if stated != _digest_of(path):
             raise RecordError(f"it is damaged, or of another run than {SUMMARY_FILE}")
         with h5py.File(path, "r") as file:
             require_plain(file, attribute_axes=2)
@@ -179,3 +179,8 @@ def _find_other_results(folder: Path) -> str:
     return (
         f"{folder / names[0]} is of `headstock {command}`, which writes its own pages: run it again"
     )
+
+
+def _digest_of(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
