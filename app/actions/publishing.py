@@ -30,7 +30,6 @@ from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
     REPORT_FILE,
     TABLES_FOLDER,
-    collect_curves,
     open_results,
     read_summary,
 )
@@ -98,7 +97,7 @@ def renew_report(folder: Path) -> Path:
     summary = read_summary(folder)
     with claim_output(folder, (REPORT_FILE,), PARTS):
         results = open_results(folder)
-        run = FinishedRun(summary, collect_curves(results.answers), results.view)
+        run = FinishedRun(summary, results.answers, results.view)
         print_remarks(publish_again(folder, run))
     return folder / REPORT_FILE
 

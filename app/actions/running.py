@@ -23,7 +23,7 @@ from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.preview.doubts import free_motion_warnings
-from headstock.pipeline.results.files import REPORT_FILE, collect_curves
+from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.results.mode_files import VOLUME_FOLDER
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
@@ -71,7 +71,7 @@ def run_command(options: RunOptions, comm: MPI.Comm) -> int:
         results = _run_with_progress(scene, output, comm, volume=options.volume, origin=origin)
         if comm.rank == 0:
             summary = summarise(results)
-            run = FinishedRun(summary, collect_curves(results.answers), results.view)
+            run = FinishedRun(summary, results.answers, results.view)
             with show_progress() as progress:
                 progress.begin("report", 0.0 if options.no_figures else DRAWING_SECONDS)
                 remarks = publish_run(output, run, figures=not options.no_figures)

@@ -15,7 +15,7 @@ from headstock.app.tables.table import Listing, PlainTable, tabulate
 from headstock.app.texts.bounded_values import response_error_words
 from headstock.app.texts.curves import overlaid_responses
 from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
-from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.results.mode_files import file_stem
 
 CURSOR = "response_cursor.js"
@@ -25,7 +25,7 @@ def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
     for pose, response in run.summary["frf"].items():
         if peaks := list_probe_peaks(response):
             yield tabulate(f"probe_peaks_{file_stem(pose)}", PROBE_PEAK_COLUMNS, peaks)
-    for curves in run.find_curves(ResponseCurves):
+    for curves in (response.curves for response in run.find_answers(PoseResponse)):
         yield tabulate_response(curves)
         if curves.probes:
             yield tabulate_probes(curves)
@@ -47,7 +47,7 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
 
 
 def _write_section(run: FinishedRun) -> Section | None:
-    responses = {response.pose: response for response in run.find_curves(ResponseCurves)}
+    responses = {found.curves.pose: found.curves for found in run.find_answers(PoseResponse)}
     names = {
         "responses": responses,
         "columns": {

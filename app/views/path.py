@@ -25,6 +25,7 @@ from headstock.pipeline.answers.path import (
     CruiseSummary,
     FeedSummary,
     PathCurves,
+    PathResult,
     PathSummary,
     ZoneSummary,
     deviation_unit,
@@ -232,8 +233,12 @@ def _title(path: PathSummary) -> str:
     return f"Deviation while {moved} moves {show_position(path['length'], path['unit'])}{low_pass} [µm or µrad, s]"
 
 
+def _list_curves(run: FinishedRun) -> list[PathCurves]:
+    return [feed.curves for path in run.find_answers(PathResult) for feed in path.runs]
+
+
 def _write_section(run: FinishedRun) -> Section | None:
-    paths = run.find_curves(PathCurves)
+    paths = _list_curves(run)
     names = {
         "paths": paths,
         "path_stems": [path_stem(feed.name) for feed in paths],
@@ -256,7 +261,7 @@ def _write_section(run: FinishedRun) -> Section | None:
 
 VIEW = View(
     tables=_list_tables,
-    long_tables=lambda run: map(tabulate_path, run.find_curves(PathCurves)),
+    long_tables=lambda run: map(tabulate_path, _list_curves(run)),
     terminal=_list_parts,
     section=_write_section,
 )

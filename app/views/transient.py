@@ -24,6 +24,7 @@ from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
 from headstock.pipeline.answers.path import deviation_unit
 from headstock.pipeline.answers.transient import (
     MovedOutputSummary,
+    TransientAnswer,
     TransientCurves,
     TransientSummary,
 )
@@ -115,8 +116,12 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
         yield from list_force_tables(transient, f"in pose {pose}", "Largest stress over time")
 
 
+def _list_curves(run: FinishedRun) -> list[TransientCurves]:
+    return [history.curves for history in run.find_answers(TransientAnswer)]
+
+
 def _write_section(run: FinishedRun) -> Section | None:
-    histories = run.find_curves(TransientCurves)
+    histories = _list_curves(run)
     names = {
         "histories": {history.pose: history for history in histories},
         "columns": {
@@ -134,7 +139,7 @@ def _write_section(run: FinishedRun) -> Section | None:
 
 VIEW = View(
     tables=_list_tables,
-    long_tables=lambda run: map(tabulate_transient, run.find_curves(TransientCurves)),
+    long_tables=lambda run: map(tabulate_transient, _list_curves(run)),
     terminal=_list_parts,
     section=_write_section,
 )

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from headstock.app.tables.table import Listing, PlainTable
-from headstock.pipeline.results.files import Curves, find_curves
+from headstock.pipeline.answers.answer import Answer, find_answers
 from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView
 
@@ -16,21 +16,21 @@ class FinishedRun:
 
     Attributes:
         summary: Content of ``summary.json``.
-        curves: Over frequency, along the path and over time.
+        answers: What was found, with curves; empty where the summary is enough.
         machine: What there is to draw; empty without it.
     """
 
     summary: RunSummary
-    curves: Sequence[Curves] = ()
+    answers: Sequence[Answer] = ()
     machine: MachineView = field(default_factory=MachineView)
 
     def find_entry(self, name: str) -> Any:
         """Return what an analysis has in the summary."""
         return self.summary.get(name)
 
-    def find_curves[Kind: Curves](self, kind: type[Kind]) -> list[Kind]:
-        """Return the curves of one kind, in the order of their stages."""
-        return find_curves(self.curves, kind)
+    def find_answers[Kind: Answer](self, kind: type[Kind]) -> tuple[Kind, ...]:
+        """Return the answers of one kind, in the order of their stages."""
+        return find_answers(self.answers, kind)
 
 
 @dataclass(frozen=True)

@@ -81,14 +81,14 @@ def _describe_face(number: int, tag: int, points: FloatArray, facets: IntArray) 
         2, tag, includeBoundary=True, returnParametricCoord=True
     )
     exact = np.array(gmsh.model.getNormal(tag, parameters)).reshape(-1, 3)  # either way round
-    axis, place, radius = fit_cylinder(points[np.unique(facets)], exact)
-    outwards = corners[sound][largest].mean(axis=0) - place
+    axis, on_axis, radius = fit_cylinder(points[np.unique(facets)], exact)
+    outwards = corners[sound][largest].mean(axis=0) - on_axis
     along = points[np.unique(facets)] @ axis
     return dataclasses.replace(
         face,
         radius=radius,
         axis=_vector(axis),
-        axis_point=_vector(place),
+        axis_point=_vector(on_axis),
         span=(float(along.min()), float(along.max())),
         hollow=bool(outwards @ normals[largest] < 0.0),
     )

@@ -179,13 +179,13 @@ def _end_faces(shape: OpenShape, name: str) -> list[int]:
             places[tag] = float(gmsh.model.occ.getCenterOfMass(2, tag)[axis])
     if not places:
         return []
-    outermost = max(places.values(), key=lambda place: sign * place)
+    outermost = max(places.values(), key=lambda height: sign * height)
     if abs(outermost - end) > BOX_TOLERANCE * shape.extent:
         return []
     return [
         tag
-        for tag, place in places.items()
-        if abs(place - outermost) <= END_TOLERANCE * shape.extent
+        for tag, height in places.items()
+        if abs(height - outermost) <= END_TOLERANCE * shape.extent
     ]
 
 
@@ -238,7 +238,7 @@ def _find_overhang(faces: list[int], pieces: dict[int, int], patch: Patch) -> li
     middle -= ((middle - origin) @ normal) * normal
     half = np.array(patch.size) / 2 if patch.shape == "rect" else patch.size[0] / 2
     places = middle + (1.0 - OVERHANG) * half * rim @ plane_axes(normal)
-    if all(gmsh.model.isInside(2, faces[0], list(place)) for place in places):
+    if all(gmsh.model.isInside(2, faces[0], list(point)) for point in places):
         return []
     return [
         f"the {patch.shape} reaches beyond face {patch.face!r}: {taken / asked:.0%} of its area lies on it, and the rest is left out; move it or "

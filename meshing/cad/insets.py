@@ -138,10 +138,12 @@ def _replace_volume(
     occ.remove([(3, volume), *((3, solid) for solid in solids)], recursive=False)
     occ.synchronize()
     used = set(boundary_faces(left))
-    known = set(faces) & used
-    changed = {frozenset(face_curves(face)): face for face in used - known}
+    unchanged = set(faces) & used
+    changed = {frozenset(face_curves(face)): face for face in used - unchanged}
     now = [
-        face if face in known or face == GONE else changed.get(frozenset(face_curves(face)), GONE)
+        face
+        if face in unchanged or face == GONE
+        else changed.get(frozenset(face_curves(face)), GONE)
         for face in faces
     ]
     occ.remove([entry for entry in occ.getEntities(2) if entry[1] not in used], recursive=True)
@@ -231,8 +233,7 @@ def _lies_in(face: int, ends: Collection[tuple[int, float]]) -> bool:
     thin = [box[axis + 3] - box[axis] for axis in range(3)]
     flat = 1e-6 * max(thin)
     return any(
-        thin[axis] <= flat + 1e-6 and abs(middle[axis] - place) <= flat + 1e-6
-        for axis, place in ends
+        thin[axis] <= flat + 1e-6 and abs(middle[axis] - end) <= flat + 1e-6 for axis, end in ends
     )
 
 

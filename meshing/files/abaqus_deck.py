@@ -392,8 +392,8 @@ class DeckReader:
             counts, node_steps, steps = (np.array(words[start:10:3]) for start in (1, 2, 3))
             if min(words[1:10]) < 1 or np.prod(counts, dtype=float) > LONGEST_RANGE:
                 raise ValueError("its counts and steps are no whole numbers above zero")
-            for place in np.ndindex(*counts):
-                number, shift = master + int(place @ steps), int(place @ node_steps)
+            for offsets in np.ndindex(*counts):
+                number, shift = master + int(offsets @ steps), int(offsets @ node_steps)
                 self._define(kind, number, [node + shift for node in kind.nodes[master]])
                 made.append(number)
         self._name_elements(block, made)

@@ -93,8 +93,8 @@ class PlacedMechanism:
         return np.asarray(motion.T @ (rotate_dofs(placement.rotation) @ wrench))
 
     def _local(self, end: JointEnd, offset: Sequence[float]) -> FloatArray:
-        place = self.superelements[end.component or ""].interface_position(end.interface or "")
-        return np.asarray(place + np.asarray(offset))
+        origin = self.superelements[end.component or ""].interface_position(end.interface or "")
+        return np.asarray(origin + np.asarray(offset))
 
 
 def build_compliant_mechanism(
@@ -189,9 +189,9 @@ def place_mechanism(
         if marker is None:
             placements[name], moving[name] = own[name], np.zeros((6, len(motions.stiffness)))
             continue
-        place = model.mechanism.markers.index(marker)
+        index = model.mechanism.markers.index(marker)
         on_marker = compose_frames(
-            mounting, Frame(placement.positions[place], placement.rotations[place])
+            mounting, Frame(placement.positions[index], placement.rotations[index])
         )
         placements[name] = compose_frames(on_marker, own[name])
         center = placements[name].origin + placements[name].rotation @ body.center_of_mass

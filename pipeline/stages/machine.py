@@ -194,8 +194,8 @@ class CoupledPose:
         except ModelError as error:
             return {}, (f"displacements under the loads {', '.join(coupled.loads)}: {error}",)
         rows = np.array([coupled.system.outputs[name, dof] for dof in DOF_NAMES])
-        known = solution.determines(rows)[:, None] & solution.balanced
-        moved = np.where(known, rows @ solution.displacements, np.nan)
+        determined = solution.determines(rows)[:, None] & solution.balanced
+        moved = np.where(determined, rows @ solution.displacements, np.nan)
         offsets = fixed_offsets(coupled, self.parts.scene.machine, name)
         offsets[ALL_LOADS] = np.sum([np.zeros(6), *offsets.values()], axis=0)
         return {
@@ -297,7 +297,7 @@ def _thin_together(state: RunState, skins: dict[str, Skin]) -> dict[str, Skin]:
         return skins
     # the machine is at least as large as its largest part
     pixel = PIXEL * max(skin_size(skin) for skin in skins.values())
-    known: dict[str, Skin] = {}  # equal parts are thinned out once
+    thinned: dict[str, Skin] = {}  # equal parts are thinned out once
     drawn = {}
     for name, skin in skins.items():
         largest = max(FEWEST_TRIANGLES, int(share * len(skin.triangles)))
@@ -305,13 +305,13 @@ def _thin_together(state: RunState, skins: dict[str, Skin]) -> dict[str, Skin]:
             drawn[name] = skin
             continue
         key = thinned_skin_key(skin, largest=largest, pixel=pixel)
-        if key not in known:
+        if key not in thinned:
             read = read_entry(state.store, key, Skin)
             state.warn(read.warning)
-            known[key] = read.value or thin_skin(skin, largest=largest, pixel=pixel)
+            thinned[key] = read.value or thin_skin(skin, largest=largest, pixel=pixel)
             if read.value is None:
-                state.warn(write_entry(state.store, key, known[key]))
-        drawn[name] = dataclasses.replace(known[key], kept_whole=skin.kept_whole)
+                state.warn(write_entry(state.store, key, thinned[key]))
+        drawn[name] = dataclasses.replace(thinned[key], kept_whole=skin.kept_whole)
     return drawn
 
 
@@ -335,11 +335,11 @@ def list_dampings(scene: Scene) -> tuple[str, ...]:
     machine, ratios = scene.machine, scene.modal_damping
     joints, parts = machine.joints.values(), machine.components.values()
     owners = {
-        "loss factors of": [each.name for each in joints if each.loss_factor]
-        + sorted({each.material.name for each in parts if each.material.loss_factor}),
-        "dampers of": [each.name for each in joints if each.damping.any()],
+        "loss factors of": [owner.name for owner in joints if owner.loss_factor]
+        + sorted({owner.material.name for owner in parts if owner.material.loss_factor}),
+        "dampers of": [owner.name for owner in joints if owner.damping.any()],
         "Rayleigh damping of": ["the machine"] * bool(machine.rayleigh)
-        + [each.name for each in parts if each.rayleigh],
+        + [owner.name for owner in parts if owner.rayleigh],
     }
     given = ", ".join(f"{100.0 * ratio:g} %" for ratio in ratios)
     of_modes = "every mode" if len(ratios) == 1 else "the first modes, the last of all others"

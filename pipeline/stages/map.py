@@ -128,8 +128,8 @@ def _assemble(request: MapRequest, shape: tuple[int, ...], rows: _PoseRows) -> W
     quantities = {"condition_number": rows.condition}
     quantities |= {f"f{number + 1}_hz": followed[:, number] for number in range(request.count)}
     quantities |= {
-        f"stiffness_{axis}_n_per_um": N_PER_UM * rows.stiffness[:, place]
-        for place, axis in enumerate("xyz")
+        f"stiffness_{axis}_n_per_um": N_PER_UM * rows.stiffness[:, row]
+        for row, axis in enumerate("xyz")
     }
     quantities["mean_leg_m"] = rows.lengths.mean(axis=1)
     good = np.isfinite(rows.condition) & np.isfinite(followed[:, 0])
@@ -213,7 +213,7 @@ def run_map_stage(state: RunState, stage: Stage) -> Outcome:
     first = surveyed.quantities["f1_hz"]
     taken = int(np.isfinite(surveyed.quantities["condition_number"]).sum())
     shared = f" on {state.comm.size} ranks" if state.comm.size > 1 else ""
-    known = first[np.isfinite(first)]
-    span = f"{known.min():.4g} .. {known.max():.4g}" if len(known) else "nowhere"
+    finite = first[np.isfinite(first)]
+    span = f"{finite.min():.4g} .. {finite.max():.4g}" if len(finite) else "nowhere"
     detail = f"{taken} of {first.size} poses{shared}, f1 {span} Hz"
     return Outcome(detail=detail, answers=(surveyed,))

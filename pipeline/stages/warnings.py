@@ -317,10 +317,10 @@ def _mesh_warnings(quality: MeshQuality, dofs: int) -> list[str]:
             f"{quality.repaired} curved elements were inverted as meshed and were repaired"
         )
     if quality.poor_share > POOR_SHARE or quality.minimum_scaled_jacobian < BAD_QUALITY:
-        place = ", ".join(f"{value:.4g}" for value in quality.worst_place)
+        position = ", ".join(f"{value:.4g}" for value in quality.worst_place)
         face = f", {quality.worst_face}" if quality.worst_face else ""
         warnings.append(
             f"elements with {quality.poor_share:.2g} of the volume have a scaled Jacobian below {POOR_QUALITY:g} (1 is ideal), the"
-            f" worst {quality.minimum_scaled_jacobian:.2g} at ({place}) m{face}; a smaller mesh size may help"
+            f" worst {quality.minimum_scaled_jacobian:.2g} at ({position}) m{face}; a smaller mesh size may help"
         )
     return warnings

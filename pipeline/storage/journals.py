@@ -48,16 +48,16 @@ class JournalForm:
 
     def records(self, content: bytes) -> Iterator[bytes]:
         """Records of a file, up to the first that is not whole."""
-        place = len(self.head)
+        start = len(self.head)
         if not content.startswith(self.head):
             return
         if self.lines:
-            yield from content[place:].split(b"\n")[:-1]
+            yield from content[start:].split(b"\n")[:-1]
             return
-        while place + _MARK.size <= len(content):
-            length, checksum = _MARK.unpack_from(content, place)
-            place += _MARK.size + length
-            record = content[place - length : place]
+        while start + _MARK.size <= len(content):
+            length, checksum = _MARK.unpack_from(content, start)
+            start += _MARK.size + length
+            record = content[start - length : start]
             if len(record) < length or zlib.crc32(record) != checksum:
                 return
             yield record

@@ -444,7 +444,7 @@ def _parse_list(content: bytes) -> Written:
             if _LISTED.fullmatch(name):
                 # the same digest again goes to the end
                 written[name] = [
-                    *(known for known in written.get(name, []) if known != digest),
+                    *(earlier for earlier in written.get(name, []) if earlier != digest),
                     digest,
                 ]
     return written
@@ -490,9 +490,9 @@ def _shorten(folder: Path, written: Written, digests: Mapping[str, str]) -> Writ
     new ones.
     """
     short: Written = {}
-    for name, known in written.items():
-        has = [digest for digest in known[:-1] if _holds(folder, name, [digest])]
-        short[name] = [*has, known[-1]]
+    for name, listed in written.items():
+        has = [digest for digest in listed[:-1] if _holds(folder, name, [digest])]
+        short[name] = [*has, listed[-1]]
     for name, digest in digests.items():
         short[name] = [*short.get(name, []), digest]
     return short

@@ -181,9 +181,9 @@ def _read_head(root: Path) -> str | None:
             return head if COMMIT.fullmatch(head) else None
         common = folder / "commondir"
         shared = (folder / common.read_text().strip()).resolve() if common.is_file() else folder
-        for place in (folder / name, shared / name):
-            if place.is_file():
-                found = place.read_text().strip()
+        for file in (folder / name, shared / name):
+            if file.is_file():
+                found = file.read_text().strip()
                 return found if COMMIT.fullmatch(found) else None
         packed = (line.partition(" ") for line in (shared / "packed-refs").read_text().splitlines())
         return next(

@@ -264,10 +264,10 @@ def _check_places(path: str, superelement: Superelement) -> None:
     low, high = points.min(axis=0), points.max(axis=0)
     # a beam of segments is drawn as a line: its interfaces lie up to its length beside it
     outside = float(np.linalg.norm(high - low)) * (CONSISTENCY if superelement.modal_count else 1.0)
-    for name, place in places.items():
-        if (place < low - outside).any() or (place > high + outside).any():
+    for name, point in places.items():
+        if (point < low - outside).any() or (point > high + outside).any():
             raise RecordError(
-                f"{path}: {name} lies outside the body, at {np.round(place, 6).tolist()} m"
+                f"{path}: {name} lies outside the body, at {np.round(point, 6).tolist()} m"
             )
 
 

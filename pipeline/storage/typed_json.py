@@ -200,8 +200,8 @@ def _find_in_union(value: object, hint: Any, where: str) -> str | None:
 
 
 def _find_in_literal(value: object, hint: Any, where: str) -> str | None:
-    known = value in typing.get_args(hint) if isinstance(value, str | int) else False
-    return None if known else f"{where} is {_show(value)}, not one of {typing.get_args(hint)}"
+    fits = value in typing.get_args(hint) if isinstance(value, str | int) else False
+    return None if fits else f"{where} is {_show(value)}, not one of {typing.get_args(hint)}"
 
 
 def _find_in_array(value: object, hint: Any, where: str) -> str | None:

@@ -57,8 +57,8 @@ def compile_form(form: ufl.Form, comm: MPI.Comm, name: str) -> fem.Form:
             if lacks_memory(error):
                 raise out_of_memory("the compiler of a form") from error
             places = ", ".join(
-                f"{place}: {shutil.disk_usage(place).free / 1e6:.0f} MB free"
-                for place in (folder, tempfile.gettempdir())
+                f"{held}: {shutil.disk_usage(held).free / 1e6:.0f} MB free"
+                for held in (folder, tempfile.gettempdir())
             )
             raise CompileError(
                 f"a form could not be compiled: {error} ({places}); see that there is room and a C compiler"

@@ -139,11 +139,11 @@ def marker_motion(model: CompliantMechanism, motions: SmallMotions, marker: str)
     Raises:
         ValueError: There is no such marker.
     """
-    place = model.mechanism.markers.index(marker)
+    index = model.mechanism.markers.index(marker)
     kinematics = motions.kinematics
     return np.asarray(
         np.concatenate(
-            [kinematics.of_position[..., place, :, :], kinematics.of_rotation[..., place, :, :]],
+            [kinematics.of_position[..., index, :, :], kinematics.of_rotation[..., index, :, :]],
             axis=-2,
         )
         @ motions.from_compliant

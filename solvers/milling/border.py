@@ -84,7 +84,7 @@ class _Speed:
     def stable_below(self, depth: float) -> float:
         """The deepest stable cut that was tried below a depth, zero for none [m]."""
         return max(
-            (each for each, growth in self.tried.items() if each < depth and growth < 0.0),
+            (tried for tried, growth in self.tried.items() if tried < depth and growth < 0.0),
             default=0.0,
         )
 
@@ -116,46 +116,46 @@ def find_border(
         safe: Depth that is stable at every speed [m].
         deepest: Depth up to which limits are looked for [m].
     """
-    places = [place for place, cut in enumerate(cuts) if cut is not None]
+    places = [index for index, cut in enumerate(cuts) if cut is not None]
     speeds = [_Speed(cut) for cut in cuts if cut is not None]
     near = expected[places]
     limits = [NOT_EVALUATED] * len(speeds)
     first = min(max(safe, THINNEST * deepest), deepest)
     factor = _choose_factor(speeds, safe)
     apart = 2 ** int(math.log2(max(1.0, len(speeds) / PILOTS)))
-    for place in range(0, len(speeds), apart):
-        begin = first * factor ** -STAGGER[place // apart % len(STAGGER)]
-        limits[place] = _scan(speeds[place], begin, deepest, float(near[place]), factor)
+    for index in range(0, len(speeds), apart):
+        begin = first * factor ** -STAGGER[index // apart % len(STAGGER)]
+        limits[index] = _scan(speeds[index], begin, deepest, float(near[index]), factor)
     # a narrow lobe between these speeds is seen by one frequency
-    known = [deepest, *near, *(limit.depth for limit in limits)]
-    first = max(first, SCAN_BEGIN * float(np.nanmin(known)))
+    depths = [deepest, *near, *(limit.depth for limit in limits)]
+    first = max(first, SCAN_BEGIN * float(np.nanmin(depths)))
     while apart > 1:
         apart //= 2
-        for place in range(apart, len(speeds), 2 * apart):
-            begin = first * factor ** -STAGGER[place // apart % len(STAGGER)]
-            hint = _expect(limits, near, place, apart) if factor == DENSE_FACTOR else math.nan
-            limits[place] = _scan(
-                speeds[place],
+        for index in range(apart, len(speeds), 2 * apart):
+            begin = first * factor ** -STAGGER[index // apart % len(STAGGER)]
+            hint = _expect(limits, near, index, apart) if factor == DENSE_FACTOR else math.nan
+            limits[index] = _scan(
+                speeds[index],
                 begin,
                 deepest,
-                hint if math.isfinite(hint) else float(near[place]),
+                hint if math.isfinite(hint) else float(near[index]),
                 factor,
                 sure=math.isfinite(hint),
             )
     _follow_islands(speeds, limits, deepest)
     by_place = dict(zip(places, limits, strict=True))
-    return [by_place.get(place, NOT_EVALUATED) for place in range(len(cuts))]
+    return [by_place.get(index, NOT_EVALUATED) for index in range(len(cuts))]
 
 
 def _follow_islands(speeds: Sequence[_Speed], limits: list[Limit], deepest: float) -> None:
     """Try the limit of every speed at its neighbours, and theirs in turn where it chatters."""
-    waiting = [place for place, limit in enumerate(limits) if limit.limited]
+    waiting = [index for index, limit in enumerate(limits) if limit.limited]
     while waiting:
-        place = waiting.pop()
-        for beside in (place - 1, place + 1):
+        index = waiting.pop()
+        for beside in (index - 1, index + 1):
             if not 0 <= beside < len(limits):
                 continue
-            speed, depth = speeds[beside], INSIDE * limits[place].depth
+            speed, depth = speeds[beside], INSIDE * limits[index].depth
             if depth < BELOW * limits[beside].depth and speed.growth(depth) >= 0.0:
                 limits[beside] = _enclose(speed, speed.stable_below(depth), depth, deepest)
                 waiting.append(beside)
@@ -166,9 +166,9 @@ def _expect(limits: Sequence[Limit], near: FloatArray, place: int, apart: int) -
     by the ratio to those of one frequency; NaN where one of them has none.
     """
     beside = [place - apart, min(place + apart, len(limits) - 1)]
-    if not all(limits[each].limited for each in beside):
+    if not all(limits[index].limited for index in beside):
         return math.nan
-    depths = np.array([limits[each].depth for each in beside])
+    depths = np.array([limits[index].depth for index in beside])
     ratio = float(near[place] * (depths / near[beside]).mean())
     return ratio if math.isfinite(ratio) else float(depths.mean())
 
@@ -200,7 +200,7 @@ def _scan(
             return _enclose(speed, depths[-3], top, deepest)
         if depth >= deepest:
             break
-        ahead = [each for each in near if depth < each < factor * depth]
+        ahead = [hinted for hinted in near if depth < hinted < factor * depth]
         if sure and depth == ISLANDS[-1] * hint:
             limit = _confirm(speed, hint, (depth, NEAR[0] * hint))
             if limit is not NOT_EVALUATED:
@@ -216,7 +216,7 @@ def _look_below(speed: _Speed, limit: Limit, deepest: float) -> Limit:
     """A limit, or an island close below it."""
     for share in ISLANDS:
         depth = share * limit.depth
-        if any(abs(each / depth - 1.0) < SAME for each in speed.tried if depth > 0.0):
+        if any(abs(tried / depth - 1.0) < SAME for tried in speed.tried if depth > 0.0):
             continue
         if depth > 0.0 and speed.growth(depth) >= 0.0:
             return _enclose(speed, speed.stable_below(depth), depth, deepest)
@@ -245,7 +245,7 @@ def _find_island(speed: _Speed, depths: Sequence[float]) -> float | None:
     if len(depths) < 3:
         return None
     places = np.log(depths[-3:])
-    low, middle, high = (speed.growth(each) for each in depths[-3:])
+    low, middle, high = (speed.growth(tried) for tried in depths[-3:])
     if not (middle > low and middle > high and middle > min(low, high) / 2.0):
         return None
     curve = np.polyfit(places - places[1], [low, middle, high], 2)
@@ -295,7 +295,7 @@ def _confirm(speed: _Speed, depth: float, within: tuple[float, float]) -> Limit:
     for _ in range(CONFIRMATIONS):
         ends = [(1.0 - CLOSE) * depth, (1.0 + CLOSE) * depth]
         multipliers = [speed.cut.largest(end, more) for end in ends]
-        growths = [_growth(each) for each in multipliers]
+        growths = [_growth(multiplier) for multiplier in multipliers]
         if growths[0] < 0.0 <= growths[1]:
             return _limit_between(speed, ends, multipliers)
         slope = 0.5 * (growths[1] - growths[0]) / CLOSE

@@ -81,8 +81,8 @@ class CuttingCoefficients:
         text = f"{', '.join(numbers[:3])} N/mm^2; {', '.join(numbers[3:])} N/mm"
         if self.chip_thickness is not None:
             text += f"; tangent at a chip thickness of {MM * self.chip_thickness:.3g} mm ({self.thickness_from})"
-        known = [f"{key} ± {100.0 * own.share:.3g} %" for key, own in self.ranges.items()]
-        return f"{text}; {', '.join(known)}" if known else text
+        spreads = [f"{key} ± {100.0 * own.share:.3g} %" for key, own in self.ranges.items()]
+        return f"{text}; {', '.join(spreads)}" if spreads else text
 
 
 def _find_coefficients(values: Mapping[str, float]) -> tuple[Three, Three]:

@@ -179,7 +179,7 @@ def safe_depth(tip: TipPoles, cut: MillingCut) -> float:
     """
     speeds = np.abs(tip.values)
     lines = 1j * np.maximum(speeds, SLOWEST * speeds.max(initial=0.0))
-    shares = (1.0 / (lines[:, None] - each) for each in (tip.values, tip.values.conj()))
+    shares = (1.0 / (lines[:, None] - values) for values in (tip.values, tip.values.conj()))
     both = (tip.outputs, tip.outputs.conj()), (tip.inputs, tip.inputs.conj())
     response = tip.static + 0.5 * sum(
         np.einsum("pq,fq,qr->fpr", outputs, share, inputs)
@@ -287,7 +287,9 @@ class PeriodicCut:
             (turn * number + side * angle) / period
             for number, side in zip(waves, (1, -1), strict=True)
         ]
-        return min((each for each in candidates if each >= 0.0), key=lambda each: abs(each - pole))
+        return min(
+            (omega for omega in candidates if omega >= 0.0), key=lambda omega: abs(omega - pole)
+        )
 
     def matrix(self, depth: float, more: int = 0) -> FloatArray:
         """Coordinates of the tip and motions at the nodes a period later per those before.
@@ -410,10 +412,10 @@ def _multiply(factors: ComplexArray) -> FloatArray:
     """``(w, 2 q, 2 q)`` that multiply coordinates by complex factors ``(w, q)``."""
     count = factors.shape[1]
     matrices = np.zeros((len(factors), 2, count, 2, count))
-    place = np.arange(count)
-    matrices[:, 0, place, 0, place] = matrices[:, 1, place, 1, place] = factors.real
-    matrices[:, 1, place, 0, place] = factors.imag
-    matrices[:, 0, place, 1, place] = -factors.imag
+    diagonal = np.arange(count)
+    matrices[:, 0, diagonal, 0, diagonal] = matrices[:, 1, diagonal, 1, diagonal] = factors.real
+    matrices[:, 1, diagonal, 0, diagonal] = factors.imag
+    matrices[:, 0, diagonal, 1, diagonal] = -factors.imag
     return matrices.reshape(len(factors), 2 * count, -1)
 
 

@@ -119,13 +119,13 @@ def find_lobes(
     values = _chip_eigenvalues(receptance(omega), stiffness)
     periods: FloatArray = np.asarray(2.0 * np.pi / (teeth * speeds), dtype=float)
     crossings = [_crossings(omega, values[:, branch], periods) for branch in range(2)]
-    place, waves, near, level, slope = (
+    row, waves, near, level, slope = (
         np.concatenate(parts) for parts in zip(*crossings, strict=True)
     )
     # of all frequencies that may chatter at a speed the one with the thinnest limit
-    order = np.lexsort((-level.real, place))
-    first = order[np.unique(place[order], return_index=True)[1]]
-    at = place[first]
+    order = np.lexsort((-level.real, row))
+    first = order[np.unique(row[order], return_index=True)[1]]
+    at = row[first]
     near, level = _refine(
         receptance,
         stiffness,
@@ -175,15 +175,15 @@ def _crossings(
     ordered = periods[rising]
     first = np.searchsorted(ordered, np.minimum(begin, end), side="left")
     last = np.searchsorted(ordered, np.maximum(begin, end), side="right")
-    piece, place = _spread(last - first, first)
-    place, a, b, waves = rising[place], a[piece], b[piece], waves[piece]
-    period = periods[place]
+    piece, row = _spread(last - first, first)
+    row, a, b, waves = rising[row], a[piece], b[piece], waves[piece]
+    period = periods[row]
     slope = period - (phase[b] - phase[a]) / (omega[b] - omega[a])
     slope = np.where(slope == 0.0, period, slope)
     move = (2.0 * np.pi * waves + phase[a] - omega[a] * period) / slope
     share = np.clip(move / (omega[b] - omega[a]), 0.0, 1.0)
     return (
-        place,
+        row,
         waves,
         omega[a] + share * (omega[b] - omega[a]),
         values[a] + share * (values[b] - values[a]),

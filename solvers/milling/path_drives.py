@@ -265,9 +265,9 @@ def _require_poses(machine: MountedExechon, times: FloatArray, survey: PoseSurve
             f"{first(survey.condition >= LARGEST_CONDITION)}: a singular pose; a motion is lost or gained"
         )
     if not survey.within.all():
-        place = int(np.argmax(~survey.within))
+        first_bad = int(np.argmax(~survey.within))
         raise JointLimitError(
-            f"{first(~survey.within)}: {'; '.join(name_limit_faults(machine, survey.states[place]))}"
+            f"{first(~survey.within)}: {'; '.join(name_limit_faults(machine, survey.states[first_bad]))}"
         )
 
 

@@ -100,7 +100,7 @@ def integrate_regenerative(
     times, steps = motion.times, AlphaSteps(motion)
     state = steps.rest(load[0])
     history, force = np.empty((len(times), 3, load.shape[1])), np.zeros((len(times), 3))
-    place = np.zeros((len(times), 3))
+    positions = np.zeros((len(times), 3))
     rest = np.zeros((len(times), 3)) if motion.rest is None else motion.rest
     looks = cut.delay * np.arange(1, WAVES + 1)
     for part in chunk_slices(len(times)):
@@ -114,7 +114,7 @@ def integrate_regenerative(
                     # the chip is seen where the tool would be with the acceleration of the step
                     # before, so that its force and friction are solved for together
                     ahead = tool[row] @ steps.foresee(state)
-                    moved = ahead + rest[n] - place[np.maximum(n - looks, 0)]
+                    moved = ahead + rest[n] - positions[np.maximum(n - looks, 0)]
                     if flexibility is None:
                         force[n] = _cut_force(cut, n, moved)
                     else:
@@ -125,9 +125,9 @@ def integrate_regenerative(
                             force[n] = _cut_force(cut, n, moved + flexibility[row] @ force[n])
                 state = steps.advance(n, state, load[n] + force[n] @ tool[row])
             history[n] = state[:3]
-            place[n] = tool[row] @ state[0] + rest[n]
+            positions[n] = tool[row] @ state[0] + rest[n]
             if flexibility is not None:
-                place[n] += flexibility[row] @ force[n]
+                positions[n] += flexibility[row] @ force[n]
     return CompliantHistory(history[:, 0], history[:, 1], history[:, 2]), force
 
 

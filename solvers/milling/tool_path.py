@@ -359,9 +359,9 @@ def _lay_out(line: PolylineContour, names: Sequence[str]) -> ContourPlan:
     cut_off = np.array([0.0, *(line.radius * np.tan(0.5 * np.abs(turns))), 0.0])
     straight = lengths - cut_off[1:] - cut_off[:-1]
     if (straight < -TOUCHING).any():
-        place = int(np.argmin(straight))
+        shortest = int(np.argmin(straight))
         raise ValueError(
-            f"arcs of {1e3 * line.radius:g} mm do not fit between points {place + 1} and {place + 2}, {1e3 * lengths[place]:.4g} mm apart"
+            f"arcs of {1e3 * line.radius:g} mm do not fit between points {shortest + 1} and {shortest + 2}, {1e3 * lengths[shortest]:.4g} mm apart"
         )
     begins = corners[:-1] + cut_off[:-1] * travels
     pieces, places = list[_Piece](), list[int]()

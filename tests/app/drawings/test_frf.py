@@ -21,7 +21,7 @@ from headstock.app.tables.frf import tabulate_response
 from headstock.app.tables.table import encode_csv
 from headstock.app.views.view import FinishedRun
 from headstock.pipeline.answers.frf import ResponseCurves
-from headstock.pipeline.results.files import find_curves, read_curves, read_summary, read_view
+from headstock.pipeline.results.files import open_results, read_summary
 from headstock.solvers.second_order import ComplexArray
 
 CHANNELS = (("tcp", "x"), ("<b>", "rx"))
@@ -90,7 +90,7 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_summary_table_and_file_hold_the_same_response(run_folder: Path) -> None:
     summary = read_summary(run_folder)
-    (curves,) = find_curves(read_curves(run_folder), ResponseCurves)
+    curves = open_results(run_folder).frf["reference"].curves
     response = summary["frf"]["reference"]
     assert response["method"] == "poles" and response["damped"]
     assert response["outputs"] == [["tcp", "x"], ["tcp", "y"], ["tcp", "z"], ["head.seat", "rx"]]
@@ -115,12 +115,9 @@ def test_summary_table_and_file_hold_the_same_response(run_folder: Path) -> None
 
 def test_the_report_is_written_again_from_the_files_alone(run_folder: Path) -> None:
     html = (run_folder / "report.html").read_text()
-    assert (
-        render_report(
-            FinishedRun(read_summary(run_folder), read_curves(run_folder), read_view(run_folder))
-        )
-        == html
-    )
+    found = open_results(run_folder)
+    run = FinishedRun(read_summary(run_folder), found.answers, found.view)
+    assert render_report(run) == html
     assert html.count('class="response"') == 1 and "response-data" in html
 
 
@@ -143,7 +140,7 @@ def test_the_numbers_behind_the_cursor_are_the_curves(run_folder: Path) -> None:
     data = json.loads(
         present(re.search(r'class="response-data"[^>]*>(.*?)</script>', html, re.DOTALL))[1]
     )
-    (curves,) = find_curves(read_curves(run_folder), ResponseCurves)
+    curves = open_results(run_folder).frf["reference"].curves
     assert len(data["cells"]) == 12
     np.testing.assert_allclose(data["hz"], curves.frequencies_hz, rtol=1e-3)
     np.testing.assert_allclose(
@@ -183,7 +180,7 @@ def test_a_machine_goes_into_a_mat_file_and_modes_above_stay_in_it_statically(
         main(["run", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "out"), "--no-figures"])
         == 0
     )
-    (curves,) = find_curves(read_curves(tmp_path / "out"), ResponseCurves)
+    (curves,) = (read.curves for read in open_results(tmp_path / "out").frf.values())
     np.testing.assert_allclose(
         static, curves.receptance[0].real, rtol=1e-8, atol=1e-8 * np.abs(static).max()
     )

@@ -16,8 +16,8 @@ from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
-from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves
-from headstock.pipeline.results.files import find_curves, read_curves
+from headstock.pipeline.answers.transient import TransientAnswer
+from headstock.pipeline.results.files import open_results
 from headstock.pipeline.results.results import Results
 from scene_runs import compute
 
@@ -307,12 +307,13 @@ def test_forces_are_tabled_written_and_drawn(tmp_path: Path) -> None:
         'outputs = [["tcp", "x"]]\nloads.push = { at = ["tcp", "x"], shape = "step", size = "90 N" }'
     )
     answer = answer_of(run(f"{AXIS}\n{request}", tmp_path))
-    (curves,) = find_curves(read_curves(tmp_path / "out"), TransientCurves)
+    read = answer_of(open_results(tmp_path / "out"))
+    curves = read.curves
     assert curves.drives == ("X",)
     assert np.array_equal(curves.torques, answer.curves.torques)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     tables = {table.name: table for table in list_tables(FinishedRun(summary))}
     assert tables["joint_forces_middle"].rows[0][:2] == ("screw", "x")
     assert tables["motors_middle"].headings[1] == "largest torque [N m]"
-    page = render_report(FinishedRun(summary, [curves]))
+    page = render_report(FinishedRun(summary, [read]))
     assert "Torque of motors [N m]" in page and "Position error [µm]" in page

@@ -10,10 +10,10 @@ import scene_runs
 from common import approx, present
 from fixture_machines import machine, write_scene
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.path import PathCurves, PathResult
+from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.numbers.estimates import DISCRETISATION
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.files import find_curves, read_curves
+from headstock.pipeline.results.files import open_results
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.stages.refined_models import NOT_ASKED
 from headstock.scene.analyses.path import PathRequest
@@ -108,7 +108,8 @@ def test_what_was_found_is_in_the_summary_and_in_the_results_file(tmp_path: Path
     assert summary["feeds"][1]["outputs"][0]["accelerating"]["peak_um"] == approx(
         1e6 * zone.peak, rel=1e-12
     )
-    curves = {run.feed: run for run in find_curves(read_curves(tmp_path / "results"), PathCurves)}
+    (again,) = find_answers(open_results(tmp_path / "results").answers, PathResult)
+    curves = {run.curves.feed: run.curves for run in again.runs}
     # in the order of the scene, though "3000 ..." sorts before "600 ..."
     assert list(curves) == [approx(0.01), approx(0.05)]
     for run_found in found.runs:

@@ -22,8 +22,8 @@ from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.motion_forces import ProbeMotion
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.probes import ProbeAnswer
-from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves
-from headstock.pipeline.results.files import find_curves, read_curves
+from headstock.pipeline.answers.transient import TransientAnswer
+from headstock.pipeline.results.files import open_results
 from headstock.pipeline.results.results import Results
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -142,7 +142,8 @@ def of_files(folder: Path) -> tuple[ProbeMotion, dict[str, object]]:
 
 def test_probes_are_tabled_written_and_drawn(tmp_path: Path) -> None:
     found, summary = of_files(tmp_path)
-    (curves,) = find_curves(read_curves(tmp_path / "out"), TransientCurves)
+    read = answer_of(open_results(tmp_path / "out"))
+    curves = read.curves
     assert {probe.name for probe in curves.probes} == {"inside", "foot"}
     with h5py.File(tmp_path / "out" / "results.h5") as file:
         stress = file["transient/reference/probes/foot/stress"][:]
@@ -151,7 +152,7 @@ def test_probes_are_tabled_written_and_drawn(tmp_path: Path) -> None:
     assert tables["probes_over_time_reference"].rows[0][0] in ("inside", "foot")
     headings = tabulate_transient(curves).headings
     assert "von Mises foot [MPa]" in headings and "stress xy inside [MPa]" in headings
-    page = render_report(FinishedRun(summary, [curves]))  # type: ignore[arg-type]
+    page = render_report(FinishedRun(summary, [read]))  # type: ignore[arg-type]
     assert "Equivalent stress at probes [MPa]" in page
 
 

@@ -20,9 +20,9 @@ from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
-from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer, TransientCurves
+from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer
 from headstock.pipeline.motion.transient import SMOOTHING, respond_in_time
-from headstock.pipeline.results.files import find_curves, read_curves
+from headstock.pipeline.results.files import open_results
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.stages.control import drive_machine
@@ -540,12 +540,13 @@ def test_results_are_written_read_and_shown(tmp_path: Path) -> None:
     found = summary["transient"]["reference"]["outputs"]["tcp x"]
     assert found["peak"] == approx(1e6 * answer_of(results).figures[0].peak, rel=1e-12)
     assert summary["transient"]["reference"]["outputs"]["tcp y"]["settling_s"] is None
-    (curves,) = find_curves(read_curves(tmp_path / "out"), TransientCurves)
+    read = answer_of(open_results(tmp_path / "out"))
+    curves = read.curves
     assert np.array_equal(curves.displacements, answer_of(results).curves.displacements)
     table = tabulate_transient(curves)
     assert table.headings[:3] == ("time [s]", "press [N]", "tcp x [um]")
     assert len(table.rows) == 401 and table.rows[-1][1] == 100.0
-    page = render_report(FinishedRun(summary, [curves]))
+    page = render_report(FinishedRun(summary, [read]))
     assert "Motion over time" in page and "Load press [N]" in page
     damped = load_scene(scene.path, overrides=["effects={ damping = { modal = 0.1 } }"])
     other = run(damped, tmp_path)

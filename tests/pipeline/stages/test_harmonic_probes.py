@@ -10,9 +10,9 @@ from common import approx, present
 from fixture_machines import machine, write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
+from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.probes import ProbeAnswer, ProbeCurves
-from headstock.pipeline.results.files import find_curves, read_curves, read_summary
+from headstock.pipeline.results.files import open_results, read_summary
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.building.loader import load_scene
@@ -237,7 +237,7 @@ def test_files_hold_what_probes_see(bar: tuple[Path, Results]) -> None:
         np.testing.assert_array_equal(group["stress"][:], probe.stress)
         np.testing.assert_array_equal(group["von_mises"][:], probe.von_mises)
         assert {"discretisation", "reduction"} <= set(group["von_mises_error_share"])
-    (curves,) = find_curves(read_curves(folder / "out"), ResponseCurves)
+    curves = open_results(folder / "out").frf["reference"].curves
     again = {each.name: each for each in curves.probes}["middle"]
     np.testing.assert_array_equal(again.von_mises, probe.von_mises)
     np.testing.assert_array_equal(again.von_mises_error, probe.von_mises_error)

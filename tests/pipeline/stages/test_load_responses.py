@@ -98,7 +98,7 @@ def test_loads_of_a_scene_are_inputs_as_large_as_they_are(tmp_path: Path) -> Non
     assert any("wind, shake would excite directly" in words for words in response.error_left_out)
     headings = tabulate_response(curves).headings
     assert "Re tip z / wind load [m]" in headings and "Re tip z / tip z [m per N]" in headings
-    page = render_report(FinishedRun(summarise(results), [curves]))
+    page = render_report(FinishedRun(summarise(results), results.answers))
     assert "tip z / wind load" in page
     text = (tmp_path / "out" / "summary.json").read_text()
     assert json.loads(text)["frf"]["reference"]["inputs"][0] == ["wind", "load"]
