@@ -247,19 +247,26 @@ def _weigh(runs: Mapping[str, VariantSolution]) -> dict[str, EffortSummary]:
 
 
 def _solve_runs(request: _Request, choice: VariantChoice, comm: MPI.Comm) -> _Solved:
-    """The models of a variant, or why there is none."""
+    """Return the models of a variant, or why there is none; collective."""
     path = request.scene.path
-    try:
-        with _store(cold=request.effort) as store:
-            runs = {"first": solve_variant(path, choice, pose=request.pose, comm=comm, store=store)}
-            if request.change:
-                changed = _change(choice, request.change, tuple(load_scene(path).variants))
-                runs["changed"] = solve_variant(
-                    path, changed, pose=request.pose, comm=comm, store=store
-                )
-    except FidelityError as error:
-        return _Solved(cannot=str(error))
-    return _Solved({name: run for name, run in runs.items() if run is not None})
+    choices = {"first": choice}
+    if request.change:
+        known = tuple(load_scene(path).variants)
+        choices["changed"] = _change(choice, request.change, known)
+    solved = _Solved()
+    with _store(cold=request.effort) as store:
+        for name, made in choices.items():
+            cannot = ""
+            try:
+                run = solve_variant(path, made, pose=request.pose, comm=comm, store=store)
+                if run is not None:
+                    solved.runs[name] = run
+            except FidelityError as error:
+                cannot = str(error)
+            # rank 0 alone knows: no other may go on to the next model
+            if cannot := comm.bcast(cannot):
+                return _Solved(cannot=cannot)
+    return solved
 
 
 @contextlib.contextmanager

@@ -276,6 +276,20 @@ def test_a_component_that_fails_ends_all_ranks_with_the_message_of_one(
     assert said[1] == said[0]
 
 
+def test_ranks_leave_a_model_without_an_answer_together(tmp_path: Path, scene_file: Path) -> None:
+    mount = SCENE[SCENE.index('kind = "spring"') :]
+    mount = mount[: mount.index("[")]
+    scene_file.write_text(SCENE.replace(mount, 'kind = "rigid"\n\n'))
+    change = ("--effort", "--change", "components.column.mesh.size=50 mm")
+    done = run_command(
+        2, tmp_path, "compare", str(scene_file), "-o", str(tmp_path / "two"), *change
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    summary = json.loads((tmp_path / "two" / "compare.json").read_text())
+    assert "no dof is left" in summary["not_computed"]["rigid"]
+    assert list(summary["effort"]["variants"]["elastic"]) == ["first", "changed"]
+
+
 @pytest.mark.trials
 def test_a_map_shared_out_over_ranks_is_that_of_one(tmp_path: Path) -> None:
     spans = 'sweeps.plane.axes={ X = ["-300 mm", "300 mm", 5], Y = ["-80 mm", "80 mm", 3], Z = ["200 mm", "240 mm", 3] }'
