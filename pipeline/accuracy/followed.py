@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -38,7 +39,8 @@ from headstock.solvers.pairing.response_peaks import (
     measure_levels,
 )
 
-FOLLOWED = (PoseModes, StaticAnswer, PoseResponse)  # answers with numbers that can be followed
+type Followed = PoseModes | StaticAnswer | PoseResponse  # answers with numbers that can be followed
+FOLLOWED = (PoseModes, StaticAnswer, PoseResponse)
 
 
 class MachineFamily:
@@ -259,18 +261,30 @@ def follow_heights(
     return peaks, levels
 
 
-def list_damping_errors(
-    answer: PoseModes, found: Mapping[Key, Estimate], source: str
-) -> dict[Key, Estimate]:
-    """Return the part of ± of damped frequencies and damping ratios that changes of frequencies bring:
-    the one moves as far, of the other nothing is known.
+def put_errors[A: Followed](
+    answer: A,
+    errors: Mapping[Key, Estimate],
+    source: str,
+    how: Literal["add", "replace"],
+) -> A:
+    """Return an answer with the ± of its numbers, and the part of ± of damped frequencies and damping
+    ratios that changes of frequencies bring: the one moves as far, of the other nothing is known.
+
+    Args:
+        source: Of the changes of frequencies.
+        how: Added to the ± that numbers have, or in place of it.
     """
     added: dict[Key, Estimate] = {}
-    for index in range(answer.rigid_count, len(answer.frequencies_hz)):
-        own = found[answer.key(FREQUENCY, index)].shares.get(source)
+    elastic = (
+        range(answer.rigid_count, len(answer.frequencies_hz))
+        if isinstance(answer, PoseModes)
+        else ()
+    )
+    for index in elastic:
+        size = errors[answer.key(FREQUENCY, index)].shares.get(source)
         damped, ratio = answer.key(DAMPED_FREQUENCY, index), answer.key(DAMPING_RATIO, index)
         if damped in answer.errors:
-            added[damped] = Estimate({source: own})
+            added[damped] = Estimate({source: size})
         if ratio in answer.errors and answer.errors[ratio].total:
             added[ratio] = Estimate({source: None})
-    return added
+    return answer.with_errors(added, "add").with_errors(errors, how)

@@ -16,8 +16,8 @@ from headstock.pipeline.accuracy.followed import (
     FOLLOWED,
     MachineFamily,
     follow_numbers,
-    list_damping_errors,
     list_followed,
+    put_errors,
 )
 from headstock.pipeline.answers.accuracy import InterfaceErrorsAnswer, JointShapes
 from headstock.pipeline.answers.answer import Answer
@@ -88,7 +88,7 @@ def run_interfaces_stage(state: RunState, stage: Stage) -> Outcome:
     may be off.
     """
     shaped = make_shaped_machines(state)
-    return judge_interfaces(state, shaped) if state.is_root else Outcome()
+    return estimate_interfaces(state, shaped) if state.is_root else Outcome()
 
 
 def make_shaped_machines(state: RunState) -> ShapedMachines:
@@ -198,7 +198,7 @@ class _Family(MachineFamily):
         return split_change(size, {name: float(energy.sum()) for name, energy in energies.items()})
 
 
-def judge_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
+def estimate_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
     """Put what shapes change into the ± of the frequencies, compliances and responses of a run; on
     rank 0.
     """
@@ -208,26 +208,26 @@ def judge_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
     lost: list[str] = []
     names: dict[Key, str] = {}
     several = len(state.plan.poses) > 1
-    for place, answer in enumerate(state.answers if shaped.joints else ()):
+    for index, answer in enumerate(state.answers if shaped.joints else ()):
         if not isinstance(answer, FOLLOWED):
             continue
         base = list_followed(answer)
         errors = _compare_forms(family, answer, base)
-        for number in base:
-            names[number.key] = number.describe(several_poses=several)
-            if errors[number.key].total is None:
-                lost += [names[number.key]] if isinstance(answer, PoseModes) else []
-            else:
-                shares[number.key] = {
-                    joint: part / number.value
-                    for joint, part in errors[number.key].parts[INTERFACE].items()
-                }
+        names |= {number.key: number.describe(several_poses=several) for number in base}
+        shares |= {
+            number.key: {
+                joint: part / number.value
+                for joint, part in errors[number.key].parts[INTERFACE].items()
+            }
+            for number in base
+            if errors[number.key].total is not None
+        }
         if isinstance(answer, PoseModes):
-            errors |= list_damping_errors(answer, errors, INTERFACE)
+            lost += [names[number.key] for number in base if number.key not in shares]
         if isinstance(answer, PoseResponse):
             answer, worst = _compare_lines(family, answer)
             lines |= worst
-        state.answers[place] = answer.with_errors(errors, "add")
+        state.answers[index] = put_errors(answer, errors, INTERFACE, "add")
     found = InterfaceErrorsAnswer(
         {joint.name: _describe(family, joint) for joint in shaped.joints},
         shares,
@@ -242,7 +242,10 @@ def judge_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
         warnings=(
             *_warn_of_joints(shaped.joints, found, names, several=several),
             *_warn_of_lost(lost),
-            *_warn_of_failures(shaped),
+            *(
+                f"what joint {name} leaves out is not known: {reason}"
+                for name, reason in shaped.failures.items()
+            ),
         ),
     )
 
@@ -379,11 +382,4 @@ def _warn_of_lost(lost: list[str]) -> list[str]:
         return []
     return [
         f"{', '.join(lost)} has no mode of its shape where rigid joints have deformation shapes"
-    ]
-
-
-def _warn_of_failures(shaped: ShapedMachines) -> list[str]:
-    return [
-        f"what joint {name} leaves out is not known: {reason}"
-        for name, reason in shaped.failures.items()
     ]

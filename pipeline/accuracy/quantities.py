@@ -7,7 +7,7 @@ still move.
 
 import dataclasses
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,8 +67,8 @@ class Quantity:
         return sum(self.parts.values())
 
     @property
-    def doubt(self) -> float:
-        """What of the error may have either sign."""
+    def two_sided(self) -> float:
+        """The part of the error that may have either sign."""
         if self.response:
             return self.error
         return self.faces + sum(
@@ -96,13 +96,13 @@ def list_quantities(state: RunState) -> list[Quantity]:
         if not isinstance(answer, FOLLOWED):
             continue
         response = isinstance(answer, PoseResponse)
-        places: dict[Key, float] = {}
+        heights_hz: dict[Key, float] = {}
         if isinstance(answer, PoseResponse):
-            places = {answer.key(height): height.hz for height in answer.heights}
+            heights_hz = {answer.key(height): height.hz for height in answer.heights}
         for number in list_followed(answer):
             error, key = number.error or Estimate(), number.key
             parts = _relative_parts(error, number.value) | _unseen_parts(state, error)
-            hz = number.value if key.kind == FREQUENCY else places.get(key)
+            hz = number.value if key.kind == FREQUENCY else heights_hz.get(key)
             if hz is not None and error.shares.get(REDUCTION, 0.0) is None:
                 parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
             found.append(
@@ -209,7 +209,8 @@ def weigh_estimates(
     Source: Roache (1994), J. Fluids Eng. 116, 405-413, on the grid convergence index.
     """
     earlier = {quantity.key: quantity for quantity in before}
-    ratios: dict[Key, tuple[Mapping[Owner, float], float]] = {}
+    # of each component: its part of a number, and what is left of all parts over what is estimated
+    ratios: dict[str, list[tuple[float, float]]] = {}
     for quantity in after:
         moved = {
             owner: part
@@ -217,24 +218,59 @@ def weigh_estimates(
             if owner[1] == DISCRETISATION and owner[0] in steps and part > 0.0
         }
         total = sum(moved.values())
-        if quantity.key not in earlier or not 0.0 < total < np.inf:
-            continue
-        past = earlier[quantity.key]
-        change = abs(quantity.value / past.value - 1.0)
-        left = sum(
-            change * part / total * _share_left(steps[owner[0]], past.parts.get(owner, 0.0) / part)
-            for owner, part in moved.items()
-        )
-        ratios[quantity.key] = moved, LEVEL_SAFETY * left / total
+        if quantity.key in earlier and 0.0 < total < np.inf:
+            ratio = (
+                LEVEL_SAFETY * _error_left(earlier[quantity.key], quantity, moved, steps) / total
+            )
+            for (name, _), part in moved.items():
+                ratios.setdefault(name, []).append((part, ratio))
     factors = dict(known)
-    for owner in {owner for moved, _ in ratios.values() for owner in moved}:
-        own = [(moved[owner], ratio) for moved, ratio in ratios.values() if owner in moved]
+    for name, own in ratios.items():
         decisive = DECISIVE * max(part for part, _ in own)
         largest = max(ratio for part, ratio in own if part >= decisive)
-        name = owner[0]
-        found = float(np.clip(largest, LEAST_FACTOR, np.inf if name in unseen else MOST_FACTOR))
-        factors[name] = min(found, known.get(name, found)) if steps[name] > CLOSE else found
+        factor = float(np.clip(largest, LEAST_FACTOR, np.inf if name in unseen else MOST_FACTOR))
+        factors[name] = min(factor, known.get(name, factor)) if steps[name] > CLOSE else factor
     return factors
+
+
+def _error_left(
+    before: Quantity, after: Quantity, moved: Mapping[Owner, float], steps: Mapping[str, float]
+) -> float:
+    """Return the error that a number has still to go after a refinement, over the number.
+
+    Args:
+        moved: Its parts by the meshes that were refined.
+    """
+    total, change = sum(moved.values()), abs(after.value / before.value - 1.0)
+    return sum(
+        change * part / total * _share_left(steps[owner[0]], before.parts.get(owner, 0.0) / part)
+        for owner, part in moved.items()
+    )
+
+
+def choose_greedily[Worst, Option](
+    find_worst: Callable[[], tuple[float, Worst]],
+    aim: float,
+    *,
+    options: Callable[[Worst], Sequence[Option]],
+    gain: Callable[[Option, Worst], float],
+    take: Callable[[Option, Worst], None],
+) -> Worst:
+    """Take the option that gains most for what is furthest off, until that is within an aim or no
+    option is left; return what is furthest off then.
+
+    Args:
+        find_worst: By how much that which is furthest off is, with the options taken, and which.
+        options: What could be taken.
+        gain: Of an option, over its cost.
+        take: Takes it.
+    """
+    while True:
+        size, worst = find_worst()
+        choices = options(worst) if size > aim else ()
+        if not choices:
+            return worst
+        take(max(choices, key=lambda option: gain(option, worst)), worst)
 
 
 def _share_left(step: float, better: float) -> float:

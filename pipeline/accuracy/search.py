@@ -16,7 +16,7 @@ import numpy as np
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import PointMass, SuperelementFile
 from headstock.pipeline.accuracy.interface_choice import ShapeChoice, choose_shapes, give_chosen
-from headstock.pipeline.accuracy.model_errors import BetterBodies
+from headstock.pipeline.accuracy.model_errors import RefinedBodies
 from headstock.pipeline.accuracy.models import ModelChoice, choose_models
 from headstock.pipeline.accuracy.quantities import (
     MESH_SAFETY,
@@ -26,14 +26,14 @@ from headstock.pipeline.accuracy.quantities import (
 from headstock.pipeline.accuracy.rounds import (
     History,
     describe_settings,
-    judge_round,
+    evaluate_round,
     replace_components,
 )
 from headstock.pipeline.accuracy.search_records import (
-    Judged,
+    ModelComparison,
     Remembered,
     list_values,
-    recall_judged,
+    recall_comparison,
     recall_search,
     remember_search,
 )
@@ -103,18 +103,18 @@ class AccuracySearch:
         state: Of the last round, complete on rank 0.
         answer: Rounds, settings and errors.
         failure: Why the accuracy was not reached, in plain words; empty when it was.
-        better: Finite elements of the bodies that became rigid or segmented; None where none did.
+        bodies: Finite elements of the bodies that became rigid or segmented; None where none did.
         mesh_factors: Component to what its estimates of mesh errors were multiplied by.
-        judged: What an earlier run found by comparing with those; None where none did.
+        comparison: What an earlier run found by comparing with those; None where none did.
     """
 
     scene: Scene
     state: RunState
     answer: AccuracyAnswer
     failure: str = ""
-    better: BetterBodies | None = None
+    bodies: RefinedBodies | None = None
     mesh_factors: Mapping[str, float] = field(default_factory=dict)
-    judged: Judged | None = None
+    comparison: ModelComparison | None = None
 
 
 def start_scene(scene: Scene) -> Scene:
@@ -149,7 +149,7 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
         else part
         for name, part in parts.items()
     }
-    return replace_components(_without_judgements(scene), components)
+    return replace_components(_without_comparisons(scene), components)
 
 
 def _is_ours(scene: Scene, name: str) -> bool:
@@ -218,8 +218,8 @@ def search_settings(
     if known is not None:
         if comm.rank == 0:
             note(Stage("refine", None, FOUND), known.answer.rounds[-1].reason, Cost())
-        judged = make_on_root(comm, lambda: recall_judged(scene, store))
-        return _repeat_search(scene, known, judged, run_round)
+        comparison = make_on_root(comm, lambda: recall_comparison(scene, store))
+        return _repeat_search(scene, known, comparison, run_round)
     shapes = choose_shapes(
         scene, _plan_start(scene)[0], _goal(scene).to, lambda one: run_round(one, plan_scene(one))
     )
@@ -231,10 +231,10 @@ def search_settings(
     most = MOST_ROUNDS if reachable else 1
     refined = _refine_in_rounds(give_chosen(scene, shapes), run_round, note, most)
     choice = _choose_bodies(scene, refined, note)
-    chosen, state, better = _run_chosen(refined, choice, run_round, note)
+    chosen, state, bodies = _run_chosen(refined, choice, run_round, note)
     answer = _conclude(scene, refined, choice, chosen, shapes)
     if state.is_root and answer.met and not state.failures:
-        references = {} if better is None else better.components
+        references = {} if bodies is None else bodies.components
         found = Remembered(chosen.machine.components, references, refined.mesh_factors, answer)
         state.warn(remember_search(scene, store, found))
     return AccuracySearch(
@@ -242,7 +242,7 @@ def search_settings(
         state,
         answer,
         _say_failure(answer),
-        better,
+        bodies,
         refined.mesh_factors,
     )
 
@@ -257,8 +257,8 @@ def _refine_in_rounds(scene: Scene, run_round: RunRound, note: Note, most_rounds
     state = run_round(current, plan)
     failure = ""
     while True:
-        judge = functools.partial(judge_round, current, state, goal, history)
-        verdict, history = make_on_root(state.comm, judge)
+        evaluate = functools.partial(evaluate_round, current, state, goal, history)
+        verdict, history = make_on_root(state.comm, evaluate)
         rounds.append(verdict.round)
         failure = verdict.failure
         if verdict.ends:
@@ -297,7 +297,7 @@ def _choose_bodies(scene: Scene, refined: _Refined, note: Note) -> ModelChoice |
 
 def _run_chosen(
     refined: _Refined, choice: ModelChoice | None, run_round: RunRound, note: Note
-) -> tuple[Scene, RunState, BetterBodies | None]:
+) -> tuple[Scene, RunState, RefinedBodies | None]:
     """The machine of the models chosen, with what rounds taught behind every ±; and the bodies that
     those models replace, None where there are none. Collective.
     """
@@ -306,14 +306,14 @@ def _run_chosen(
         if factors and not state.failures:
             state = run_round(current, plan_scene(current), state.reduced, mesh_factors=factors)
         return current, state, None
-    better = None
+    bodies = None
     if state.is_root:
         for name, change in _list_changed(refined, choice).items():
             note(Stage("models", name, _say_error(choice)), change, Cost())
         weighed = dataclasses.replace(state, reduced=dict(state.reduced))
         weighed.weigh_meshes(factors)
         parts = state.plan.components
-        better = BetterBodies(
+        bodies = RefinedBodies(
             weighed.parts,
             {
                 name: parts[name]
@@ -323,7 +323,7 @@ def _run_chosen(
             {},
         )
     current = replace_components(current, choice.components)
-    return current, run_round(current, plan_scene(current), mesh_factors=factors), better
+    return current, run_round(current, plan_scene(current), mesh_factors=factors), bodies
 
 
 def _list_changed(refined: _Refined, choice: ModelChoice) -> dict[str, str]:
@@ -362,11 +362,11 @@ def _conclude(
     failure = refined.failure or "; ".join(
         f"joint {own.joint.name}: {own.reason}" for own in shapes if own.reason
     )
-    responses = _judge_responses(refined.quantities, choice, _goal(scene).to)
+    responses = _evaluate_responses(refined.quantities, choice, _goal(scene).to)
     return AccuracyAnswer(_goal(scene).to, rounds, settings, values, failure, bodies, responses)
 
 
-def _judge_responses(
+def _evaluate_responses(
     quantities: Sequence[Quantity], choice: ModelChoice | None, accuracy: float
 ) -> ResponseAccuracy | None:
     """The peak or level of a frequency response that is furthest off with the models chosen."""
@@ -403,15 +403,15 @@ def _restore_requests(current: Scene, scene: Scene) -> Scene:
 
 
 def _repeat_search(
-    scene: Scene, known: Remembered, judged: Judged | None, run_round: RunRound
+    scene: Scene, known: Remembered, comparison: ModelComparison | None, run_round: RunRound
 ) -> AccuracySearch:
     """The last round of a search that was made before; collective."""
-    start = _without_judgements(scene)
+    start = _without_comparisons(scene)
     current = replace_components(start, known.chosen)
     factors = known.mesh_factors
     state = run_round(current, plan_scene(current), mesh_factors=factors)
-    better = None
-    if known.references and judged is None:
+    bodies = None
+    if known.references and comparison is None:
         scene_before = replace_components(start, {**known.chosen, **known.references})
         plan = plan_scene(scene_before)
         other = dataclasses.replace(
@@ -420,18 +420,18 @@ def _repeat_search(
         make_superelements(other, only=list(known.references))
         other.weigh_meshes({name: factors[name] for name in known.references if name in factors})
         parts = {name: plan.components[name] for name in known.references}
-        better = BetterBodies(other.parts, parts, {})
+        bodies = RefinedBodies(other.parts, parts, {})
     return AccuracySearch(
         _restore_requests(current, scene),
         state,
         known.answer,
-        better=better,
+        bodies=bodies,
         mesh_factors=factors,
-        judged=judged,
+        comparison=comparison,
     )
 
 
-def _without_judgements(scene: Scene) -> Scene:
+def _without_comparisons(scene: Scene) -> Scene:
     """A scene with the analyses that errors are estimated of, and nothing else."""
     return dataclasses.replace(
         scene,

@@ -4,6 +4,7 @@ ones.
 
 import dataclasses
 import math
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -467,6 +468,32 @@ def _has_rigid_rims(component: Component) -> bool:
 
 def _round(value: float) -> float:
     return float(f"{value:.3g}")
+
+
+def group_equals(parts: Mapping[str, Component], *, apart: Container[str] = ()) -> list[list[str]]:
+    """Group components that are equal, in their order.
+
+    Args:
+        apart: Components that are equal to none.
+    """
+    groups: list[list[str]] = []
+    for name, part in parts.items():
+        alike = (
+            group
+            for group in groups
+            if not (name in apart or group[0] in apart) and are_equal(parts[group[0]], part)
+        )
+        group = next(alike, None)
+        if group is None:
+            groups.append([name])
+        else:
+            group.append(name)
+    return groups
+
+
+def list_equals(parts: Mapping[str, Component], name: str) -> list[str]:
+    """List the components that are equal to one of them, itself among them."""
+    return [other for other, part in parts.items() if are_equal(parts[name], part)]
 
 
 def are_equal(first: Component, second: Component) -> bool:
