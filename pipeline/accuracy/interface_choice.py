@@ -216,23 +216,26 @@ def _evaluate_plain(
     if all(choice.share <= allowed for choice in doubts.values()):
         return doubts
     errors = _compare(state)
-    return {
-        name: choice if choice.share <= allowed else _compare_plain(choice.joint, errors)
-        for name, choice in doubts.items()
-    }
-
-
-def _compare_plain(joint: GluedJoint, errors: InterfaceErrorsAnswer) -> ShapeChoice:
-    if joint.name in errors.left_out:
-        return ShapeChoice(joint, 0, unknown=errors.left_out[joint.name])
-    return ShapeChoice(joint, 0).measured_by(errors)
+    for name, choice in doubts.items():
+        if choice.share <= allowed:
+            continue
+        reason = errors.left_out.get(name, "")
+        plain = ShapeChoice(choice.joint, 0, unknown=reason)
+        doubts[name] = plain if reason else plain.measured_by(errors)
+    return doubts
 
 
 def _doubt(joints: list[GluedJoint], state: RunState) -> dict[str, ShapeChoice]:
     """Return the most that the kind of their interfaces may put a number off, on rank 0."""
     shares: dict[str, dict[str, float]] = {}
-    for number, end, share in _list_doubts(state):
-        shares.setdefault(number, {})[end] = share
+    for answer in state.answers:
+        doubts: Iterable[tuple[str, str, float]] = ()
+        if isinstance(answer, PoseModes):
+            doubts = _doubt_modes(state, answer)
+        elif isinstance(answer, StaticAnswer):
+            doubts = _doubt_points(state, answer)
+        for number, end, share in doubts:
+            shares.setdefault(number, {})[end] = share
     choices = {}
     for joint in joints:
         ends = [f"{component}.{name}" for component, name in joint.ends]
@@ -245,18 +248,10 @@ def _doubt(joints: list[GluedJoint], state: RunState) -> dict[str, ShapeChoice]:
     return choices
 
 
-def _list_doubts(state: RunState) -> Iterator[tuple[str, str, float]]:
+def _doubt_modes(state: RunState, answer: PoseModes) -> Iterator[tuple[str, str, float]]:
     """Yield numbers in words, ends of joints, and by how much of the number the kind of the end may put
     it off.
     """
-    for answer in state.answers:
-        if isinstance(answer, PoseModes):
-            yield from _doubt_modes(state, answer)
-        elif isinstance(answer, StaticAnswer):
-            yield from _doubt_points(state, answer)
-
-
-def _doubt_modes(state: RunState, answer: PoseModes) -> Iterator[tuple[str, str, float]]:
     model = couple_pose(state.parts, answer.pose)
     modes = keep_lowest(model.all_modes, count=answer.below + len(answer.frequencies_hz))
     where = f" in pose {answer.pose.name}" if len(state.plan.poses) > 1 else ""
@@ -267,6 +262,7 @@ def _doubt_modes(state: RunState, answer: PoseModes) -> Iterator[tuple[str, str,
 
 
 def _doubt_points(state: RunState, answer: StaticAnswer) -> Iterator[tuple[str, str, float]]:
+    """Yield the same of compliances."""
     model = couple_pose(state.parts, state.plan.poses[answer.pose])
     where = f" in pose {answer.pose}" if len(state.plan.poses) > 1 else ""
     for name, point in answer.points.items():

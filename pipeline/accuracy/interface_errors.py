@@ -214,14 +214,7 @@ def estimate_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
         base = list_followed(answer)
         errors = _compare_forms(family, answer, base)
         names |= {number.key: number.describe(several_poses=several) for number in base}
-        shares |= {
-            number.key: {
-                joint: part / number.value
-                for joint, part in errors[number.key].parts[INTERFACE].items()
-            }
-            for number in base
-            if errors[number.key].total is not None
-        }
+        shares |= _relative_parts(base, errors)
         if isinstance(answer, PoseModes):
             lost += [names[number.key] for number in base if number.key not in shares]
         if isinstance(answer, PoseResponse):
@@ -248,6 +241,20 @@ def estimate_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
             ),
         ),
     )
+
+
+def _relative_parts(
+    base: Sequence[Number], errors: Mapping[Key, Estimate]
+) -> dict[Key, dict[str, float]]:
+    """Return the part of each joint in the ± of numbers, over the number; none of what is lost."""
+    return {
+        number.key: {
+            joint: part / number.value
+            for joint, part in errors[number.key].parts[INTERFACE].items()
+        }
+        for number in base
+        if errors[number.key].total is not None
+    }
 
 
 def _compare_forms(family: _Family, answer: Answer, base: Sequence[Number]) -> dict[Key, Estimate]:

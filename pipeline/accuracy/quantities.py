@@ -13,10 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.pipeline.accuracy.followed import FOLLOWED, list_followed
+from headstock.pipeline.answers.accuracy import AccuracyRound
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.modal import FREQUENCY
 from headstock.pipeline.numbers.changes import Owner
-from headstock.pipeline.numbers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.numbers.estimates import (
+    CURVED_FACES,
+    DISCRETISATION,
+    REDUCTION,
+    Estimate,
+    show_share,
+)
 from headstock.pipeline.numbers.numbers import Key
 from headstock.pipeline.stages.run_state import RunState
 
@@ -81,6 +88,39 @@ class Quantity:
     def owner(self) -> Owner:
         """Component and source with the largest part."""
         return max(self.parts, key=lambda key: self.parts[key])
+
+    def parts_by_meshes(self, names: Container[str]) -> dict[Owner, float]:
+        """Return its parts by the meshes of some components."""
+        return {
+            (name, source): part
+            for (name, source), part in self.parts.items()
+            if source == DISCRETISATION and name in names and part > 0.0
+        }
+
+    def error_left(self, before: "Quantity", steps: Mapping[str, float]) -> float:
+        """Return the error that it has still to go after meshes were refined, over the number.
+
+        Args:
+            before: The same number, before.
+            steps: Refined component to its new size over the old one.
+        """
+        moved = self.parts_by_meshes(steps)
+        total, change = sum(moved.values()), abs(self.value / before.value - 1.0)
+        return sum(
+            change
+            * part
+            / total
+            * _share_left(steps[owner[0]], before.parts.get(owner, 0.0) / part)
+            for owner, part in moved.items()
+        )
+
+    def report(self) -> AccuracyRound:
+        """Report a round in which it is furthest off."""
+        component, source = self.owner
+        share = show_share(self.parts[self.owner])
+        reason = f"{self.name} may be off by {show_share(self.error)}; {share} is the {source} of {component}"
+        error = self.error if math.isfinite(self.error) else None
+        return AccuracyRound(self.name, error, reason, self.owner)
 
 
 def list_quantities(state: RunState) -> list[Quantity]:
@@ -212,16 +252,10 @@ def weigh_estimates(
     # of each component: its part of a number, and what is left of all parts over what is estimated
     ratios: dict[str, list[tuple[float, float]]] = {}
     for quantity in after:
-        moved = {
-            owner: part
-            for owner, part in quantity.parts.items()
-            if owner[1] == DISCRETISATION and owner[0] in steps and part > 0.0
-        }
+        moved = quantity.parts_by_meshes(steps)
         total = sum(moved.values())
         if quantity.key in earlier and 0.0 < total < np.inf:
-            ratio = (
-                LEVEL_SAFETY * _error_left(earlier[quantity.key], quantity, moved, steps) / total
-            )
+            ratio = LEVEL_SAFETY * quantity.error_left(earlier[quantity.key], steps) / total
             for (name, _), part in moved.items():
                 ratios.setdefault(name, []).append((part, ratio))
     factors = dict(known)
@@ -231,21 +265,6 @@ def weigh_estimates(
         factor = float(np.clip(largest, LEAST_FACTOR, np.inf if name in unseen else MOST_FACTOR))
         factors[name] = min(factor, known.get(name, factor)) if steps[name] > CLOSE else factor
     return factors
-
-
-def _error_left(
-    before: Quantity, after: Quantity, moved: Mapping[Owner, float], steps: Mapping[str, float]
-) -> float:
-    """Return the error that a number has still to go after a refinement, over the number.
-
-    Args:
-        moved: Its parts by the meshes that were refined.
-    """
-    total, change = sum(moved.values()), abs(after.value / before.value - 1.0)
-    return sum(
-        change * part / total * _share_left(steps[owner[0]], before.parts.get(owner, 0.0) / part)
-        for owner, part in moved.items()
-    )
 
 
 def choose_greedily[Worst, Option](

@@ -34,7 +34,7 @@ from headstock.pipeline.accuracy.settings import (
 )
 from headstock.pipeline.answers.accuracy import AccuracyRound
 from headstock.pipeline.numbers.changes import Owner
-from headstock.pipeline.numbers.estimates import DISCRETISATION, LEFT_OUT, show_share
+from headstock.pipeline.numbers.estimates import DISCRETISATION, LEFT_OUT
 from headstock.pipeline.stages.components import load_or_make_mesh
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
@@ -115,18 +115,14 @@ def evaluate_round(
     """
     parts = scene.machine.components
     estimated = list_quantities(state)
-    scales = {
-        name: scale
-        for name, part in parts.items()
-        if is_chosen(part) and (scale := _find_scale(part, state)) is not None
-    }
+    scales = _find_scales(parts, state)
     factors = _learn_factors(parts, state, estimated, scales, history)
     quantities = count_safely(estimated, factors)
     worst = worst_quantity(quantities)
     if worst is None:
         nothing = AccuracyRound("every number", 0.0, "no component is meshed")
         return Verdict(True, scene, nothing), history
-    reported = _report_round(worst)
+    reported = worst.report()
     trials = _remember(history.trials, parts, scales, estimated, quantities)
     learnt = History(trials, estimated, scales, factors)
     if state.failures:
@@ -140,13 +136,11 @@ def evaluate_round(
             if len(trials.get(name, ())) < 2 and (name, DISCRETISATION) in owners
         ]
         return _confirm(scene, _find_resolved_steps(state, parts, once), reported), learnt
-    seconds = {
-        name: LEAST_SECONDS
-        + sum(
-            stage.estimated_seconds or 0.0 for stage in state.plan.stages if stage.component == name
-        )
-        for name in parts
-    }
+    spent = dict.fromkeys(parts, 0.0)
+    for stage in state.plan.stages:
+        if stage.component is not None:
+            spent[stage.component] += stage.estimated_seconds or 0.0
+    seconds = {name: LEAST_SECONDS + spent[name] for name in parts}
     wanted = _wanted_ratios(quantities, goal.to, parts, seconds)
     short = [quantity for quantity in quantities if quantity.error > goal.to]
     return _refine(scene, state, goal.to, wanted, short, trials, reported), learnt
@@ -169,14 +163,6 @@ def _learn_factors(
     changed = [name for name, step in steps.items() if step <= LEAST_STEP]
     unseen = _find_resolved_steps(state, parts, changed)
     return weigh_estimates(history.quantities, estimated, steps, history.factors, unseen)
-
-
-def _report_round(worst: Quantity) -> AccuracyRound:
-    component, source = worst.owner
-    share = show_share(worst.parts[worst.owner])
-    reason = f"{worst.name} may be off by {show_share(worst.error)}; {share} is the {source} of {component}"
-    error = worst.error if np.isfinite(worst.error) else None
-    return AccuracyRound(worst.name, error, reason, worst.owner)
 
 
 def _find_resolved_steps(
@@ -226,14 +212,15 @@ def _go_on(
     )
 
 
-def _find_scale(part: Component, state: RunState) -> MeshScale | None:
-    """Return what the steps of a mesh are measured by; None of a part without one."""
-    if follows_errors(part):
-        mean = mean_size(state.reduced[part.name])
-        return MeshScale(mean, mean, graded=True)
-    if part.mesh.size is None:
-        return None
-    return MeshScale(part.mesh.size, mean_size(state.reduced[part.name]), graded=False)
+def _find_scales(parts: Mapping[str, Component], state: RunState) -> dict[str, MeshScale]:
+    """Return what the steps of meshes are measured by, by component; none of a part without a mesh."""
+    scales = {}
+    for name, part in parts.items():
+        graded = follows_errors(part)
+        if is_chosen(part) and (graded or part.mesh.size is not None):
+            mean = mean_size(state.reduced[name])
+            scales[name] = MeshScale(mean if graded else part.mesh.size or 0.0, mean, graded=graded)
+    return scales
 
 
 def _refine(
@@ -294,20 +281,12 @@ def _wanted_ratios(
         accuracy: Relative error allowed.
         seconds: What the stages of a component cost at its present settings.
     """
-    chosen = {name: part for name, part in parts.items() if is_chosen(part)}
-    groups = {
-        (name, kind): tuple((other, kind) for other in list_equals(parts, name) if other in chosen)
-        for quantity in quantities
-        for name, kind in quantity.parts
-    }
+    groups = _group_owners(quantities, parts)
     short = [quantity for quantity in quantities if quantity.error > accuracy]
-    ratios = {
-        other: 0.0
-        for quantity in short
-        for owner, part in quantity.parts.items()
-        if np.isinf(part)
-        for other in groups[owner]
-    }
+    unbounded = [
+        owner for quantity in short for owner, part in quantity.parts.items() if np.isinf(part)
+    ]
+    ratios = {other: 0.0 for owner in unbounded for other in groups[owner]}
     bounded = [quantity for quantity in short if np.isfinite(quantity.error)]
     if not bounded:
         return ratios
@@ -340,6 +319,22 @@ def _wanted_ratios(
         take=step,
     )
     return ratios
+
+
+def _group_owners(
+    quantities: Sequence[Quantity], parts: Mapping[str, Component]
+) -> dict[Owner, tuple[Owner, ...]]:
+    """Return the owners of errors that are refined together, by each of them."""
+    names = {name for quantity in quantities for name, _ in quantity.parts}
+    equals = {
+        name: [other for other in list_equals(parts, name) if is_chosen(parts[other])]
+        for name in names
+    }
+    return {
+        (name, kind): tuple((other, kind) for other in equals[name])
+        for quantity in quantities
+        for name, kind in quantity.parts
+    }
 
 
 def _added_seconds(seconds: float, ratio: float) -> float:

@@ -84,36 +84,8 @@ def plan_scene(
     if coarse:
         raise SceneError(coarse)
     gravity = np.array(scene.machine.gravity) if GRAVITY in scene.effects else None
-    components: dict[str, Component] = {}
-    stages: list[Stage] = []
-    surveys: dict[str, MeshEstimate] = {}
-    equals: dict[Hashable, str] = {}  # what is reduced to the first component that needs it
-    dofs = 0  # of the coupled machine
-    supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
-    for name, component in scene.machine.components.items():
-        settings, reason = choose_reduction(component, scene.analyses)
-        components[name] = dataclasses.replace(
-            component, reduction=settings, fidelity=_fidelity(component, scene)
-        )
-        elastic = components[name]
-        estimate = None
-        if elastic.fidelity == "elastic" and not isinstance(
-            elastic.solid, MeshFile | SuperelementFile
-        ):
-            before = None if before_survey is None else functools.partial(before_survey, name)
-            estimate = estimate_mesh(
-                elastic, supports, loads, survey=survey, known=surveys, before_survey=before
-            )
-        choice = None if estimate is None else _choose_solver(elastic, scene, estimate)
-        if choice is not None and choice.method == "iterative":
-            settings = dataclasses.replace(elastic.reduction, solver="iterative")
-            elastic = components[name] = dataclasses.replace(elastic, reduction=settings)
-        own = _component_stages(elastic, reason, scene, estimate, choice)
-        first = equals.setdefault(_reduction_key(elastic, scene), name)
-        stages += own if first == name else [_share_stage(stage, first) for stage in own]
-        dofs += reduced_dofs(elastic, None if estimate is None else estimate.volume)
-    poses = choose_poses(scene)
-    machine = PlannedMachine(scene, components, dofs)
+    machine, stages = _plan_components(scene, survey=survey, before_survey=before_survey)
+    components, poses = dict(machine.components), choose_poses(scene)
     for pose in poses.values():
         stages.append(_place_machine(machine, pose))
         stages += filter(None, (record.plan_pose(machine, pose) for record in RECORDS))
@@ -140,6 +112,39 @@ def plan_scene(
         gravity=gravity,
         warnings=(*perhaps, *_plan_warnings(components), *nothing_to_compare),
     )
+
+
+def _plan_components(
+    scene: Scene, *, survey: bool, before_survey: Callable[[str], None] | None
+) -> tuple[PlannedMachine, list[Stage]]:
+    """Return the components as they are reduced, and the stages that make them."""
+    components: dict[str, Component] = {}
+    stages: list[Stage] = []
+    surveys: dict[str, MeshEstimate] = {}
+    equals: dict[Hashable, str] = {}  # what is reduced to the first component that needs it
+    dofs = 0  # of the coupled machine
+    supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
+    for name, component in scene.machine.components.items():
+        settings, reason = choose_reduction(component, scene.analyses)
+        part = dataclasses.replace(
+            component, reduction=settings, fidelity=_fidelity(component, scene)
+        )
+        estimate = choice = None
+        if part.fidelity == "elastic" and not isinstance(part.solid, MeshFile | SuperelementFile):
+            before = None if before_survey is None else functools.partial(before_survey, name)
+            estimate = estimate_mesh(
+                part, supports, loads, survey=survey, known=surveys, before_survey=before
+            )
+            choice = _choose_solver(part, scene, estimate)
+            if choice.method == "iterative":
+                settings = dataclasses.replace(part.reduction, solver="iterative")
+                part = dataclasses.replace(part, reduction=settings)
+        components[name] = part
+        made = _component_stages(part, reason, scene, estimate, choice)
+        first = equals.setdefault(_reduction_key(part, scene), name)
+        stages += made if first == name else [_share_stage(stage, first) for stage in made]
+        dofs += reduced_dofs(part, None if estimate is None else estimate.volume)
+    return PlannedMachine(scene, components, dofs), stages
 
 
 def is_simple(component: Component) -> bool:

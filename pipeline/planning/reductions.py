@@ -98,7 +98,7 @@ def add_compiling(plan: Plan, scene: Scene) -> Plan:
     stages: list[Stage] = []
     counted: set[str] = set()
     for stage in plan.stages:
-        missing = list_missing(stage, plan, scene)
+        missing = list_missing_kernels(stage, plan, scene)
         stages.append(add_kernels(stage, [name for name in missing if name not in counted]))
         counted.update(missing)
     return dataclasses.replace(plan, stages=tuple(stages))
@@ -119,7 +119,21 @@ def add_kernels(stage: Stage, missing: Sequence[str]) -> Stage:
     )
 
 
-def list_missing(stage: Stage, plan: Plan, scene: Scene) -> list[str]:
+def _list_kernel_parts(component: Component, plan: Plan, scene: Scene) -> list[KernelPart]:
+    loads = [load for load in scene.machine.loads.values() if load.component == component.name]
+    request = ReductionRequest(
+        modes=mode_target(component) if plan.with_modes else None,
+        gravity=plan.gravity is not None,
+    )
+    parts: list[KernelPart] = ["stiffness"]
+    if needs_mass(component, loads, request):
+        parts.append("mass")
+    if component.reduction.solver == "iterative":
+        parts.append("corners")
+    return parts
+
+
+def list_missing_kernels(stage: Stage, plan: Plan, scene: Scene) -> list[str]:
     """Names of the kernels that a stage works with and that are not in the cache.
 
     Where only the mesh will tell which cells it has, those that are in the cache are taken to be
@@ -131,16 +145,7 @@ def list_missing(stage: Stage, plan: Plan, scene: Scene) -> list[str]:
     if stage.kind != "reduce":
         return []
     component = plan.components[str(stage.component)]
-    loads = [load for load in scene.machine.loads.values() if load.component == component.name]
-    request = ReductionRequest(
-        modes=mode_target(component) if plan.with_modes else None,
-        gravity=plan.gravity is not None,
-    )
-    parts: list[KernelPart] = ["stiffness"]
-    if needs_mass(component, loads, request):
-        parts.append("mass")
-    if component.reduction.solver == "iterative":
-        parts.append("corners")
+    parts = _list_kernel_parts(component, plan, scene)
     solid, order = component.solid, component.mesh.order
     known = KINDS[component.mesh.cells, order]
     kinds = tuple(KINDS.values()) if isinstance(solid, MeshFile) else (known,)

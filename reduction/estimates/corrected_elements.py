@@ -18,6 +18,14 @@ from headstock.reduction.superelement import ProbeRows, Recovery, StaticLoad, Su
 
 ROUNDING = 1e-13  # of the largest direction, below which a dof moves nothing but the whole body
 
+# of the errors of a superelement, by its dofs
+MATRICES = (
+    "missing_energy",
+    "shape_stiffness",
+    "shape_mass",
+    "left_out_stiffness",
+    "left_out_mass",
+)
 LEAST_MODE = 1e-8  # of the largest share in the mass that modes left out take, one of them has
 
 
@@ -190,11 +198,7 @@ def with_modes_left_out(element: Superelement) -> Superelement:
         errors=dataclasses.replace(
             errors,
             truncation=None,
-            missing_energy=_widen(errors.missing_energy, count, 0, 1),
-            shape_stiffness=_widen(errors.shape_stiffness, count, 0, 1),
-            shape_mass=_widen(errors.shape_mass, count, 0, 1),
-            left_out_stiffness=_widen(errors.left_out_stiffness, count, 0, 1),
-            left_out_mass=_widen(errors.left_out_mass, count, 0, 1),
+            **{name: _widen(getattr(errors, name), count, 0, 1) for name in MATRICES},
         ),
     )
 
