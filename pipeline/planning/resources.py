@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from headstock.pipeline.planning.budgets import BASE_MB, WAY_KEYS, BudgetError
+from headstock.pipeline.planning.budgets import BASE_MB, PATH_KEYS, BudgetError
 from headstock.pipeline.planning.plan import Stage
 
 OWN_GROUP, GROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
@@ -129,7 +129,7 @@ def check_memory(
             whole = "component"
             if stage.component is None:
                 what, whole = "", stage.kind
-                remedy = WAY_KEYS.get(stage.kind, "write a lower sampling")
+                remedy = PATH_KEYS.get(stage.kind, "write a lower sampling")
             if held.ranks > 1:
                 how = f"that share the {whole}" if split else f"of which one has the {whole}"
                 where = f" on a node with {held.together} of {held.ranks} ranks, {how}"
