@@ -271,7 +271,7 @@ def _case_names() -> list[str]:
     return [case.name for case in CASES]
 
 
-def group_names() -> list[str]:
+def _group_names() -> list[str]:
     """Return the names of all groups, in order."""
     return list(dict.fromkeys(case.group for case in CASES))
 
@@ -282,7 +282,7 @@ class UnknownCaseError(ValueError):
     """
 
 
-def select_cases(names: Sequence[str]) -> list[Case]:
+def _select_cases(names: Sequence[str]) -> list[Case]:
     """Return the cases that names of cases or groups stand for, each once, in registry order; all
     when no name is given.
 
@@ -291,13 +291,13 @@ def select_cases(names: Sequence[str]) -> list[Case]:
     Raises:
         UnknownCaseError: A name is neither a case nor a group.
     """
-    known = {*_case_names(), *group_names()}
+    known = {*_case_names(), *_group_names()}
     unknown = [name for name in names if name.lower() not in known]
     if unknown:
         hints = difflib.get_close_matches(unknown[0].lower(), sorted(known), n=1)
         hint = f" (did you mean {hints[0]!r}?)" if hints else ""
         raise UnknownCaseError(
-            f"unknown validation case {unknown[0]!r}{hint}; groups: {', '.join(group_names())}; cases: {', '.join(_case_names())}"
+            f"unknown validation case {unknown[0]!r}{hint}; groups: {', '.join(_group_names())}; cases: {', '.join(_case_names())}"
         )
     wanted = {name.lower() for name in names}
     return [
@@ -347,7 +347,7 @@ def run_validation(
         SeedError: A case draws nothing, or has used the seed.
     """
     rows: list[ValidationRow] = []
-    cases = select_cases(names)
+    cases = _select_cases(names)
     computations = [case.compute if seed is None else _from_seed(case, seed) for case in cases]
     for case, compute in zip(cases, computations, strict=True):
         try:

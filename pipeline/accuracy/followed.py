@@ -98,7 +98,7 @@ class ComparedMachine:
 
 
 @dataclass(frozen=True, eq=False)
-class FollowedNumbers:
+class _FollowedNumbers:
     """Numbers of an answer in a changed machine, under the keys of the answer.
 
     Attributes:
@@ -136,7 +136,7 @@ def list_followed(answer: Answer) -> list[Number]:
 
 def follow_numbers(
     answer: Answer, base: ComparedMachine, changed: ComparedMachine, *, with_errors: bool = False
-) -> FollowedNumbers:
+) -> _FollowedNumbers:
     """Return the numbers of an answer of a machine in a changed one.
 
     Args:
@@ -157,7 +157,7 @@ def follow_numbers(
 
 def _follow_modes(
     answer: PoseModes, base: ComparedMachine, changed: ComparedMachine, *, with_errors: bool
-) -> FollowedNumbers:
+) -> _FollowedNumbers:
     pose, count = answer.pose.name, answer.below + len(answer.frequencies_hz)
     watched = changed.watch(pose, count)
     compared = compare_modes(base.watch(pose, count), watched, count=count)
@@ -174,7 +174,7 @@ def _follow_modes(
         known = with_errors and partner >= 0
         numbers.append(Number(key, value, "Hz", errors[partner] if known else None))
         partners[key] = partner
-    return FollowedNumbers(
+    return _FollowedNumbers(
         tuple(numbers),
         lambda key: watched.modes.shapes[:, [partners[key]]],
         compared.missing,
@@ -183,7 +183,7 @@ def _follow_modes(
 
 def _follow_compliances(
     answer: StaticAnswer, changed: ComparedMachine, *, with_errors: bool
-) -> FollowedNumbers:
+) -> _FollowedNumbers:
     model = changed.at(answer.pose)
     if with_errors:
         solved = solve_points(model, answer.points).answer
@@ -193,7 +193,7 @@ def _follow_compliances(
             for name in answer.points
         }
         solved = StaticAnswer(answer.pose, points)
-    return FollowedNumbers(
+    return _FollowedNumbers(
         tuple(number for number in solved.list_numbers() if number.key in answer.errors),
         lambda key: model.push((str(key["point"]), str(key["direction"])))[:, None],
     )
@@ -201,11 +201,11 @@ def _follow_compliances(
 
 def _follow_heights(
     answer: PoseResponse, base: ComparedMachine, changed: ComparedMachine, *, with_errors: bool
-) -> FollowedNumbers:
+) -> _FollowedNumbers:
     pose, count = answer.curves.pose, max((peak.mode for peak in answer.peaks), default=-1) + 1
     model = changed.at(pose)
     if not answer.heights:
-        return FollowedNumbers((), lambda key: np.zeros((len(model.system.mass), 0)))
+        return _FollowedNumbers((), lambda key: np.zeros((len(model.system.mass), 0)))
     watched = changed.watch(pose, count)
     peaks, levels = follow_heights(answer, model, base.watch(pose, count), watched)
     pairs: dict[Key, Height] = dict(
@@ -227,7 +227,7 @@ def _follow_heights(
             return watched.modes.shapes[:, [height.mode]]
         return model.push(answer.curves.outputs[height.output])[:, None]
 
-    return FollowedNumbers(
+    return _FollowedNumbers(
         tuple(
             dataclasses.replace(
                 number, value=pairs[number.key].height, error=errors.get(number.key)

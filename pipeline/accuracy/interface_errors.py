@@ -67,7 +67,7 @@ WRONG = 0.01  # share of a number that is worth a warning
 
 
 @dataclass(frozen=True, eq=False)
-class ShapedMachines:
+class _ShapedMachines:
     """A machine whose rigid joints have deformation shapes, in both forms.
 
     Attributes:
@@ -91,7 +91,7 @@ def run_interfaces_stage(state: RunState, stage: Stage) -> Outcome:
     return estimate_interfaces(state, shaped) if state.is_root else Outcome()
 
 
-def make_shaped_machines(state: RunState) -> ShapedMachines:
+def make_shaped_machines(state: RunState) -> _ShapedMachines:
     """Superelements with deformation shapes at rigid joints, in both forms; collective.
 
     Args:
@@ -117,7 +117,7 @@ def make_shaped_machines(state: RunState) -> ShapedMachines:
         failures |= {name: why for name, why in failed.items() if len(counts[name]) == 1}
         joints = [joint for joint in joints if joint.name not in failures]
         counts = {name: own[1:] if name in failed else own for name, own in counts.items()}
-    return ShapedMachines(forms, tuple(joints), failures)
+    return _ShapedMachines(forms, tuple(joints), failures)
 
 
 def _choose_counts(state: RunState, joint: GluedJoint) -> list[int]:
@@ -183,7 +183,7 @@ def _find_mismatches(parts: MachineParts, joints: list[GluedJoint]) -> dict[str,
 class _Family(MachineFamily):
     """The machine, and with shapes in both forms."""
 
-    def __init__(self, parts: MachineParts, shaped: ShapedMachines) -> None:
+    def __init__(self, parts: MachineParts, shaped: _ShapedMachines) -> None:
         super().__init__(parts)
         self.joints = shaped.joints
         self.forms = {kind: self.change(own) for kind, own in shaped.forms.items()}
@@ -198,7 +198,7 @@ class _Family(MachineFamily):
         return split_change(size, {name: float(energy.sum()) for name, energy in energies.items()})
 
 
-def estimate_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
+def estimate_interfaces(state: RunState, shaped: _ShapedMachines) -> Outcome:
     """Put what shapes change into the ± of the frequencies, compliances and responses of a run; on
     rank 0.
     """

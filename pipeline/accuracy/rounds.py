@@ -52,7 +52,7 @@ LEAST_RATIO = 1e-3  # of an error, over all rounds to come
 
 
 @dataclass(frozen=True)
-class MeshScale:
+class _MeshScale:
     """How fine a mesh is.
 
     Attributes:
@@ -65,7 +65,7 @@ class MeshScale:
     mean: float
     graded: bool
 
-    def step_from(self, before: "MeshScale") -> float:
+    def step_from(self, before: "_MeshScale") -> float:
         """Return its size over that of a mesh before; their means where only one of them follows the error, as
         sizes then tell nothing of each other.
         """
@@ -87,7 +87,7 @@ class History:
 
     trials: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)
     quantities: Sequence[Quantity] = ()
-    scales: Mapping[str, MeshScale] = field(default_factory=dict)
+    scales: Mapping[str, _MeshScale] = field(default_factory=dict)
     factors: Factors = field(default_factory=dict)
 
 
@@ -150,7 +150,7 @@ def _learn_factors(
     parts: Mapping[str, Component],
     state: RunState,
     estimated: Sequence[Quantity],
-    scales: Mapping[str, MeshScale],
+    scales: Mapping[str, _MeshScale],
     history: History,
 ) -> dict[str, float]:
     """Return by how much estimates are to be multiplied, from the steps of meshes since the last round."""
@@ -212,14 +212,16 @@ def _go_on(
     )
 
 
-def _find_scales(parts: Mapping[str, Component], state: RunState) -> dict[str, MeshScale]:
+def _find_scales(parts: Mapping[str, Component], state: RunState) -> dict[str, _MeshScale]:
     """Return what the steps of meshes are measured by, by component; none of a part without a mesh."""
     scales = {}
     for name, part in parts.items():
         graded = follows_errors(part)
         if is_chosen(part) and (graded or part.mesh.size is not None):
             mean = mean_size(state.reduced[name])
-            scales[name] = MeshScale(mean if graded else part.mesh.size or 0.0, mean, graded=graded)
+            scales[name] = _MeshScale(
+                mean if graded else part.mesh.size or 0.0, mean, graded=graded
+            )
     return scales
 
 
@@ -348,7 +350,7 @@ def _added_seconds(seconds: float, ratio: float) -> float:
 def _remember(
     trials: Mapping[str, tuple[Trial, ...]],
     parts: Mapping[str, Component],
-    scales: Mapping[str, MeshScale],
+    scales: Mapping[str, _MeshScale],
     estimated: Sequence[Quantity],
     counted: Sequence[Quantity],
 ) -> dict[str, tuple[Trial, ...]]:

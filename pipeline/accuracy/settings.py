@@ -80,7 +80,7 @@ LEAST_DETAIL_RATIO = 0.1  # of the error by features left out: where less is wan
 
 
 @dataclass(frozen=True)
-class Grading:
+class _Grading:
     """Elements across imprints, growth from rims, and size at the rims of rigid interfaces as a
     share of the size elsewhere.
     """
@@ -91,8 +91,8 @@ class Grading:
 
 
 # for coarse accuracies, for finer ones, and where rims make the error
-COARSE_GRADING, START_GRADING = Grading(6, 0.5, 0.3), Grading(8, 0.45, 0.27)
-FINE_GRADING = Grading(12, 0.35, 0.2)
+COARSE_GRADING, START_GRADING = _Grading(6, 0.5, 0.3), _Grading(8, 0.45, 0.27)
+FINE_GRADING = _Grading(12, 0.35, 0.2)
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
     step = float(
         np.clip(
             ratio
-            ** (1.0 / observed_rate(trials, RIM_RATE if _is_rough(component) else DEFAULT_RATE)),
+            ** (1.0 / _observed_rate(trials, RIM_RATE if _is_rough(component) else DEFAULT_RATE)),
             LARGEST_STEP,
             LEAST_STEP,
         )
@@ -195,7 +195,7 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
         isinstance(component.solid, Box)
         and mesh.cells == "hex"
         and len(trials) > 1
-        and observed_rate(trials) < RIM_RATE
+        and _observed_rate(trials) < RIM_RATE
     ):
         # what is left lies at the rims, where all hexahedra would have to be small
         size = min(mesh.size, WIDE * thinnest_feature(component.solid))
@@ -304,7 +304,7 @@ def refine_modes(
     return dataclasses.replace(component, reduction=settings)
 
 
-def observed_rate(trials: tuple[Trial, ...], expected: float = DEFAULT_RATE) -> float:
+def _observed_rate(trials: tuple[Trial, ...], expected: float = DEFAULT_RATE) -> float:
     """Power of the mesh size with which the error of the last two trials fell; what is expected of
     the first one alone.
 
@@ -427,7 +427,7 @@ def _not_single(size: float, thinnest: float) -> float:
     return START_SHARE * thinnest if thinnest <= size < thinnest / STOUT else size
 
 
-def grade_mesh(component: Component, size: float, grading: Grading) -> MeshSettings:
+def grade_mesh(component: Component, size: float, grading: _Grading) -> MeshSettings:
     """Tets of a size that grow from the rims of patches and of rigid interfaces.
 
     Args:

@@ -212,7 +212,7 @@ def path_seconds(
 
 
 @dataclass(frozen=True)
-class ToolSteps:
+class _ToolSteps:
     """Steps in time of a path of a mechanism's tool: in a frozen pose, in those of the way, and in a
     frozen one with modes up to twice the frequency.
 
@@ -257,7 +257,7 @@ def plan_tool_steps(
     controlled: bool,
     up_to_hz: float,
     repeats: int,
-) -> ToolSteps:
+) -> _ToolSteps:
     """How far a path of a mechanism's tool goes in time.
 
     Args:
@@ -270,7 +270,7 @@ def plan_tool_steps(
         rate = max(rate, PATH_STEPS_PER_TURN * request.cut.cut.spindle / (2.0 * math.pi))
     seconds = sum(move.duration + request.residual_time for move in request.moves)
     modes = min(float(dofs), dofs * up_to_hz / HZ_PER_MODE_AND_DOF)
-    return ToolSteps(
+    return _ToolSteps(
         steps=rate * seconds,
         modes=modes,
         follows_pose=request.follows_pose,

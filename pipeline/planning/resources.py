@@ -140,7 +140,7 @@ def check_memory(
 
 
 @dataclass
-class PeakMemory:
+class _PeakMemory:
     """Most resident memory of this process while a piece of work went on; None where nobody could
     look [MB].
     """
@@ -149,13 +149,13 @@ class PeakMemory:
 
 
 @contextlib.contextmanager
-def watch_memory() -> Iterator[PeakMemory]:
+def watch_memory() -> Iterator[_PeakMemory]:
     """Watch the body of a ``with`` statement; what earlier work left behind is given back to the
     system before.
 
     Child processes are not counted.
     """
-    peak = PeakMemory()
+    peak = _PeakMemory()
     _give_back()
     watcher = _start_watcher()
     try:

@@ -48,12 +48,12 @@ def correct_mesh(element: Superelement) -> Superelement:
         return element
     share, left = errors.mesh_truth
     return dataclasses.replace(
-        soften_element(element, share),
+        _soften_element(element, share),
         errors=dataclasses.replace(errors, mesh_safety=left, corrected=True),
     )
 
 
-def soften_element(element: Superelement, share: float) -> Superelement:
+def _soften_element(element: Superelement, share: float) -> Superelement:
     """Return the superelement with a share of the energy that its mesh misses taken out of its
     stiffness; itself where nothing is known of that.
 
@@ -110,14 +110,14 @@ def _add_missing(values: FloatArray, missing: FloatArray | None, share: float) -
     return values if missing is None else values + share * missing
 
 
-def with_finer_mesh(element: Superelement) -> Superelement:
+def _with_finer_mesh(element: Superelement) -> Superelement:
     """Return a superelement as soft as the ± of its mesh leaves possible; itself where nothing is
     known of that.
     """
-    return soften_element(element, element.errors.mesh_safety)
+    return _soften_element(element, element.errors.mesh_safety)
 
 
-def with_true_faces(element: Superelement) -> Superelement:
+def _with_true_faces(element: Superelement) -> Superelement:
     """Return a superelement with the curved faces and small features of the part; itself where its
     mesh cuts none short or nothing is known of that.
     """
@@ -135,7 +135,7 @@ def with_true_faces(element: Superelement) -> Superelement:
     return element
 
 
-def with_modes_left_out(element: Superelement) -> Superelement:
+def _with_modes_left_out(element: Superelement) -> Superelement:
     """Return a superelement with modal dofs for the fixed-interface modes that it leaves out, all
     at the lowest of them: the most that they can do at any frequency below it. Itself where it
     leaves out none.
@@ -233,12 +233,12 @@ def _is_curved(part: Component) -> bool:
     return part.fidelity == "elastic" and not isinstance(part.solid, Box)
 
 
-FINER_MESH = Refinement(with_finer_mesh, _is_discrete, apart=True)
-TRUE_FACES = Refinement(with_true_faces, _is_curved)
-MORE_MODES = Refinement(with_modes_left_out, _is_discrete)
+FINER_MESH = Refinement(_with_finer_mesh, _is_discrete, apart=True)
+TRUE_FACES = Refinement(_with_true_faces, _is_curved)
+MORE_MODES = Refinement(_with_modes_left_out, _is_discrete)
 # meshes and reductions both make a machine too stiff
 FINER_WITH_MORE_MODES = Refinement(
-    lambda part: with_modes_left_out(with_finer_mesh(part)), _is_discrete
+    lambda part: _with_modes_left_out(_with_finer_mesh(part)), _is_discrete
 )
 SEPARATE_REFINEMENTS = (FINER_MESH, TRUE_FACES, MORE_MODES)
 COMBINED_REFINEMENTS = (FINER_WITH_MORE_MODES, TRUE_FACES)  # of long analyses

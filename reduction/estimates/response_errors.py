@@ -65,7 +65,7 @@ class SystemChange:
 
 
 @dataclass(frozen=True, eq=False)
-class MeshChanges:
+class _MeshChanges:
     """Changes by the mesh of one component: by being finer, by its true curved faces, and by the
     small features that it lacks; None where nothing is known of those, or there are none.
     """
@@ -175,7 +175,7 @@ class ResponseSpace:
             *self._damping_of(name),
         )
 
-    def _project_changes(self, name: str, part: MeshedPart, space: FloatArray) -> MeshChanges:
+    def _project_changes(self, name: str, part: MeshedPart, space: FloatArray) -> _MeshChanges:
         loss, damped = self._damping_of(name)
         moved, strained = part.rows @ space, part.strain(space)
         strained[:, : self._rigid] = 0.0
@@ -192,7 +192,7 @@ class ResponseSpace:
             else change(strained.T @ shape.stiffness @ strained, moved.T @ shape.mass @ moved)
             for shape in (part.faces, part.left_out)
         )
-        return MeshChanges(softer, faces, left_out)
+        return _MeshChanges(softer, faces, left_out)
 
     def _damping_of(self, name: str) -> tuple[complex, RayleighDamping]:
         """Return one and the structural loss factor of a component times i, and its damping by mass and

@@ -102,7 +102,7 @@ CLEAR = 1e-4  # true errors above which a ratio means something
 
 
 @dataclass(frozen=True, eq=False)
-class PartCoverage:
+class _PartCoverage:
     """Numbers of one part on its judged meshes.
 
     Attributes:
@@ -126,7 +126,7 @@ class PartCoverage:
     lines: FloatArray
     failure: str = ""
     sure: float = SURE
-    corrected: "PartCoverage | None" = None
+    corrected: "_PartCoverage | None" = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,11 +153,11 @@ class _Solved:
     motions: FloatArray
 
 
-def _cover_part(seed: int) -> PartCoverage:
+def _cover_part(seed: int) -> _PartCoverage:
     """Return the numbers of a seed, from the store where they are there: a suite that was stopped
     goes on.
     """
-    return cover_seed(seed, measure_part, PartCoverage, Path(__file__))
+    return cover_seed(seed, _measure_part, _PartCoverage, Path(__file__))
 
 
 def cover_seed[Measured: "DataclassInstance"](
@@ -178,7 +178,7 @@ def cover_seed[Measured: "DataclassInstance"](
     return keep_measured(key, kind, draw)
 
 
-def measure_part(part: CoveragePart) -> PartCoverage:
+def _measure_part(part: CoveragePart) -> _PartCoverage:
     """Errors and estimates of a part on each of its meshes."""
     reference = _solve_reference(part)
     elastic = reference.modes.frequencies_hz[reference.modes.rigid_count :]
@@ -212,10 +212,10 @@ class _Evaluation:
     tables: list[FloatArray] = field(default_factory=list)
     lines: list[FloatArray] = field(default_factory=list)
 
-    def conclude(self, part: CoveragePart, failure: str) -> PartCoverage:
+    def conclude(self, part: CoveragePart, failure: str) -> _PartCoverage:
         rows = np.concatenate([np.zeros((4, 0)), *self.tables], axis=1)
         lines = np.concatenate([np.zeros(0), *self.lines])
-        return PartCoverage(
+        return _PartCoverage(
             part.seed, part.kind, rows[0], rows[1], rows[2], rows[3], lines, failure
         )
 
@@ -426,11 +426,11 @@ def check_coverage_smoke() -> list[ValidationRow]:
     return _evaluate("two parts", _cover(SMOKE_PARTS))
 
 
-def _cover(seeds: Sequence[int]) -> list[PartCoverage]:
+def _cover(seeds: Sequence[int]) -> list[_PartCoverage]:
     return [_cover_part(seed) for seed in seeds]
 
 
-def _evaluate(what: str, parts: Sequence[PartCoverage]) -> list[ValidationRow]:
+def _evaluate(what: str, parts: Sequence[_PartCoverage]) -> list[ValidationRow]:
     """Evaluate meshes as they are, then corrected by their estimates."""
     corrected = [part.corrected for part in parts if part.corrected is not None]
     plain = CoverageCase(CLEAR, LARGEST_MEDIAN)
@@ -441,7 +441,7 @@ def _evaluate(what: str, parts: Sequence[PartCoverage]) -> list[ValidationRow]:
 
 
 def _evaluate_meshes(
-    case: CoverageCase, what: str, parts: Sequence[PartCoverage]
+    case: CoverageCase, what: str, parts: Sequence[_PartCoverage]
 ) -> list[ValidationRow]:
     known = [part.unsure <= part.sure * part.estimates for part in parts]
     given, true, compliances = (
@@ -480,7 +480,7 @@ def _evaluate_meshes(
     ]
 
 
-def _by_kind(parts: Sequence[PartCoverage], covered: Sequence[FloatArray]) -> str:
+def _by_kind(parts: Sequence[_PartCoverage], covered: Sequence[FloatArray]) -> str:
     """Share of covered numbers by kind of part."""
     found: dict[str, list[FloatArray]] = {}
     for part, own in zip(parts, covered, strict=True):

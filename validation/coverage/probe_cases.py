@@ -48,7 +48,7 @@ LARGEST_MEDIAN = (3.0, 4.0, 3.0)  # of ± over the true error
 
 
 @dataclass(frozen=True, eq=False)
-class ProbeCoverage:
+class _ProbeCoverage:
     """Numbers at the probes of one part on its judged meshes, displacements over the largest one at
     any of its probes under the same load, stresses over the equivalent stress.
 
@@ -87,7 +87,7 @@ class _Seen:
     doubts: FloatArray
 
 
-def _measure_probes(part: CoveragePart) -> ProbeCoverage:
+def _measure_probes(part: CoveragePart) -> _ProbeCoverage:
     """Errors and estimates at the probes of a part on each of its meshes."""
     mesh = _mesh(part, part.reference)
     probes = draw_probes(mesh, np.random.default_rng([20261125, part.seed]))
@@ -104,7 +104,7 @@ def _measure_probes(part: CoveragePart) -> ProbeCoverage:
             _compare(seen, right[name], largest) for name, seen in judged.items() if name in right
         ]
     rows = np.concatenate([np.zeros((4, 0)), *tables], axis=1)
-    return ProbeCoverage(
+    return _ProbeCoverage(
         part.seed, part.kind, rows[0], rows[1], rows[2], rows[3], "; ".join(failures)
     )
 
@@ -215,9 +215,9 @@ def check_probes_smoke() -> list[ValidationRow]:
     return _evaluate("one part", SMOKE_PARTS)
 
 
-def _cover_probes(seed: int) -> ProbeCoverage:
+def _cover_probes(seed: int) -> _ProbeCoverage:
     """Return the numbers of a seed, from the store where they are there."""
-    return cover_seed(seed, _measure_probes, ProbeCoverage, Path(__file__))
+    return cover_seed(seed, _measure_probes, _ProbeCoverage, Path(__file__))
 
 
 def _evaluate(what: str, seeds: Sequence[int]) -> Iterator[ValidationRow]:

@@ -59,7 +59,7 @@ SMOKE_SETTINGS = (
 
 
 @dataclass(frozen=True, eq=False)
-class ComparedNumbers:
+class _ComparedNumbers:
     """Numbers of an analysis beside those of fine meshes, SI.
 
     Attributes:
@@ -100,11 +100,11 @@ def _evaluate_machines(seeds: list[int]) -> list[ValidationRow]:
     return [
         row
         for kind in found[0]
-        for row in evaluate_numbers(f"{machines}, {kind}", [each[kind] for each in found])
+        for row in _evaluate_numbers(f"{machines}, {kind}", [each[kind] for each in found])
     ]
 
 
-def _compare_axes(seed: int) -> dict[str, ComparedNumbers]:
+def _compare_axes(seed: int) -> dict[str, _ComparedNumbers]:
     """Numbers of a machine by what they are, beside those of fine meshes with more modes: measures of
     its map, errors in single poses, paths with motors that follow and with drives under control.
     """
@@ -119,7 +119,7 @@ def _compare_axes(seed: int) -> dict[str, ComparedNumbers]:
         ) -> tuple[Found, Found]:
             scene = keep_analyses(load_scene(path, variant=variant), (analysis,))
             both = []
-            for one in (scene, refine_scene(scene)):
+            for one in (scene, _refine_scene(scene)):
                 results = run_scene(one, folder / "results", comm=MPI.COMM_SELF, store=store)
                 (answer,) = find_answers(results.answers, kind)
                 both.append(answer)
@@ -127,24 +127,24 @@ def _compare_axes(seed: int) -> dict[str, ComparedNumbers]:
 
         coarse, fine = run(None, "volumetric", VolumetricAnswer)
         paths = [run(variant, "path", PathResult) for variant in (None, "controlled")]
-    measures = pair_numbers(*map(_list_measures, (coarse, fine)), least=LEAST)
-    poses = ComparedNumbers(
+    measures = _pair_numbers(*map(_list_measures, (coarse, fine)), least=LEAST)
+    poses = _ComparedNumbers(
         *(each.ravel() for each in (coarse.total, coarse.grid_errors, fine.total, fine.grid_errors))
     )
-    free, driven = (pair_numbers(*map(_list_path, both), least=0.0) for both in paths)
+    free, driven = (_pair_numbers(*map(_list_path, both), least=0.0) for both in paths)
     seen = [_list_probes([answers[place] for answers in paths]) for place in (0, 1)]
     return {
         "ranges, motions along axes and squareness": measures,
         "errors in single poses": poses,
         PATHS[0]: free,
         PATHS[1]: driven,
-        PROBES: pair_numbers(*seen, least=0.0),
+        PROBES: _pair_numbers(*seen, least=0.0),
     }
 
 
-def pair_numbers(
+def _pair_numbers(
     coarse: tuple[FloatArray, FloatArray], fine: tuple[FloatArray, FloatArray], *, least: float
-) -> ComparedNumbers:
+) -> _ComparedNumbers:
     """Numbers and their ±, beside those of fine meshes.
 
     Args:
@@ -153,10 +153,10 @@ def pair_numbers(
     """
     (values, errors), (truth, doubt) = coarse, fine
     kept = values > least
-    return ComparedNumbers(values[kept], errors[kept], truth[kept], doubt[kept])
+    return _ComparedNumbers(values[kept], errors[kept], truth[kept], doubt[kept])
 
 
-def refine_scene(scene: Scene, across: int = FINE_ACROSS) -> Scene:
+def _refine_scene(scene: Scene, across: int = FINE_ACROSS) -> Scene:
     """Refine a machine: fine meshes, corrected, and more modes."""
     fine = dict(scene.machine.components)
     for name, part in fine.items():
@@ -172,7 +172,7 @@ def _list_measures(answer: VolumetricAnswer) -> tuple[FloatArray, FloatArray]:
     """Return sizes ``(n,)`` of all that is measured of a map, and their ±; the largest error is among the
     ranges.
     """
-    return list_sizes(
+    return _list_sizes(
         number for number in answer.list_numbers() if number.key.kind != "volumetric_error"
     )
 
@@ -185,7 +185,7 @@ def _list_path(answer: PathResult) -> tuple[FloatArray, FloatArray]:
     """Return sizes ``(n,)`` of deviations on ramps, torques, position errors and forces of a path, and
     their ±.
     """
-    return list_sizes(
+    return _list_sizes(
         number
         for number in answer.list_numbers()
         if number.key.kind in PATH_KINDS and number.key.get("zone") != "cruising"
@@ -194,7 +194,7 @@ def _list_path(answer: PathResult) -> tuple[FloatArray, FloatArray]:
 
 def _list_probes(answers: list[PathResult]) -> tuple[FloatArray, FloatArray]:
     """Return the largest equivalent stresses and displacements ``(n,)`` at probes, and their ±."""
-    return list_sizes(
+    return _list_sizes(
         number
         for answer in answers
         for number in answer.list_numbers()
@@ -202,7 +202,7 @@ def _list_probes(answers: list[PathResult]) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def list_sizes(numbers: Iterable[Number]) -> tuple[FloatArray, FloatArray]:
+def _list_sizes(numbers: Iterable[Number]) -> tuple[FloatArray, FloatArray]:
     """Return sizes ``(n,)`` of numbers, and their ±, infinite without a bound."""
     values: list[float] = []
     errors: list[float] = []
@@ -213,7 +213,7 @@ def list_sizes(numbers: Iterable[Number]) -> tuple[FloatArray, FloatArray]:
     return np.array(values), np.array(errors)
 
 
-def evaluate_numbers(what: str, machines: list[ComparedNumbers]) -> list[ValidationRow]:
+def _evaluate_numbers(what: str, machines: list[_ComparedNumbers]) -> list[ValidationRow]:
     """Check whether their ± covers the true errors, and how large it is compared with them."""
     values, errors, truth, doubt = (
         np.concatenate([np.abs(getattr(machine, field)) for machine in machines])
@@ -243,7 +243,7 @@ def check_contour_estimates() -> list[ValidationRow]:
 def check_contour_smoke() -> list[ValidationRow]:
     """Gap and forces of a short contour of one machine with one body that deforms."""
     found = _compare_contours(SMOKE_CONTOUR, SMOKE_SETTINGS, SMOKE_ACROSS)
-    return evaluate_numbers(f"machine {SMOKE_CONTOUR}, {FACES}", [found[FACES]])
+    return _evaluate_numbers(f"machine {SMOKE_CONTOUR}, {FACES}", [found[FACES]])
 
 
 def compare_new_contours(seed: int) -> list[ValidationRow]:
@@ -255,13 +255,13 @@ def compare_new_contours(seed: int) -> list[ValidationRow]:
     return [
         row
         for kind, found in _compare_contours(seed).items()
-        for row in evaluate_numbers(f"machine {seed}, {kind}", [found])
+        for row in _evaluate_numbers(f"machine {seed}, {kind}", [found])
     ]
 
 
 def _compare_contours(
     seed: int, settings: tuple[str, ...] = (), across: int = FINE_ACROSS
-) -> dict[str, ComparedNumbers]:
+) -> dict[str, _ComparedNumbers]:
     """Numbers of a contour by what they are, beside those of fine meshes with more modes.
 
     Args:
@@ -276,7 +276,7 @@ def _compare_contours(
             load_scene(path, variant="milling", overrides=settings), ("contouring",)
         )
         both = []
-        for one in (scene, refine_scene(scene, across)):
+        for one in (scene, _refine_scene(scene, across)):
             results = run_scene(
                 one, folder / "results", comm=MPI.COMM_SELF, store=Store(folder / "store")
             )
@@ -285,11 +285,11 @@ def _compare_contours(
     found = {}
     for what in dict.fromkeys(KINDS.values()):
         coarse, fine = (
-            list_sizes(number for number in numbers if KINDS.get(number.key.kind) == what)
+            _list_sizes(number for number in numbers if KINDS.get(number.key.kind) == what)
             for numbers in both
         )
         if len(coarse[0]):
-            found[what] = pair_numbers(coarse, fine, least=0.0)
+            found[what] = _pair_numbers(coarse, fine, least=0.0)
     return found
 
 

@@ -68,7 +68,7 @@ def check_three_axis_machine(comm: MPI.Comm) -> Iterator[ValidationRow]:
         {name: mesh_component(part) for name, part in elastic.items()} if comm.rank == 0 else None,
         root=0,
     )
-    reduced = reduce_parts(machine, meshes, comm)
+    reduced = _reduce_parts(machine, meshes, comm)
     for pose in scene.poses.values():
         coupled = couple(reduced, machine, pose)
         channels = [("tcp", dof) for dof in DOF_NAMES]
@@ -108,14 +108,14 @@ def check_guideway() -> list[ValidationRow]:
     """
     machine = load_scene(SCENE).machine
     mesh = mesh_component(machine.components["bed"])
-    parts = reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
+    parts = _reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
     ripple = compare_bound(
-        "ripple of ten frequencies over the control points", find_ripple(machine, parts), RIPPLE
+        "ripple of ten frequencies over the control points", _find_ripple(machine, parts), RIPPLE
     )
     return [*_compare_meshes(machine, mesh, parts), ripple, *_measure_cost(machine, parts)]
 
 
-def reduce_parts(
+def _reduce_parts(
     machine: Machine, meshes: Mapping[str, ComponentMesh], comm: MPI.Comm
 ) -> dict[str, Superelement]:
     """Superelements of meshed components, and of the others from their mass properties; collective."""
@@ -127,7 +127,7 @@ def reduce_parts(
     }
 
 
-def answer_reduced(machine: Machine, parts: dict[str, Superelement], place: float) -> Answer:
+def _answer_reduced(machine: Machine, parts: dict[str, Superelement], place: float) -> Answer:
     """Compliances along x, y and z at the TCP [m/N] and lowest frequencies [Hz] of the coupled
     superelements.
 
@@ -175,7 +175,7 @@ def relative_errors(found: Answer, expected: Answer) -> FloatArray:
     return np.concatenate([np.abs(a / b - 1.0) for a, b in zip(found, expected, strict=True)])
 
 
-def find_ripple(machine: Machine, parts: dict[str, Superelement], samples: int = 41) -> float:
+def _find_ripple(machine: Machine, parts: dict[str, Superelement], samples: int = 41) -> float:
     """Return the largest relative departure of a frequency from a quartic in the position, over two
     spline intervals around the middle [-].
 
@@ -184,7 +184,7 @@ def find_ripple(machine: Machine, parts: dict[str, Superelement], samples: int =
     """
     spacing = next(iter(parts["bed"].rails.values())).blur
     places = np.linspace(-spacing, spacing, samples)
-    frequencies = np.array([answer_reduced(machine, parts, float(place))[1] for place in places])
+    frequencies = np.array([_answer_reduced(machine, parts, float(place))[1] for place in places])
     smooth = np.polynomial.chebyshev.chebvander(places / spacing, 4)
     rest = frequencies - smooth @ np.linalg.lstsq(smooth, frequencies, rcond=None)[0]
     return float(np.abs(rest / frequencies).max())
@@ -196,7 +196,7 @@ def _compare_meshes(
     fresh, same, apart = [], [], []
     for index, place in enumerate(np.linspace(-REACH, REACH, POSITIONS)):
         found, expected = (
-            answer_reduced(machine, parts, float(place)),
+            _answer_reduced(machine, parts, float(place)),
             answer_fresh_mesh(machine, float(place)),
         )
         fresh.append(relative_errors(found, expected))
@@ -222,10 +222,10 @@ def _compare_meshes(
 
 def _measure_cost(machine: Machine, parts: dict[str, Superelement]) -> list[ValidationRow]:
     places = np.linspace(-REACH, REACH, 20)
-    answer_reduced(machine, parts, 0.0)
+    _answer_reduced(machine, parts, 0.0)
     start = time.process_time()
     for place in places:
-        answer_reduced(machine, parts, float(place))
+        _answer_reduced(machine, parts, float(place))
     seconds = 1000.0 * (time.process_time() - start) / len(places)
     return [
         show("reduced dofs", float(sum(len(part.labels) for part in parts.values())), "-"),

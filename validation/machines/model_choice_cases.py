@@ -55,7 +55,7 @@ KEPT, TIMES, CHEAP = 0.95, 2.0, 0.75
 
 
 @dataclass(frozen=True, eq=False)
-class ReferenceScenes:
+class _ReferenceScenes:
     """What a machine or part with a stated accuracy is compared with.
 
     Attributes:
@@ -70,7 +70,7 @@ class ReferenceScenes:
 
 
 @dataclass(frozen=True, eq=False)
-class ChosenScene:
+class _ChosenScene:
     """A machine or part with a stated accuracy.
 
     Attributes:
@@ -93,20 +93,20 @@ class ChosenScene:
 
 def check_model_choice() -> list[ValidationRow]:
     """Check whether the errors of the machines are within what was asked, and what that costs."""
-    return _evaluate("machine", [_recall(seed, load_drawn) for seed in MACHINES])
+    return _evaluate("machine", [_recall(seed, _load_drawn) for seed in MACHINES])
 
 
 def check_model_choice_smoke() -> list[ValidationRow]:
     """Check one machine of three bodies in the same way."""
-    return _evaluate("machine", [_recall(seed, load_drawn) for seed in SMOKE_MACHINES])
+    return _evaluate("machine", [_recall(seed, _load_drawn) for seed in SMOKE_MACHINES])
 
 
 def check_part_choice() -> list[ValidationRow]:
     """Check parts alone in the same way, whose only lever is the mesh."""
-    return _evaluate("part", [_recall(seed, load_part) for seed in PARTS])
+    return _evaluate("part", [_recall(seed, _load_part) for seed in PARTS])
 
 
-def _recall(seed: int, load: Callable[[int, Path], Scene]) -> ChosenScene:
+def _recall(seed: int, load: Callable[[int, Path], Scene]) -> _ChosenScene:
     """Return a machine or part from the store where it is there: what was stopped goes on."""
     with tempfile.TemporaryDirectory(prefix="headstock-choice-") as name:
         folder = Path(name)
@@ -122,14 +122,14 @@ def _recall(seed: int, load: Callable[[int, Path], Scene]) -> ChosenScene:
         }
         asked = ASKED[seed % len(ASKED)]
         key = make_key(text, repr(models), repr((TRUE_SHARE, TRUE_MEMORY, asked)), "names")
-        reference = keep_measured(key, ReferenceScenes, lambda: measure_reference(scene, asked))
+        reference = keep_measured(key, _ReferenceScenes, lambda: _measure_reference(scene, asked))
         key = make_key(key, code_fingerprint(headstock.pipeline), Path(__file__).read_text())
         return keep_measured(
-            key, ChosenScene, lambda: measure_choice(seed, asked, scene, reference)
+            key, _ChosenScene, lambda: measure_choice(seed, asked, scene, reference)
         )
 
 
-def load_drawn(seed: int, folder: Path) -> Scene:
+def _load_drawn(seed: int, folder: Path) -> Scene:
     """Return the machine of a seed, of which frequencies and compliances are asked for."""
     path = folder / "machine.toml"
     path.write_text(draw_machine(seed))
@@ -138,7 +138,7 @@ def load_drawn(seed: int, folder: Path) -> Scene:
     return dataclasses.replace(scene, analyses=analyses, model_errors=False)
 
 
-def load_part(seed: int, folder: Path) -> Scene:
+def _load_part(seed: int, folder: Path) -> Scene:
     """Return the part of a seed of `coverage`, held at its foot, of which six frequencies and the
     compliances of its tip are asked for.
     """
@@ -156,7 +156,7 @@ def load_part(seed: int, folder: Path) -> Scene:
     )
 
 
-def measure_reference(scene: Scene, asked: float) -> ReferenceScenes:
+def _measure_reference(scene: Scene, asked: float) -> _ReferenceScenes:
     """Return what is true of a machine, and what somebody would try.
 
     Args:
@@ -178,12 +178,14 @@ def measure_reference(scene: Scene, asked: float) -> ReferenceScenes:
             continue
         off = float(_deviate(_list_values(results), truth).max())
         by_hand[name] = off, _cpu(results)
-    return ReferenceScenes(truth, np.inf if search.estimated is None else search.estimated, by_hand)
+    return _ReferenceScenes(
+        truth, np.inf if search.estimated is None else search.estimated, by_hand
+    )
 
 
 def measure_choice(
-    seed: int, asked: float, scene: Scene, reference: ReferenceScenes
-) -> ChosenScene:
+    seed: int, asked: float, scene: Scene, reference: _ReferenceScenes
+) -> _ChosenScene:
     """Errors and cost of a machine with a stated accuracy.
 
     Args:
@@ -193,7 +195,7 @@ def measure_choice(
     chosen = run_afresh(goal)
     errors = _deviate(_list_values(chosen), reference.truth)
     met = not chosen.failures
-    return ChosenScene(seed, asked, met, reference.doubt, errors, _cpu(chosen), reference.by_hand)
+    return _ChosenScene(seed, asked, met, reference.doubt, errors, _cpu(chosen), reference.by_hand)
 
 
 def _tried_by_hand(scene: Scene) -> Iterator[tuple[str, dict[str, Component]]]:
@@ -259,7 +261,7 @@ def _deviate(found: Mapping[str, float], truth: Mapping[str, float]) -> FloatArr
     return np.array([abs(found.get(name, np.inf) / exact - 1.0) for name, exact in truth.items()])
 
 
-def _evaluate(what: str, scenes: list[ChosenScene]) -> list[ValidationRow]:
+def _evaluate(what: str, scenes: list[_ChosenScene]) -> list[ValidationRow]:
     certain = [scene for scene in scenes if scene.doubt <= DOUBTFUL_SHARE * scene.asked]
     met = [scene for scene in certain if scene.met]
     kept = np.concatenate([scene.errors <= scene.asked for scene in met])

@@ -52,7 +52,7 @@ CLEAR, LARGEST_MEDIAN = 1e-3, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class MachineNumbers:
+class _MachineNumbers:
     """Numbers of a machine of rigid and segmented bodies beside those of fine finite elements.
 
     Attributes:
@@ -75,21 +75,21 @@ class MachineNumbers:
     named: tuple[int, int]
 
 
-def compare_machine(seed: int) -> MachineNumbers:
+def _compare_machine(seed: int) -> _MachineNumbers:
     """Return the numbers of a seed, from the store where they are there: what was stopped goes on."""
     text = draw_machine(seed)
     key = make_key(code_fingerprint(headstock.pipeline), Path(__file__).read_text(), text)
 
-    def draw() -> MachineNumbers:
+    def draw() -> _MachineNumbers:
         with tempfile.TemporaryDirectory(prefix="headstock-models-") as folder:
             path = Path(folder) / "machine.toml"
             path.write_text(text)
-            return measure_machine(seed, load_scene(path), Store(Path(folder) / "store"))
+            return _measure_machine(seed, load_scene(path), Store(Path(folder) / "store"))
 
-    return keep_measured(key, MachineNumbers, draw)
+    return keep_measured(key, _MachineNumbers, draw)
 
 
-def measure_machine(seed: int, scene: Scene, store: Store) -> MachineNumbers:
+def _measure_machine(seed: int, scene: Scene, store: Store) -> _MachineNumbers:
     """Errors and estimates of a machine of rigid and segmented bodies.
 
     Args:
@@ -110,7 +110,7 @@ def measure_machine(seed: int, scene: Scene, store: Store) -> MachineNumbers:
     rows += _compare_compliances(plain, true)
     table = np.array(rows).T
     lines = _cover_lines(plain, machines[1])
-    return MachineNumbers(seed, table[0], table[1], table[2], table[3], lines, named)
+    return _MachineNumbers(seed, table[0], table[1], table[2], table[3], lines, named)
 
 
 def _compare_modes(
@@ -191,8 +191,8 @@ def _cover_lines(plain: RunState, true: CoupledPose) -> FloatArray:
 def check_model_estimates() -> list[ValidationRow]:
     """Coverage on the machines that margins were chosen on, and on the others."""
     return [
-        *_evaluate("chosen on", [compare_machine(seed) for seed in CALIBRATION]),
-        *_evaluate("held out", [compare_machine(seed) for seed in HOLD_OUT]),
+        *_evaluate("chosen on", [_compare_machine(seed) for seed in CALIBRATION]),
+        *_evaluate("held out", [_compare_machine(seed) for seed in HOLD_OUT]),
     ]
 
 
@@ -203,16 +203,16 @@ def compare_new_machines(first: int) -> list[ValidationRow]:
         first: Seed of the first of them, ``FRESH`` at least.
     """
     seeds = range(first, first + len(HOLD_OUT))
-    machines = [compare_machine(seed) for seed in seeds]
+    machines = [_compare_machine(seed) for seed in seeds]
     return _evaluate(f"new, seeds {seeds[0]} to {seeds[-1]}", machines)
 
 
 def check_model_estimates_smoke() -> list[ValidationRow]:
     """Check one machine of three bodies in the same way."""
-    return _evaluate("one machine", [compare_machine(seed) for seed in SMOKE_MACHINES])
+    return _evaluate("one machine", [_compare_machine(seed) for seed in SMOKE_MACHINES])
 
 
-def _evaluate(what: str, machines: Sequence[MachineNumbers]) -> Iterator[ValidationRow]:
+def _evaluate(what: str, machines: Sequence[_MachineNumbers]) -> Iterator[ValidationRow]:
     known = [
         (machine.unsure <= SURE * machine.estimates) & np.isfinite(machine.errors)
         for machine in machines

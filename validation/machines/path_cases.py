@@ -72,7 +72,7 @@ METHODS_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class AbsoluteMachine:
+class _AbsoluteMachine:
     """A machine on its path in absolute displacements from where the path begins; undamped.
 
     Attributes:
@@ -109,7 +109,7 @@ def _place_absolutely(
     path: MachinePath,
     outputs: tuple[Channel, ...],
     places: FloatArray,
-) -> AbsoluteMachine:
+) -> _AbsoluteMachine:
     """Couple a machine anew at every place; fixed motions must be the same all along the path.
 
     Raises:
@@ -157,7 +157,7 @@ def _place_absolutely(
         pulls.append(basis.T @ stacked @ travel)
         rows.append(seen @ basis)
         drift.append(seen @ travel)
-    return AbsoluteMachine(
+    return _AbsoluteMachine(
         mass,
         places,
         np.array(stiffnesses),
@@ -168,7 +168,7 @@ def _place_absolutely(
 
 
 def _integrate_absolutely(
-    machine: AbsoluteMachine, move: SetPoint, times: FloatArray, tolerance: float
+    machine: _AbsoluteMachine, move: SetPoint, times: FloatArray, tolerance: float
 ) -> FloatArray:
     """Deviation ``(n, p)`` at times [s] by Dormand and Prince's method of order 8 (SciPy), from
     break to break.
@@ -195,7 +195,7 @@ def _integrate_absolutely(
 
 
 def _deviate(
-    machine: AbsoluteMachine, move: SetPoint, times: FloatArray, displacements: FloatArray
+    machine: _AbsoluteMachine, move: SetPoint, times: FloatArray, displacements: FloatArray
 ) -> FloatArray:
     """Return what the outputs see of absolute displacements ``(n, m)``, less the travel itself."""
     places = [_stand(move, float(time)) for time in times]
@@ -228,7 +228,7 @@ def check_path_test() -> list[ValidationRow]:
     return [
         row
         for name, variant in VARIANTS.items()
-        for row in _evaluate_variant(name, run_path(variant))
+        for row in _evaluate_variant(name, _run_path(variant))
     ]
 
 
@@ -236,7 +236,7 @@ def check_path_methods() -> list[ValidationRow]:
     """Variant BE over its first ramp: parallel-transported modes and exact steps against absolute coordinates
     coupled anew and another integrator.
     """
-    first, second, frozen = compare_methods()
+    first, second, frozen = _compare_methods()
     apart, kept = (
         float(np.abs(other - second).max() / np.abs(second).max()) for other in (first, frozen)
     )
@@ -246,7 +246,7 @@ def check_path_methods() -> list[ValidationRow]:
     ]
 
 
-def run_path(variant: str) -> PathResult:
+def _run_path(variant: str) -> PathResult:
     """Run the path analysis of the shipped scene in a variant."""
     scene = keep_analyses(load_scene(SCENE, variant=variant), ["path"])
     with tempfile.TemporaryDirectory() as folder:
@@ -294,7 +294,7 @@ def _evaluate_variant(name: str, found: PathResult) -> Iterator[ValidationRow]:
         yield compare_bound(f"{name}: modes left out", found.poses.truncation, 1e-5)
 
 
-def compare_methods() -> tuple[FloatArray, FloatArray, FloatArray]:
+def _compare_methods() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Deviation in z ``(n,)`` over the first ramp, undamped: by this program, by the second method,
     and in the pose of the start.
     """

@@ -40,14 +40,14 @@ CLEAR, LARGEST_MEDIAN = 1e-3, 3.0
 
 def check_peaks() -> list[ValidationRow]:
     """Check the three-axis machine and two drawn ones."""
-    drawn = {f"machine {seed}": functools.partial(load_drawn, seed) for seed in SEEDS}
+    drawn = {f"machine {seed}": functools.partial(_load_drawn, seed) for seed in SEEDS}
     loads: dict[str, Load] = {"three-axis machine": _load_three_axis, **drawn}
     return [row for what, load in loads.items() for row in _compare(what, load, searched=True)]
 
 
 def check_peaks_smoke() -> list[ValidationRow]:
     """± alone, of one drawn machine."""
-    load = functools.partial(load_drawn, SMOKE_SEED)
+    load = functools.partial(_load_drawn, SMOKE_SEED)
     return _compare(f"machine {SMOKE_SEED}", load, searched=False)
 
 
@@ -56,7 +56,7 @@ def _load_three_axis(_folder: Path) -> Scene:
     return load_scene(SCENE, variant="frf")
 
 
-def load_drawn(seed: int, folder: Path) -> Scene:
+def _load_drawn(seed: int, folder: Path) -> Scene:
     """Return the machine of a seed, all bodies of which are finite elements."""
     path = folder / "machine.toml"
     path.write_text(draw_machine(seed))

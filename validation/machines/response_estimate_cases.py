@@ -104,13 +104,13 @@ def check_response_estimates() -> Iterator[ValidationRow]:
     found = []
     for make in SPECIMENS:
         specimen = make()
-        pairs = compare_responses(specimen, LINES)
+        pairs = _compare_responses(specimen, LINES)
         yield report_coverage(specimen.name, pairs)
         found.append(pairs)
     yield from evaluate_pairs("all lines", join_pairs(found))
 
 
-def compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...]) -> ErrorPairs:
+def _compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...]) -> ErrorPairs:
     """True and estimated errors of nine entries per line, over the largest entry of the line, for
     every number of modes.
     """
@@ -124,7 +124,7 @@ def compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...]) 
         ]
     )
     whole = reduce_specimen(specimen, max(MODE_COUNTS))
-    right = np.array([direct_response(model, hz) for hz in places])
+    right = np.array([_direct_response(model, hz) for hz in places])
     sizes = np.abs(right).max(axis=(1, 2), keepdims=True)
     pairs = []
     for count in MODE_COUNTS:
@@ -152,7 +152,7 @@ def compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...]) 
     return join_pairs(pairs)
 
 
-def direct_response(model: MonolithicMachine, hz: float) -> ComplexArray:
+def _direct_response(model: MonolithicMachine, hz: float) -> ComplexArray:
     """Receptance ``(3, 3)`` at the tool by one sparse factorisation, one loss factor throughout."""
     rows: FloatArray = model.points["tcp"].toarray()[:3]
     dynamic = (1.0 + 1j * LOSS_FACTOR) * model.stiffness - (2.0 * np.pi * hz) ** 2 * model.mass
@@ -188,14 +188,14 @@ def check_mesh_response_estimates() -> Iterator[ValidationRow]:
         _hollow_column(),
     ):
         fine, meshes = MESHES[machine.name]
-        parts.append(compare_meshes(machine, fine, meshes))
+        parts.append(_compare_meshes(machine, fine, meshes))
     for name, found in zip(MESHES, parts, strict=True):
         yield from [_report(f"{name}, {what}", pairs) for what, pairs in found.items()]
     for what in parts[0]:
         yield from _evaluate(what, join_pairs([found[what] for found in parts]))
 
 
-def compare_meshes(
+def _compare_meshes(
     machine: Machine, fine: MeshSettings, meshes: Sequence[MeshSettings]
 ) -> dict[str, ErrorPairs]:
     """True and estimated errors of lines, over the largest entry of a line, and of most negative

@@ -64,17 +64,17 @@ SINGULAR_LOOK_EVERY = 4  # steps
 
 
 @dataclass(frozen=True)
-class Run:
+class _Run:
     """A time span [s] and the numbers of steps it is cut into, each twice the one before."""
 
     span: float
     steps: tuple[int, ...]
 
 
-FULL_RUN = Run(0.01, (100, 200, 400, 800))
+FULL_RUN = _Run(0.01, (100, 200, 400, 800))
 
 
-def check_energy_balance(comm: MPI.Comm, run: Run = FULL_RUN) -> Iterator[ValidationRow]:
+def check_energy_balance(comm: MPI.Comm, run: _Run = FULL_RUN) -> Iterator[ValidationRow]:
     """Energy gained is work put in, by a Runge-Kutta method of order 8 to its tolerance and by
     generalised-α to order 2.
     """
@@ -89,7 +89,7 @@ def check_energy_balance(comm: MPI.Comm, run: Run = FULL_RUN) -> Iterator[Valida
     yield from _order_rows("energy mismatch, generalised-α", run, errors)
 
 
-def check_integration_orders(comm: MPI.Comm, run: Run = FULL_RUN) -> Iterator[ValidationRow]:
+def check_integration_orders(comm: MPI.Comm, run: _Run = FULL_RUN) -> Iterator[ValidationRow]:
     """Reduced ODE and index-3 DAE by generalised-α, both against the reduced ODE by a Runge-Kutta
     method of order 8.
     """
@@ -244,7 +244,7 @@ def _energy_error(
     return abs(float(np.trapezoid(powers, dx=span / count)) - gained) / abs(gained)
 
 
-def _order_rows(what: str, run: Run, errors: list[float]) -> Iterator[ValidationRow]:
+def _order_rows(what: str, run: _Run, errors: list[float]) -> Iterator[ValidationRow]:
     for count, error in zip(run.steps, errors, strict=True):
         yield show(f"{what}, {count} steps in {1e3 * run.span:g} ms", error, "-", "relative")
     yield compare_order(f"{what}, order", errors, 2.0, within=0.1)
@@ -298,7 +298,7 @@ def _relative(value: FloatArray, right: FloatArray) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Passage:
+class _Passage:
     """A swing through the singular pose.
 
     Attributes:
@@ -313,7 +313,7 @@ class Passage:
     report: StartReport
 
 
-def planar_machine(stiffness: float) -> CompliantMechanism:
+def _planar_machine(stiffness: float) -> CompliantMechanism:
     """Return a heavy platform on three springs, singular where it is not turned."""
     springs = LumpedSprings(
         np.full(3, 1.0 / stiffness),
@@ -322,10 +322,10 @@ def planar_machine(stiffness: float) -> CompliantMechanism:
         ("leg_1", "leg_2", "leg_3"),
     )
     body = MechanismBody("platform", "platform_1", MASS, inertia=np.diag([0.0, 0.0, INERTIA]))
-    return CompliantMechanism(planar_mechanism(), (body,), springs, tool="platform_1")
+    return CompliantMechanism(_planar_mechanism(), (body,), springs, tool="platform_1")
 
 
-def planar_mechanism() -> Mechanism:
+def _planar_mechanism() -> Mechanism:
     """Return the 3-RPR of the case."""
     return planar_3rpr(BASE, PLATFORM)
 
@@ -339,7 +339,7 @@ def check_singular_passage(comm: MPI.Comm, span: float = 20.0) -> list[Validatio
     """Twenty seconds in steps of a millisecond, to and fro over the pose in which the legs do not
     hold the platform.
     """
-    found = swing_through(span)
+    found = _swing_through(span)
     crossings = float((np.diff(np.sign(found.angles)) != 0).sum())
     off = float(np.abs(found.energies / found.energies[0] - 1.0).max())
     return [
@@ -351,9 +351,9 @@ def check_singular_passage(comm: MPI.Comm, span: float = 20.0) -> list[Validatio
     ]
 
 
-def swing_through(span: float) -> Passage:
+def _swing_through(span: float) -> _Passage:
     """Integrate the full equations with multipliers, generalised-α without numerical damping."""
-    model, mechanism = planar_machine(SOFT), planar_mechanism()
+    model, mechanism = _planar_machine(SOFT), _planar_mechanism()
     lengths = np.full(3, leg_length(WELL))
     problem = ConstrainedMotion(
         model, lambda time: Drive(lengths, np.zeros(3), np.zeros(3)), lambda time: np.zeros(3)
@@ -391,4 +391,4 @@ def swing_through(span: float) -> Passage:
         problem, start, STEP, round(span / STEP), observe=observe, scheme=AlphaScheme(1.0)
     )
     angles, energies, violations = np.array(seen).T
-    return Passage(angles, energies, violations, report)
+    return _Passage(angles, energies, violations, report)

@@ -124,7 +124,7 @@ def check_compliances(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Check one compliance after the other beside elastic legs, each fitted to all twelve
     frequencies: which could be the missing one.
     """
-    candidates: dict[str, ComplianceCandidate] = tomllib.loads(COMPLIANCES.read_text())
+    candidates: dict[str, _ComplianceCandidate] = tomllib.loads(COMPLIANCES.read_text())
     for name, entry in candidates.items():
         settings = (
             *entry["set"],
@@ -139,7 +139,7 @@ def check_compliances(comm: MPI.Comm) -> Iterator[ValidationRow]:
         yield show(f"{name}: deviation of four modes in three poses, rms", rms, "-", note)
 
 
-class ComplianceCandidate(TypedDict):
+class _ComplianceCandidate(TypedDict):
     """A table of ``tripteor_compliances.toml``; a tube is its outer and inner diameter, ``tube_3``
     where leg 3 differs.
     """
@@ -152,7 +152,7 @@ class ComplianceCandidate(TypedDict):
     tube_3: NotRequired[list[str]]
 
 
-def _leg_settings(entry: ComplianceCandidate) -> dict[str, str]:
+def _leg_settings(entry: _ComplianceCandidate) -> dict[str, str]:
     """Tube, springs at its tip and screw of a candidate, for every leg."""
     found = {}
     for leg in (1, 2, 3):

@@ -236,7 +236,7 @@ def _rising_crossings(times: FloatArray, values: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class LoadedBeam:
+class _LoadedBeam:
     """The beam of FV5 as a 3D body with 2 % damping of every mode.
 
     Attributes:
@@ -330,7 +330,7 @@ def check_transient_beam(comm: MPI.Comm) -> list[ValidationRow]:
     ]
 
 
-def _loaded_beam(comm: MPI.Comm) -> LoadedBeam:
+def _loaded_beam(comm: MPI.Comm) -> _LoadedBeam:
     """Mesh, reduce and support the beam."""
     size = (DEEP_BEAM.width, DEEP_BEAM.depth, DEEP_BEAM.length)
     interfaces = {
@@ -371,7 +371,7 @@ def _loaded_beam(comm: MPI.Comm) -> LoadedBeam:
     system = dataclasses.replace(
         coupled.system, inputs={LOAD: coupled.loads["line"]}, outputs=outputs
     )
-    return LoadedBeam(add_modal_damping(system, [DAMPING]), mesh, fields)
+    return _LoadedBeam(add_modal_damping(system, [DAMPING]), mesh, fields)
 
 
 def _section_points() -> tuple[FloatArray, FloatArray]:

@@ -45,11 +45,11 @@ def reference_case(name: str) -> ReferenceCase:
     Raises:
         KeyError: There is no such case.
     """
-    return reference_cases()[name]
+    return _reference_cases()[name]
 
 
 @functools.cache
-def reference_cases() -> dict[str, ReferenceCase]:
+def _reference_cases() -> dict[str, ReferenceCase]:
     """Return every reference case by name."""
     with TABLE.open("rb") as stream:
         table = tomllib.load(stream)

@@ -41,7 +41,7 @@ SAME = 1e-6
 Against = Literal["analytic", "beam", "solid"]
 
 
-class RefinementError(HeadstockError):
+class _RefinementError(HeadstockError):
     """A scene is not what a published study is about."""
 
 
@@ -150,7 +150,7 @@ def _check_beam(beam: ReferenceBeam, scene: Scene) -> Component:
     )
     if not right or not np.allclose(own, wanted, rtol=SAME, atol=0.0):
         sides = " x ".join(f"{1e3 * side:g}" for side in beam.size)
-        raise RefinementError(
+        raise _RefinementError(
             f"{scene.path} is compared with {beam.name}, which is one box of {sides} mm with E = {beam.material.youngs_modulus:g} Pa, "
             f"nu = {beam.material.poisson_ratio:g}, rho = {beam.material.density:g} kg/m^3; take those, or vary without `reference`"
         )
@@ -187,7 +187,7 @@ def _fixed_beam_statics(component: Component, scene: Scene, results: Results) ->
         height = patch.center[2] - 0.5 * reference_beam("kono-fixed-beam").size[2]
         label = "0" if abs(height) < SAME else "100 mm" if abs(height - OFFSET) < SAME else ""
         if not label or answer.displacement is None:
-            raise RefinementError(
+            raise _RefinementError(
                 f"point {name!r}: the paper's force of 1 kN along x acts at 0 or 100 mm above the middle of the front face"
             )
         shift = np.abs(answer.displacement) * UM
@@ -247,7 +247,7 @@ class RefinementSeries:
 
 
 @dataclass(frozen=True)
-class Deviation:
+class _Deviation:
     """A relative deviation of one quantity of one model [-]."""
 
     value: float
@@ -280,7 +280,7 @@ def deviations(
     *,
     above: float = 0.0,
     against: Against = "analytic",
-) -> list[Deviation]:
+) -> list[_Deviation]:
     """Return every deviation of some quantities in models of at least so many dofs.
 
     Args:
@@ -293,7 +293,7 @@ def deviations(
         Value over reference less one [-], with its quantity and model.
     """
     return [
-        Deviation(
+        _Deviation(
             point.values[name] / reference_value(series.beam, name, against) - 1.0, name, point
         )
         for point in series.points
@@ -314,7 +314,7 @@ def reference_value(beam: ReferenceBeam, quantity: str, against: Against) -> flo
     return value
 
 
-def worst_of(found: Sequence[Deviation]) -> Deviation:
+def worst_of(found: Sequence[_Deviation]) -> _Deviation:
     """Return the largest deviation, whatever its sign."""
     return max(found, key=lambda deviation: abs(deviation.value))
 
@@ -325,7 +325,7 @@ def worst_by_ndof(
     *,
     above: float = 0.0,
     against: Against = "analytic",
-) -> dict[int, Deviation]:
+) -> dict[int, _Deviation]:
     """Return the largest deviation at each nDOF, by rising nDOF; models of equal nDOF count
     together.
 
@@ -334,7 +334,7 @@ def worst_by_ndof(
         against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
             elasticity.
     """
-    grouped: dict[int, list[Deviation]] = {}
+    grouped: dict[int, list[_Deviation]] = {}
     for deviation in deviations(series, quantities, above=above, against=against):
         grouped.setdefault(deviation.point.ndof, []).append(deviation)
     return {ndof: worst_of(found) for ndof, found in grouped.items()}

@@ -34,19 +34,19 @@ from headstock.validation.mechanisms.motion_cases import (
     OUTER,
     PLATFORM,
     leg_length,
-    planar_machine,
-    planar_mechanism,
-    swing_through,
+    _planar_machine,
+    _planar_mechanism,
+    _swing_through,
 )
 
 pytestmark = pytest.mark.hard("H37")
 
 STIFFNESS = 1e7
-MECHANISM = planar_mechanism()
+MECHANISM = _planar_mechanism()
 
 
 def machine() -> CompliantMechanism:
-    return planar_machine(STIFFNESS)
+    return _planar_machine(STIFFNESS)
 
 
 def at_rest(lengths: FloatArray) -> Drive:
@@ -112,7 +112,7 @@ def test_partitioned_coordinates_stop_at_the_singular_pose_by_name() -> None:
 def test_the_full_equations_run_through_the_singular_pose_and_keep_their_energy() -> None:
     # legs too long for the middle: two wells at either side, and a spin that carries the platform
     # over the singular pose
-    found = swing_through(0.3)
+    found = _swing_through(0.3)
     assert found.report.constraint_violation < 1e-14
     assert np.sum(np.diff(np.sign(found.angles)) != 0) >= 2
     assert np.abs(found.energies / found.energies[0] - 1.0).max() < 1e-3
