@@ -33,10 +33,10 @@ from headstock.validation.mechanisms.motion_cases import (
     INNER,
     OUTER,
     PLATFORM,
-    leg_length,
     _planar_machine,
     _planar_mechanism,
     _swing_through,
+    leg_length,
 )
 
 pytestmark = pytest.mark.hard("H37")
