@@ -32,21 +32,17 @@ from headstock.reduction.estimates.mesh_errors import (
     frequency_shape_errors,
     meshed_parts,
 )
-from headstock.reduction.estimates.response_errors import (
-    ErrorSources,
-    bound_response_errors,
-    project_response,
-)
+from headstock.reduction.estimates.response_errors import bound_response_errors
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.reduction.motions.compliance_budget import PointBudget, point_budget
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.elastic.eigenpairs import ModeTarget
-from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
+from headstock.solvers.linear.frequency_response import evaluate_frf
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
-from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
+from headstock.solvers.second_order import ComplexArray
 from headstock.validation.coverage.coverage_case import (
     COVERED,
     SURE,
@@ -55,6 +51,7 @@ from headstock.validation.coverage.coverage_case import (
     cover_lines,
     keep_measured,
     make_key,
+    prepare_responses,
 )
 from headstock.validation.coverage.parts import (
     FIRST_ADAPTED,
@@ -76,7 +73,6 @@ WATCHED, PARTNERS = (
 JUDGED_MODES, TRUE_MODES = 24, 40  # fixed-interface modes kept
 LOSS_FACTOR = 0.03
 LINES = 150
-CHANNELS: tuple[Channel, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 # of ±: what may be unknown of a truth that is compared with a corrected mesh, whose ± is a third
 SURE_CORRECTED = 0.2
 # factors were fitted on the first parts; the others were drawn and kept apart before that, a
@@ -357,27 +353,22 @@ def _respond(
     """Receptances along x, y and z ``(n, 3)``, as computed or as finer meshes would have them, and
     the ±.
     """
-    modes = solve_modal(coupled.system)
-    lossy = dataclasses.replace(
-        coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness
-    )
-    channels = (input_columns(lossy, CHANNELS), output_rows(lossy, CHANNELS))
     meshed = meshed_parts(coupled)
     if finer:  # as estimated, without what covers the doubt
         element = coupled.layout.superelements["part"]
-        plain = {
-            name: np.asarray(each.energy / element.errors.mesh_safety)
-            for name, each in meshed.items()
-        }
         meshed = {
-            name: dataclasses.replace(each, energy=plain[name]) for name, each in meshed.items()
+            name: dataclasses.replace(part, energy=part.energy / element.errors.mesh_safety)
+            for name, part in meshed.items()
         }
-    sources = ErrorSources(truncated_parts(coupled), meshed, {"part": LOSS_FACTOR})
-    space = project_response(lossy, sources, modes, channels, float(grid.max()))
+    model, space = prepare_responses(
+        coupled,
+        solve_modal(coupled.system),
+        loss_factor=LOSS_FACTOR,
+        highest_hz=float(grid.max()),
+        meshed=meshed,
+    )
     errors = bound_response_errors(space, grid)
-    found = evaluate_frf(
-        prepare_frf(lossy, inputs=CHANNELS, outputs=CHANNELS, modes=modes), grid
-    ).receptance
+    found = evaluate_frf(model, grid).receptance
     total = errors.bounds
     for sizes in (errors.mesh_sizes, errors.face_sizes):
         total = total + (0.0 if sizes is None else sizes)

@@ -2,12 +2,14 @@
 empty one, and rows of what is covered.
 """
 
+import contextlib
+import dataclasses
 import hashlib
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,13 +18,25 @@ import headstock.meshing
 import headstock.reduction
 import headstock.solvers
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.answer import Answer, find_answers
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.estimates.frequency_errors import TruncatedPart, truncated_parts
+from headstock.reduction.estimates.mesh_errors import MeshedPart
+from headstock.reduction.estimates.response_errors import (
+    ErrorSources,
+    ResponseSpace,
+    project_response,
+)
+from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene
+from headstock.solvers.linear.frequency_response import FrfModel, prepare_frf
+from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.mpi import MPI
-from headstock.solvers.second_order import ComplexArray
+from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
 from headstock.validation.references.rows import ValidationRow, compare_bound
 
 if TYPE_CHECKING:
@@ -37,6 +51,7 @@ COVERED, COVERED_RESPONSES = 0.95, 0.9
 VISIBLE = 1e-2  # 40 dB below the highest peak
 # of the visible lines of a response: with fewer whose truth is sure enough it is set aside
 LINES_NEEDED = 0.5
+CHANNELS: tuple[Channel, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 
 
 @dataclass(frozen=True)
@@ -128,6 +143,73 @@ def cover_lines(
     return np.where(sure.sum(axis=0) >= LINES_NEEDED * visible.sum(axis=0), shares, np.nan)
 
 
+def prepare_responses(
+    coupled: CoupledMachine,
+    modes: ModalResult,
+    *,
+    loss_factor: float,
+    highest_hz: float,
+    truncated: Mapping[str, TruncatedPart] | None = None,
+    meshed: Mapping[str, MeshedPart] | None = None,
+) -> tuple[FrfModel, ResponseSpace]:
+    """Return a machine whose responses at its tool are to be evaluated, and in the space in which their
+    errors are estimated.
+
+    Args:
+        modes: Of the machine without damping.
+        loss_factor: Of all its components, in place of its damping.
+        highest_hz: Up to where it will be asked.
+        truncated: Components that leave modes out; None for those of the machine.
+        meshed: Components whose mesh has an estimate; None for none.
+    """
+    lossy = dataclasses.replace(
+        coupled.system, damping=None, hysteretic=loss_factor * coupled.system.stiffness
+    )
+    sources = ErrorSources(
+        truncated_parts(coupled) if truncated is None else truncated,
+        meshed or {},
+        dict.fromkeys(coupled.layout.superelements, loss_factor),
+    )
+    channels = (input_columns(lossy, CHANNELS), output_rows(lossy, CHANNELS))
+    space = project_response(lossy, sources, modes, channels, highest_hz)
+    return prepare_frf(lossy, inputs=CHANNELS, outputs=CHANNELS, modes=modes), space
+
+
+@dataclass(frozen=True)
+class Scratch:
+    """A folder with a store of its own, in which scenes are run."""
+
+    folder: Path
+
+    def load(self, text: str, **settings: Any) -> Scene:
+        """Load the scene of a text.
+
+        Args:
+            settings: As of ``load_scene``.
+        """
+        path = self.folder / "machine.toml"
+        path.write_text(text)
+        return load_scene(path, **settings)
+
+    def run(self, scene: Scene, comm: MPI.Comm = MPI.COMM_SELF) -> Results:
+        """Run all stages of a scene."""
+        return run_scene(
+            scene, self.folder / "results", comm=comm, store=Store(self.folder / "store")
+        )
+
+    def answer[Found: Answer](self, scene: Scene, kind: type[Found]) -> Found:
+        """Run a scene and return its only answer of a kind."""
+        (answer,) = find_answers(self.run(scene).answers, kind)
+        return answer
+
+
+@contextlib.contextmanager
+def open_scratch() -> Iterator[Scratch]:
+    """Make a folder for the body of a ``with`` statement."""
+    with tempfile.TemporaryDirectory(prefix="headstock-") as name:
+        yield Scratch(Path(name))
+
+
 def make_key(*words: str) -> str:
     """Return the key of a measurement by the code of the program and by words."""
     code = (*map(code_fingerprint, LAYERS), Path(__file__).read_text(), *words)
@@ -148,6 +230,5 @@ def keep_measured[Measured: "DataclassInstance"](
 
 def run_afresh(scene: Scene, comm: MPI.Comm = MPI.COMM_SELF) -> Results:
     """Run all stages of a scene with an empty store."""
-    with tempfile.TemporaryDirectory(prefix="headstock-fresh-") as name:
-        folder = Path(name)
-        return run_scene(scene, folder / "out", comm=comm, store=Store(folder / "store"))
+    with open_scratch() as scratch:
+        return scratch.run(scene, comm)

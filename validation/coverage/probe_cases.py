@@ -34,8 +34,8 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.mpi import MPI
 from headstock.solvers.stresses import largest_von_mises
-from headstock.validation.coverage.cases import CALIBRATION, CHANNELS, HOLD_OUT, cover_seed
-from headstock.validation.coverage.coverage_case import SURE, UNSURE, CoverageCase
+from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT, cover_seed
+from headstock.validation.coverage.coverage_case import CHANNELS, SURE, UNSURE, CoverageCase
 from headstock.validation.coverage.parts import CoveragePart
 from headstock.validation.references.rows import ValidationRow, show
 
@@ -210,7 +210,7 @@ def check_probes() -> list[ValidationRow]:
     ]
 
 
-def check_probes_smoke() -> list[ValidationRow]:
+def check_probes_smoke() -> Iterator[ValidationRow]:
     """Check one part in the same way, in seconds."""
     return _evaluate("one part", SMOKE_PARTS)
 

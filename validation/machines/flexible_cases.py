@@ -315,7 +315,7 @@ def check_flexible_interfaces() -> Iterator[ValidationRow]:
     yield from _evaluate(LAYERS, None, (*SHAPES, MANY_SHAPES))
 
 
-def check_flexible_smoke() -> list[ValidationRow]:
+def check_flexible_smoke() -> Iterator[ValidationRow]:
     """Check a beam in the same way."""
     return _evaluate(SMOKE_BEAM, "weak", (0, 12, 30), modes=SMOKE_MODES)
 

@@ -3,7 +3,6 @@ machines: beside each stands the same machine of fine finite elements.
 """
 
 import dataclasses
-import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +25,6 @@ from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.estimates.model_errors import WatchedModes, compare_modes, watch_modes
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, place_motion
-from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene
 from headstock.solvers.linear.frequency_response import evaluate_frf
 from headstock.solvers.mpi import MPI
@@ -37,6 +35,7 @@ from headstock.validation.coverage.coverage_case import (
     cover_lines,
     keep_measured,
     make_key,
+    open_scratch,
 )
 from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine
 from headstock.validation.references.rows import ValidationRow, show
@@ -81,10 +80,8 @@ def _compare_machine(seed: int) -> _MachineNumbers:
     key = make_key(code_fingerprint(headstock.pipeline), Path(__file__).read_text(), text)
 
     def draw() -> _MachineNumbers:
-        with tempfile.TemporaryDirectory(prefix="headstock-models-") as folder:
-            path = Path(folder) / "machine.toml"
-            path.write_text(text)
-            return _measure_machine(seed, load_scene(path), Store(Path(folder) / "store"))
+        with open_scratch() as scratch:
+            return _measure_machine(seed, scratch.load(text), Store(scratch.folder / "store"))
 
     return keep_measured(key, _MachineNumbers, draw)
 
@@ -196,7 +193,7 @@ def check_model_estimates() -> list[ValidationRow]:
     ]
 
 
-def compare_new_machines(first: int) -> list[ValidationRow]:
+def compare_new_machines(first: int) -> Iterator[ValidationRow]:
     """Coverage on machines that nothing was chosen on or judged with before.
 
     Args:
@@ -207,7 +204,7 @@ def compare_new_machines(first: int) -> list[ValidationRow]:
     return _evaluate(f"new, seeds {seeds[0]} to {seeds[-1]}", machines)
 
 
-def check_model_estimates_smoke() -> list[ValidationRow]:
+def check_model_estimates_smoke() -> Iterator[ValidationRow]:
     """Check one machine of three bodies in the same way."""
     return _evaluate("one machine", [_compare_machine(seed) for seed in SMOKE_MACHINES])
 

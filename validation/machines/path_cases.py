@@ -9,10 +9,8 @@ the line in z.
 """
 
 import itertools
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -26,11 +24,8 @@ from headstock.geometry.machine.machine import (
     travel_directions,
 )
 from headstock.meshing.components.meshing import describe_component
-from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
-from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.provenance import PROJECT
-from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.channels import point_rows
 from headstock.reduction.coupling.coupling import couple
@@ -50,8 +45,8 @@ from headstock.solvers.motion.exact import PathModel, solve_path, solve_varying_
 from headstock.solvers.motion.plant import PosedModes
 from headstock.solvers.motion.sampling import sample_system
 from headstock.solvers.motion.set_points import Ramp, SetPoint, list_breaks, sample_move
-from headstock.solvers.mpi import MPI
 from headstock.solvers.second_order import Channel
+from headstock.validation.coverage.coverage_case import open_scratch
 from headstock.validation.references.rows import ValidationRow, compare_bound, show
 
 SCENE = PROJECT / "machines" / "three_axis.toml"
@@ -249,12 +244,8 @@ def check_path_methods() -> list[ValidationRow]:
 def _run_path(variant: str) -> PathResult:
     """Run the path analysis of the shipped scene in a variant."""
     scene = keep_analyses(load_scene(SCENE, variant=variant), ["path"])
-    with tempfile.TemporaryDirectory() as folder:
-        results = run_scene(
-            scene, Path(folder) / "results", comm=MPI.COMM_SELF, store=Store(Path(folder) / "store")
-        )
-    (found,) = find_answers(results.answers, PathResult)
-    return found
+    with open_scratch() as scratch:
+        return scratch.answer(scene, PathResult)
 
 
 def _evaluate_variant(name: str, found: PathResult) -> Iterator[ValidationRow]:
