@@ -147,8 +147,8 @@ CASES: tuple[Case, ...] = (
         _on_root(search_cases.check_search_smoke),
         on_request=True,
     ),
-    Case("probes", "estimates", _on_root(probe_cases.check_probes), on_request=True),
-    Case("probes-smoke", "estimates", _on_root(probe_cases.check_probes_smoke)),
+    Case("probes", "estimates", _on_root(probe_cases.check_probe_coverage), on_request=True),
+    Case("probes-smoke", "estimates", _on_root(probe_cases.check_probe_smoke)),
     Case("coverage-smoke", "estimates", _on_root(cases.check_coverage_smoke)),
     Case(
         "model-estimates",

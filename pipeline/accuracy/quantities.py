@@ -123,7 +123,7 @@ class Quantity:
         return AccuracyRound(self.name, error, reason, self.owner)
 
 
-def list_quantities(state: RunState) -> list[Quantity]:
+def gather_quantities(state: RunState) -> list[Quantity]:
     """Return every frequency, compliance, and peak and level of a frequency response that a run has
     found, with its error in parts as estimated; on rank 0, after its analyses.
     """

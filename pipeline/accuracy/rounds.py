@@ -15,7 +15,7 @@ from headstock.pipeline.accuracy.quantities import (
     Quantity,
     choose_greedily,
     count_safely,
-    list_quantities,
+    gather_quantities,
     weigh_estimates,
     worst_quantity,
 )
@@ -114,7 +114,7 @@ def evaluate_round(
         history: What the rounds before have taught.
     """
     parts = scene.machine.components
-    estimated = list_quantities(state)
+    estimated = gather_quantities(state)
     scales = _find_scales(parts, state)
     factors = _learn_factors(parts, state, estimated, scales, history)
     quantities = count_safely(estimated, factors)

@@ -117,7 +117,7 @@ class AccuracySearch:
     comparison: ModelComparison | None = None
 
 
-def start_scene(scene: Scene) -> Scene:
+def _start_search(scene: Scene) -> Scene:
     """A scene with the settings that a search for its accuracy begins with, and the analyses that
     errors are estimated of.
     """
@@ -461,7 +461,7 @@ def _plan_start(scene: Scene) -> tuple[Scene, Plan]:
     Raises:
         BudgetError: Not even the coarsest settings fit the limits.
     """
-    current = start_scene(scene)
+    current = _start_search(scene)
     try:
         return current, plan_scene(current)
     except BudgetError:

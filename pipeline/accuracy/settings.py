@@ -107,14 +107,14 @@ class Trial:
 
 
 def is_chosen(component: Component) -> bool:
-    """Whether mesh and modes of a component are ours to choose."""
+    """Tell whether mesh and modes of a component are ours to choose."""
     return component.fidelity in ("elastic", "polynomial") and not isinstance(
         component.solid, SuperelementFile
     )
 
 
 def suits_polynomials(component: Component, highest_hz: float) -> bool:
-    """Whether polynomials are a cheap stand-in for the finite elements of a component: tubes, whose
+    """Tell whether polynomials are a cheap stand-in for the finite elements of a component: tubes, whose
     curved walls take many, held at whole faces and far from ovalizing.
 
     Args:
@@ -157,7 +157,7 @@ def start_component(
 
 
 def mode_margin(component: Component, accuracy: float) -> float:
-    """How many times the highest frequency wanted the modes of a component must reach so that they
+    """Return how many times the highest frequency wanted the modes of a component must reach so that they
     take their share of the error; without interfaces they are those of the machine itself.
     """
     if not component.interfaces:
@@ -225,7 +225,7 @@ def _resolve_rails(component: Component, mesh: MeshSettings) -> MeshSettings:
 
 
 def follows_errors(component: Component) -> bool:
-    """Whether the sizes of a mesh follow the errors of its cells from place to place."""
+    """Tell whether the sizes of a mesh follow the errors of its cells from place to place."""
     meshed = component.fidelity == "elastic" and not isinstance(component.solid, MeshFile)
     return meshed and component.mesh.cells == "tet"
 
@@ -497,7 +497,7 @@ def list_equals(parts: Mapping[str, Component], name: str) -> list[str]:
 
 
 def are_equal(first: Component, second: Component) -> bool:
-    """Whether two components are equal but for their name and place, so that the store serves one
+    """Tell whether two components are equal but for their name and place, so that the store serves one
     with the superelement of the other.
     """
     return all(

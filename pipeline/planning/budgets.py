@@ -258,7 +258,7 @@ def plan_tool_steps(
     up_to_hz: float,
     repeats: int,
 ) -> _ToolSteps:
-    """How far a path of a mechanism's tool goes in time.
+    """Return how far a path of a mechanism's tool goes in time.
 
     Args:
         deforms: Bodies deform, so that more modes are there than are kept.

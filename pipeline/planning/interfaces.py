@@ -18,7 +18,7 @@ CURVED = ("outer", "inner")
 
 
 def has_choice(component: Component) -> bool:
-    """Whether the coupling of an interface of this component is a choice: it is meshed, and not all
+    """Tell whether the coupling of an interface of this component is a choice: it is meshed, and not all
     its interfaces are rails.
     """
     meshed = component.fidelity == "elastic" and not isinstance(component.solid, SuperelementFile)
@@ -76,7 +76,7 @@ def _is_one_face(interface: Interface) -> bool:
 
 
 def find_reach(component: Component, name: str, area: float) -> float:
-    """How far the area of an interface reaches from its middle [m]; of areas on faces without a
+    """Return how far the area of an interface reaches from its middle [m]; of areas on faces without a
     known outline the radius of a circle, which is the least it can be.
 
     Args:

@@ -148,7 +148,7 @@ def _plan_components(
 
 
 def is_simple(component: Component) -> bool:
-    """Whether a body is rigid or segmented, so that finite elements would show more of it."""
+    """Tell whether a body is rigid or segmented, so that finite elements would show more of it."""
     return component.fidelity in ("rigid", "segmented") and not isinstance(
         component.solid, SuperelementFile | PointMass
     )

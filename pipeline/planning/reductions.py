@@ -49,7 +49,7 @@ def default_mode_count(wanted: int) -> int:
 
 
 def choose_reduction(component: Component, analyses: Analyses) -> tuple[ReductionSettings, str]:
-    """Which fixed-interface modes of a component are kept, and why."""
+    """Choose the fixed-interface modes of a component that are kept, and say why."""
     written, modal = component.reduction, analyses.get(ModalRequest)
     if not is_dynamic(analyses):
         return ReductionSettings(

@@ -76,7 +76,7 @@ class _MeshChanges:
 
     @property
     def surfaces(self) -> list[SystemChange]:
-        """What faces and features change, where anything is known of them."""
+        """Changes by faces and by features, where anything is known of them."""
         return [change for change in (self.faces, self.left_out) if change is not None]
 
 

@@ -50,7 +50,7 @@ from headstock.validation.coverage.coverage_case import (
     CoverageCase,
     cover_lines,
     keep_measured,
-    make_key,
+    measurement_key,
     prepare_responses,
 )
 from headstock.validation.coverage.parts import (
@@ -165,7 +165,7 @@ def cover_seed[Measured: "DataclassInstance"](
         code: The file of the measurement.
     """
     drawing = Path(__file__).with_name("parts.py")
-    key = make_key(code.read_text(), drawing.read_text(), str(seed))
+    key = measurement_key(code.read_text(), drawing.read_text(), str(seed))
 
     def draw() -> Measured:
         with tempfile.TemporaryDirectory(prefix="headstock-coverage-") as folder:

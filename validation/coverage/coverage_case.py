@@ -210,7 +210,7 @@ def open_scratch() -> Iterator[Scratch]:
         yield Scratch(Path(name))
 
 
-def make_key(*words: str) -> str:
+def measurement_key(*words: str) -> str:
     """Return the key of a measurement by the code of the program and by words."""
     code = (*map(code_fingerprint, LAYERS), Path(__file__).read_text(), *words)
     return hashlib.sha256("\0".join(code).encode()).hexdigest()

@@ -90,7 +90,7 @@ class _Seen:
 def _measure_probes(part: CoveragePart) -> _ProbeCoverage:
     """Errors and estimates at the probes of a part on each of its meshes."""
     mesh = _mesh(part, part.reference)
-    probes = draw_probes(mesh, np.random.default_rng([20261125, part.seed]))
+    probes = _draw_places(mesh, np.random.default_rng([20261125, part.seed]))
     right = _solve(part, part.reference, mesh, probes)
     largest = np.max([np.abs(seen.better[:MOVED]).max(axis=0) for seen in right.values()], axis=0)
     tables, failures = [], []
@@ -109,7 +109,7 @@ def _measure_probes(part: CoveragePart) -> _ProbeCoverage:
     )
 
 
-def draw_probes(mesh: ComponentMesh, random: np.random.Generator) -> tuple[Probe, ...]:
+def _draw_places(mesh: ComponentMesh, random: np.random.Generator) -> tuple[Probe, ...]:
     """Places in random cells and on random facets of a mesh."""
     surface = extract_surface(mesh.cells, mesh.kind)
     chosen = [
@@ -202,7 +202,7 @@ def _holds(mesh: ComponentMesh, material: Material, probe: Probe) -> bool:
     return True
 
 
-def check_probes() -> list[ValidationRow]:
+def check_probe_coverage() -> list[ValidationRow]:
     """Coverage at probes of the parts that factors were fitted on, and of the others."""
     return [
         *_evaluate("fitted on", CALIBRATION),
@@ -210,7 +210,7 @@ def check_probes() -> list[ValidationRow]:
     ]
 
 
-def check_probes_smoke() -> Iterator[ValidationRow]:
+def check_probe_smoke() -> Iterator[ValidationRow]:
     """Check one part in the same way, in seconds."""
     return _evaluate("one part", SMOKE_PARTS)
 

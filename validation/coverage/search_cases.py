@@ -34,7 +34,7 @@ from headstock.solvers.mpi import MPI
 from headstock.validation.coverage.coverage_case import (
     CoverageCase,
     keep_measured,
-    make_key,
+    measurement_key,
     run_afresh,
 )
 from headstock.validation.coverage.parts import write_step
@@ -69,7 +69,7 @@ class _SlenderPart:
 
     @property
     def is_round(self) -> bool:
-        """Whether its section is a ring."""
+        """Its section is a ring."""
         return isinstance(self.solid, Tube) or self.solid[0] in ROUND
 
 
@@ -245,11 +245,11 @@ def _by_part(parts: Sequence[_SearchedPart]) -> str:
 
 def _recall(part: _SlenderPart) -> _SearchedPart:
     """Return a part from the store where it is there: a suite that was stopped goes on."""
-    key = make_key(repr(part), Path(__file__).read_text())
+    key = measurement_key(repr(part), Path(__file__).read_text())
     with tempfile.TemporaryDirectory(prefix="headstock-search-") as name:
         scene = _make_scene(part, Path(name))
         truth = keep_measured(key, _SlenderTruth, lambda: _find_truth(part))
-        key = make_key(key, code_fingerprint(headstock.pipeline))
+        key = measurement_key(key, code_fingerprint(headstock.pipeline))
         return keep_measured(key, _SearchedPart, lambda: _search_part(part, scene, truth))
 
 

@@ -16,7 +16,7 @@ from headstock.pipeline.answers.volumetric import VolumetricAnswer
 from headstock.pipeline.numbers.numbers import Number
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.validation.coverage.coverage_case import UNSURE, CoverageCase, open_scratch
-from headstock.validation.machines.drawn_axes import draw_axes
+from headstock.validation.machines.drawn_axes import draw_axes_scene
 from headstock.validation.references.rows import ValidationRow
 
 SEEDS, SMOKE_SEED = range(5), 0  # the factor of paths was fitted on the first three
@@ -121,7 +121,7 @@ def _compare_axes(seed: int) -> dict[str, FloatArray]:
         def run[Found: Answer](
             variant: str | None, analysis: str, kind: type[Found]
         ) -> tuple[Found, Found]:
-            scene = keep_analyses(scratch.load(draw_axes(seed), variant=variant), (analysis,))
+            scene = keep_analyses(scratch.load(draw_axes_scene(seed), variant=variant), (analysis,))
             return scratch.answer(scene, kind), scratch.answer(_refine_scene(scene), kind)
 
         maps = run(None, "volumetric", VolumetricAnswer)
@@ -158,7 +158,7 @@ def _compare_contours(
         across: Elements across a patch of the fine meshes.
     """
     with open_scratch() as scratch:
-        milling = scratch.load(draw_axes(seed), variant="milling", overrides=settings)
+        milling = scratch.load(draw_axes_scene(seed), variant="milling", overrides=settings)
         scene = keep_analyses(milling, ("contouring",))
         coarse, fine = (
             [*scratch.answer(one, ContourAnswer).list_numbers()]

@@ -217,7 +217,7 @@ PROPERTIES = {
 }
 
 
-def draw_axes(seed: int) -> str:
+def draw_axes_scene(seed: int) -> str:
     """Return a scene with a volumetric map and a path, with motors that follow their set points
     and, as the variant ``controlled``, with drives under control, and as the variant ``milling``
     with a contour that is milled, as TOML.

@@ -311,12 +311,12 @@ class ErrorPairs:
 
     @property
     def given(self) -> BoolArray:
-        """Which have an estimate."""
+        """Those with an estimate."""
         return np.isfinite(self.estimated)
 
     @property
     def clear(self) -> BoolArray:
-        """Which have one, and a true error well above the roundoff of both methods."""
+        """Those with one, and a true error well above the roundoff of both methods."""
         return np.asarray(self.given & (self.true > CLEAR))
 
 

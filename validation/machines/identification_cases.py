@@ -119,7 +119,7 @@ def _solve_measured(folder: Path) -> FitPoint:
     return solve_truth(_prepare_text(folder, blank + _write_parameters()), _true_values())
 
 
-def measure(truth: FitPoint, seed: int, noise: float) -> str:
+def _write_measured(truth: FitPoint, seed: int, noise: float) -> str:
     """Cases of a target file with relative noise on every frequency and compliance.
 
     Args:
@@ -205,9 +205,9 @@ def _fit_seeds(folder: Path, seeds: Sequence[int]) -> list[Identification]:
     reduced once.
     """
     truth = _solve_measured(folder)
-    problem = _prepare_text(folder, measure(truth, 0, NOISE) + _write_parameters())
+    problem = _prepare_text(folder, _write_measured(truth, 0, NOISE) + _write_parameters())
     return [
-        fit_parameters(_with_data(folder, problem, measure(truth, seed, NOISE)), f"seed {seed}")
+        fit_parameters(_with_data(folder, problem, _write_measured(truth, seed, NOISE)), f"seed {seed}")
         for seed in seeds
     ]
 
@@ -217,7 +217,11 @@ def _evaluate_blindness(folder: Path) -> list[ValidationRow]:
     named.
     """
     others = {name: value for name, value in _true_values().items() if name != "feet_z"}
-    text = measure(_solve_measured(folder), 0, NOISE) + _write_parameters(others) + UNIDENTIFIABLE
+    text = (
+        _write_measured(_solve_measured(folder), 0, NOISE)
+        + _write_parameters(others)
+        + UNIDENTIFIABLE
+    )
     found = fit_parameters(_prepare_text(folder, text), "blind")
     unidentifiable = {
         name: abs(share)

@@ -170,7 +170,7 @@ def _answer_unreduced(model: MonolithicMachine) -> Answer:
     return np.diag(monolithic_compliance(model, "tcp"))[:3], frequencies
 
 
-def relative_errors(found: Answer, expected: Answer) -> FloatArray:
+def _relative_deviations(found: Answer, expected: Answer) -> FloatArray:
     """Of the three compliances and of the frequencies ``(13,)``."""
     return np.concatenate([np.abs(a / b - 1.0) for a, b in zip(found, expected, strict=True)])
 
@@ -199,11 +199,11 @@ def _compare_meshes(
             _answer_reduced(machine, parts, float(place)),
             answer_fresh_mesh(machine, float(place)),
         )
-        fresh.append(relative_errors(found, expected))
+        fresh.append(_relative_deviations(found, expected))
         if index % (POSITIONS // SAME_MESH_POSITIONS) == 0:
             alike = answer_same_mesh(machine, mesh, float(place))
-            same.append(relative_errors(found, alike))
-            apart.append(relative_errors(alike, expected))
+            same.append(_relative_deviations(found, alike))
+            apart.append(_relative_deviations(alike, expected))
     for name, errors in (
         ("same mesh, same weight", np.array(same)),
         ("fresh mesh, even patch", np.array(fresh)),

@@ -33,9 +33,9 @@ from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import AccuracyGoal, Analyses, Scene
-from headstock.validation.coverage.coverage_case import keep_measured, make_key, run_afresh
+from headstock.validation.coverage.coverage_case import keep_measured, measurement_key, run_afresh
 from headstock.validation.coverage.parts import draw_part
-from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine
+from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine_scene
 from headstock.validation.references.rows import ValidationRow, compare_bound
 
 # no margin of a search was chosen on these machines
@@ -121,9 +121,9 @@ def _recall(seed: int, load: Callable[[int, Path], Scene]) -> _ChosenScene:
             for name, parts in _tried_by_hand(scene)
         }
         asked = ASKED[seed % len(ASKED)]
-        key = make_key(text, repr(models), repr((TRUE_SHARE, TRUE_MEMORY, asked)), "names")
+        key = measurement_key(text, repr(models), repr((TRUE_SHARE, TRUE_MEMORY, asked)), "names")
         reference = keep_measured(key, _ReferenceScenes, lambda: _measure_reference(scene, asked))
-        key = make_key(key, code_fingerprint(headstock.pipeline), Path(__file__).read_text())
+        key = measurement_key(key, code_fingerprint(headstock.pipeline), Path(__file__).read_text())
         return keep_measured(
             key, _ChosenScene, lambda: measure_choice(seed, asked, scene, reference)
         )
@@ -132,7 +132,7 @@ def _recall(seed: int, load: Callable[[int, Path], Scene]) -> _ChosenScene:
 def _load_drawn(seed: int, folder: Path) -> Scene:
     """Return the machine of a seed, of which frequencies and compliances are asked for."""
     path = folder / "machine.toml"
-    path.write_text(draw_machine(seed))
+    path.write_text(draw_machine_scene(seed))
     scene = load_scene(path)
     analyses = scene.analyses.drop(["frf"])
     return dataclasses.replace(scene, analyses=analyses, model_errors=False)

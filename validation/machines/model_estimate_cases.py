@@ -34,10 +34,10 @@ from headstock.validation.coverage.coverage_case import (
     CoverageCase,
     cover_lines,
     keep_measured,
-    make_key,
+    measurement_key,
     open_scratch,
 )
-from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine
+from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine_scene
 from headstock.validation.references.rows import ValidationRow, show
 
 # the margins of the stage were chosen on the first machines; the others were drawn for the held-out
@@ -76,8 +76,8 @@ class _MachineNumbers:
 
 def _compare_machine(seed: int) -> _MachineNumbers:
     """Return the numbers of a seed, from the store where they are there: what was stopped goes on."""
-    text = draw_machine(seed)
-    key = make_key(code_fingerprint(headstock.pipeline), Path(__file__).read_text(), text)
+    text = draw_machine_scene(seed)
+    key = measurement_key(code_fingerprint(headstock.pipeline), Path(__file__).read_text(), text)
 
     def draw() -> _MachineNumbers:
         with open_scratch() as scratch:

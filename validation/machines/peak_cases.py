@@ -23,7 +23,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.validation.coverage.coverage_case import CoverageCase, Scratch, open_scratch
 from headstock.validation.machines.axis_kit_cases import SCENE
-from headstock.validation.machines.drawn_machines import draw_machine
+from headstock.validation.machines.drawn_machines import draw_machine_scene
 from headstock.validation.references.rows import ValidationRow, compare_bound, show
 
 Load = Callable[[Scratch], Scene]
@@ -53,7 +53,7 @@ def _load_three_axis(_scratch: Scratch) -> Scene:
 
 def _load_drawn(seed: int, scratch: Scratch) -> Scene:
     """Return the machine of a seed, all bodies of which are finite elements."""
-    scene = scratch.load(draw_machine(seed))
+    scene = scratch.load(draw_machine_scene(seed))
     bodies = {
         name: dataclasses.replace(part, fidelity="elastic")
         for name, part in scene.machine.components.items()

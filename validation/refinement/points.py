@@ -235,7 +235,7 @@ class RefinementSeries:
 
     @property
     def models(self) -> str:
-        """What they are, in short."""
+        """Their kinds, in short."""
         return " + ".join(self.kinds)
 
     @property

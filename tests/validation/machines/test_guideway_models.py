@@ -18,9 +18,9 @@ from headstock.validation.machines.machine_cases import (
     _answer_reduced,
     _find_ripple,
     _reduce_parts,
+    _relative_deviations,
     answer_fresh_mesh,
     answer_same_mesh,
-    relative_errors,
 )
 from headstock.validation.machines.monolithic_machines import fix_carriages
 
@@ -46,7 +46,7 @@ def test_statics_are_those_of_the_same_mesh_at_any_place_and_frequencies_come_fr
         _answer_reduced(machine, parts, 0.0871),
         answer_same_mesh(machine, mesh, 0.0871),
     )
-    errors = relative_errors(found, expected)
+    errors = _relative_deviations(found, expected)
     assert errors[:3].max() < 1e-7
     assert errors[3:].max() < 1e-2 and np.median(errors[3:]) < 1e-3
     assert (found[1] > expected[1] * (1.0 - 1e-9)).all()
@@ -55,7 +55,7 @@ def test_statics_are_those_of_the_same_mesh_at_any_place_and_frequencies_come_fr
 @pytest.mark.trials
 def test_an_evenly_averaging_patch_imprinted_in_a_fresh_mesh_says_the_same(model: Model) -> None:
     machine, _, parts = model
-    errors = relative_errors(
+    errors = _relative_deviations(
         _answer_reduced(machine, parts, 0.0871), answer_fresh_mesh(machine, 0.0871)
     )
     assert errors.max() < 1e-2 and np.median(errors) < 2e-3

@@ -10,7 +10,7 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.validation.coverage import cases as coverage_cases
 from headstock.validation.machines import model_choice_cases, model_estimate_cases
-from headstock.validation.machines.drawn_machines import draw_machine
+from headstock.validation.machines.drawn_machines import draw_machine_scene
 from headstock.validation.machines.model_choice_cases import (
     _ChosenScene,
     _evaluate,
@@ -51,8 +51,8 @@ def test_machines_have_three_to_eight_bodies_and_both_halves_share_none(tmp_path
     path = tmp_path / "machine.toml"
     models: set[str] = set()
     for seed in (*CALIBRATION, *HOLD_OUT):
-        assert draw_machine(seed) == draw_machine(seed)
-        path.write_text(draw_machine(seed))
+        assert draw_machine_scene(seed) == draw_machine_scene(seed)
+        path.write_text(draw_machine_scene(seed))
         parts = load_scene(path).machine.components.values()
         assert 3 <= len(parts) <= 8
         models |= {part.fidelity for part in parts}
@@ -83,7 +83,7 @@ def test_a_machine_of_three_bodies_is_covered(
     monkeypatch.setattr(model_estimate_cases, "TRUE_ACCURACY", 0.015)
     monkeypatch.setattr(model_estimate_cases, "TRUE_MODES_TO", 1500.0)
     path = tmp_path / "machine.toml"
-    path.write_text(draw_machine(1))
+    path.write_text(draw_machine_scene(1))
     found = _measure_machine(1, load_scene(path), Store(tmp_path / "store"))
     large = found.errors > 0.04
     assert large.sum() >= 6
