@@ -271,7 +271,6 @@ def put_errors[A: Followed](
     ratios that changes of frequencies bring: the one moves as far, of the other nothing is known.
 
     Args:
-        source: Of the changes of frequencies.
         how: Added to the ± that numbers have, or in place of it.
     """
     added: dict[Key, Estimate] = {}

@@ -164,7 +164,6 @@ def _try_forms(
     Args:
         chosen: All joints; those that are tried are replaced.
         tried: Joints with the shapes to try.
-        forms: Of each joint.
     """
     results: dict[str, list[ShapeChoice]] = {name: [] for name in tried}
     for index in range(max(len(forms[name]) for name in tried)):

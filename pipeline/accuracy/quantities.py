@@ -101,7 +101,6 @@ class Quantity:
         """Return the error that it has still to go after meshes were refined, over the number.
 
         Args:
-            before: The same number, before.
             steps: Refined component to its new size over the old one.
         """
         moved = self.parts_by_meshes(steps)
@@ -282,7 +281,6 @@ def choose_greedily[Worst, Option](
         find_worst: By how much that which is furthest off is, with the options taken, and which.
         options: What could be taken.
         gain: Of an option, over its cost.
-        take: Takes it.
     """
     while True:
         size, worst = find_worst()

@@ -159,11 +159,7 @@ def _cover_part(seed: int) -> _PartCoverage:
 def cover_seed[Measured: "DataclassInstance"](
     seed: int, measure: Callable[[CoveragePart], Measured], kind: type[Measured], code: Path
 ) -> Measured:
-    """Return what is measured of the part of a seed, from the store where it is there.
-
-    Args:
-        code: The file of the measurement.
-    """
+    """Return what is measured of the part of a seed, from the store where it is there."""
     drawing = Path(__file__).with_name("parts.py")
     key = measurement_key(code.read_text(), drawing.read_text(), str(seed))
 
@@ -454,15 +450,11 @@ def _evaluate_meshes(
         *case.evaluate(what, np.concatenate(true), np.concatenate(given), note),
         show(
             f"{what}: coverage by part, mean",
-            float(shares.mean()),
+            shares.mean(),
             "-",
             f"least {shares.min():.2f}; {_by_kind(parts, covered)}",
         ),
-        show(
-            f"{what}: parts with 95 % of their numbers covered",
-            float((shares >= COVERED).mean()),
-            "-",
-        ),
+        show(f"{what}: parts with 95 % of their numbers covered", (shares >= COVERED).mean(), "-"),
         case.evaluate_responses(
             what,
             np.concatenate([part.lines for part in parts]),

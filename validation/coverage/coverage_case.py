@@ -82,7 +82,6 @@ class CoverageCase:
             what: Beginning of the rows' names; empty for none.
             errors: ``(n,)`` true errors of numbers whose truth is sure enough.
             estimates: ``(n,)`` their ±.
-            note: On the numbers.
             uncovered: Numbers that count as not covered, beside these.
             sizes: ``(n,)`` of the numbers, where errors are not relative.
         """
@@ -100,7 +99,7 @@ class CoverageCase:
             ),
             compare_bound(
                 f"{start}± over true error, median",
-                float(middle),
+                middle,
                 self.largest_median,
                 f"10 .. 90 %: {low:.2f} .. {high:.2f}; {plain.sum()} errors above {self.clear:g}",
             ),
@@ -112,7 +111,6 @@ class CoverageCase:
         Args:
             what: Beginning of the row's name.
             shares: ``(m,)`` as :func:`cover_lines` gives them; NaN for responses that are set aside.
-            note: On the responses.
         """
         known = shares[~np.isnan(shares)]
         return compare_bound(

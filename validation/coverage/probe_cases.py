@@ -235,4 +235,4 @@ def _evaluate(what: str, seeds: Sequence[int]) -> Iterator[ValidationRow]:
         )
         suite = CoverageCase(CLEAR[number], LARGEST_MEDIAN[number])
         yield from suite.evaluate(f"{what}, {quantity}", errors[known], estimates[known], note)
-        yield show(f"{what}, {quantity}: true error, median", float(np.median(errors[known])), "-")
+        yield show(f"{what}, {quantity}: true error, median", np.median(errors[known]), "-")

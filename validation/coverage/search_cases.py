@@ -214,7 +214,7 @@ def _evaluate_searches(parts: Sequence[_SearchedPart]) -> list[ValidationRow]:
     return [
         compare_bound(
             f"parts that a search for {100.0 * ASKED:g} % does not reach, or calls met that are not",
-            float(len(short) + len(wrong)),
+            len(short) + len(wrong),
             0.0,
             f"{len(parts)} parts; {', '.join([*short, *wrong]) or 'none'}; furthest: {furthest.name},"
             f" {100.0 * furthest.errors.max(initial=0.0):.2g} %",
@@ -228,7 +228,7 @@ def _evaluate_searches(parts: Sequence[_SearchedPart]) -> list[ValidationRow]:
         ),
         show(
             "processor time of a search, median",
-            float(np.median([part.seconds for part in parts])),
+            np.median([part.seconds for part in parts]),
             "s",
             ", ".join(f"{part.name} {part.seconds:.2g}" for part in parts),
         ),

@@ -194,7 +194,6 @@ def _compare(
     without a bound.
 
     Args:
-        wanted: Tells which numbers.
         least: Those whose size is up to here are left out.
     """
     rows = np.array([row for numbers in (coarse, fine) for row in _list_sizes(numbers, wanted)])

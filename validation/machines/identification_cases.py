@@ -178,23 +178,21 @@ def _evaluate_seeds(folder: Path, seeds: Sequence[int]) -> list[ValidationRow]:
     covered = np.array(inside, dtype=float)
     count = f"{size.shape[1]} stiffnesses, {len(size)} seeds"
     return [
-        compare_bound(f"{count}: largest error", float(size.max()), ERROR_LIMIT, "1 % noise"),
-        show(f"{count}: root mean square of the errors", float(np.sqrt((size**2).mean())), "-"),
+        compare_bound(f"{count}: largest error", size.max(), ERROR_LIMIT, "1 % noise"),
+        show(f"{count}: root mean square of the errors", np.sqrt((size**2).mean()), "-"),
         compare_value(
             f"{count}: share of 95 % intervals that hold the truth",
-            float(covered.mean()),
+            covered.mean(),
             COVERAGE,
             "at least 0.90",
         ),
         compare_value(
             f"{count}: the same for the parameter that fares worst",
-            float(covered.mean(axis=0).min()),
+            covered.mean(axis=0).min(),
             COVERAGE,
         ),
         compare_value(
-            "noise found over noise put in, mean",
-            float(np.mean(noise)),
-            Target(1.0, "-", 0.1, "identity"),
+            "noise found over noise put in, mean", np.mean(noise), Target(1.0, "-", 0.1, "identity")
         ),
         show("evaluations of the machine per fit", evaluations / len(size), "-"),
     ]

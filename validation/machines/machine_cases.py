@@ -210,13 +210,10 @@ def _compare_meshes(
     ):
         for what, part in (("compliance", errors[:, :3]), ("frequencies", errors[:, 3:])):
             note = f"{len(errors)} places"
-            yield compare_bound(f"{what}, {name}: largest", float(part.max()), LARGEST, note)
-            yield compare_bound(f"{what}, {name}: median", float(np.median(part)), MEDIAN, note)
+            yield compare_bound(f"{what}, {name}: largest", part.max(), LARGEST, note)
+            yield compare_bound(f"{what}, {name}: median", np.median(part), MEDIAN, note)
     yield show(
-        "between the two unreduced models: largest",
-        float(np.max(apart)),
-        "-",
-        "what mesh and weight make",
+        "between the two unreduced models: largest", np.max(apart), "-", "what mesh and weight make"
     )
 
 
@@ -228,7 +225,7 @@ def _measure_cost(machine: Machine, parts: dict[str, Superelement]) -> list[Vali
         _answer_reduced(machine, parts, float(place))
     seconds = 1000.0 * (time.process_time() - start) / len(places)
     return [
-        show("reduced dofs", float(sum(len(part.labels) for part in parts.values())), "-"),
+        show("reduced dofs", sum(len(part.labels) for part in parts.values()), "-"),
         show(
             "1000 poses: couple, compliance, ten modes",
             seconds,

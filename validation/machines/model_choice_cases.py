@@ -275,7 +275,7 @@ def _evaluate(what: str, scenes: list[_ChosenScene]) -> list[ValidationRow]:
     return [
         compare_bound(
             "share of numbers that are further off than asked",
-            float(1.0 - kept.mean()),
+            1.0 - kept.mean(),
             1.0 - KEPT,
             f"{len(kept)} numbers of {len(met)} {what}s, {len(certain) - len(met)} more were refused,"
             f" {len(scenes) - len(certain)} have no truth that is certain enough; furthest: {what} {furthest.seed},"
@@ -283,7 +283,7 @@ def _evaluate(what: str, scenes: list[_ChosenScene]) -> list[ValidationRow]:
         ),
         compare_bound(
             f"share of {what}s that take more than {TIMES:g} times the cheapest of what was tried",
-            float(np.mean(np.array(ratios) > TIMES)),
+            np.mean(np.array(ratios) > TIMES),
             1.0 - CHEAP,
             f"times the cheapest: median {np.median(ratios):.2f}, most {ratios[worst]:.2g} ({what} {met[worst].seed});"
             f" {ratios.count(0.0)} {what}s where nothing that was tried is good enough",

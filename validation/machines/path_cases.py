@@ -256,10 +256,7 @@ def _evaluate_variant(name: str, found: PathResult) -> Iterator[ValidationRow]:
         / np.abs(fast.curves.frozen[:count]).max()
     )
     yield compare_bound(
-        f"{name}: 3000 less five times 600 mm/min, pose kept",
-        float(kept),
-        1e-6,
-        "linear: 0 to 0.4 s",
+        f"{name}: 3000 less five times 600 mm/min, pose kept", kept, 1e-6, "linear: 0 to 0.4 s"
     )
     for number, zone in enumerate(("accelerating", "decelerating")):
         figures = fast.figures[0][number]

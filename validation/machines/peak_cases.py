@@ -117,7 +117,7 @@ def _evaluate_search(
     return [
         compare_bound(
             f"{what}: largest true error of a peak or level, {100.0 * ASKED:g} % asked",
-            float(true.max()),
+            true.max(),
             ASKED,
             "said to be met" if said else "said not to be met",
         ),

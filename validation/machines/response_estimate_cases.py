@@ -321,4 +321,4 @@ def _report(name: str, pairs: ErrorPairs) -> ValidationRow:
     clear = pairs.clear
     low, middle, high = np.quantile(pairs.estimated[clear] / pairs.true[clear], [0.1, 0.5, 0.9])
     note = f"10 .. 90 %: {low:.2f} .. {high:.2f}; {clear.sum()} of {len(clear)} errors, up to {pairs.true.max():.2g}"
-    return show(f"{name}: effectivity, median", float(middle), "-", note)
+    return show(f"{name}: effectivity, median", middle, "-", note)

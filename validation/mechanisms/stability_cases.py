@@ -83,7 +83,7 @@ def _limit_rows(
         allowed = 1e-4 + np.nan_to_num(own.errors / true)
         where = f"{name}, travel {own.name}, {len(true)} speeds"
         yield compare_bound(
-            f"{where}: limit off, at most", float(np.abs(off).max()), 0.01, "semi-discretisation"
+            f"{where}: limit off, at most", np.abs(off).max(), 0.01, "semi-discretisation"
         )
         yield compare_bound(
             f"{where}: limit above the true one, over its ±",

@@ -103,7 +103,6 @@ def reduce_deep_beam(
     """Reduce the beam of FV5, and support it.
 
     Args:
-        loads: On the beam.
         recovery: Keep what its motions follow from.
     """
     interfaces = {
@@ -183,9 +182,7 @@ def check_square_column(comm: MPI.Comm) -> Iterator[ValidationRow]:
         found = clamped_modes(component, ("z-",), 8, comm).frequencies_hz[:8]
         yield from named_after(kind, compare_values(reference_case("square-column"), found))
         splits = found[[1, 3, 7]] / found[[0, 2, 6]] - 1.0
-        yield compare_bound(
-            f"{kind} largest split of a pair", float(splits.max()), PAIR_SPLIT[kind]
-        )
+        yield compare_bound(f"{kind} largest split of a pair", splits.max(), PAIR_SPLIT[kind])
 
 
 def check_slender_cantilever(comm: MPI.Comm) -> Iterator[ValidationRow]:
