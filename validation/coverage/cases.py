@@ -5,8 +5,7 @@ What stands behind ± on one part of the suite, beside the truth from a far fine
 """
 
 import dataclasses
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,9 +47,8 @@ from headstock.validation.coverage.coverage_case import (
     SURE,
     UNSURE,
     CoverageCase,
+    CoverageSuite,
     cover_lines,
-    keep_measured,
-    measurement_key,
     prepare_responses,
 )
 from headstock.validation.coverage.parts import (
@@ -63,7 +61,7 @@ from headstock.validation.coverage.parts import (
 from headstock.validation.references.rows import ValidationRow, show
 
 if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
+    pass
 
 # modes of a judged mesh, and of the true one among which theirs are sought
 WATCHED, PARTNERS = (
@@ -149,25 +147,10 @@ class _Solved:
     motions: FloatArray
 
 
-def _cover_part(seed: int) -> _PartCoverage:
-    """Return the numbers of a seed, from the store where they are there: a suite that was stopped
-    goes on.
-    """
-    return cover_seed(seed, _measure_part, _PartCoverage, Path(__file__))
-
-
-def cover_seed[Measured: "DataclassInstance"](
-    seed: int, measure: Callable[[CoveragePart], Measured], kind: type[Measured], code: Path
-) -> Measured:
-    """Return what is measured of the part of a seed, from the store where it is there."""
+def part_texts(code: str) -> Callable[[int], tuple[str, ...]]:
+    """Return what a seed's part and its measurement by a file are known by."""
     drawing = Path(__file__).with_name("parts.py")
-    key = measurement_key(code.read_text(), drawing.read_text(), str(seed))
-
-    def draw() -> Measured:
-        with tempfile.TemporaryDirectory(prefix="headstock-coverage-") as folder:
-            return measure(draw_part(seed, Path(folder)))
-
-    return keep_measured(key, kind, draw)
+    return lambda seed: (Path(code).read_text(), drawing.read_text(), str(seed))
 
 
 def _measure_part(part: CoveragePart) -> _PartCoverage:
@@ -373,48 +356,37 @@ def _respond(
     return np.diagonal(found, axis1=1, axis2=2), np.diagonal(total, axis1=1, axis2=2)
 
 
-def check_coverage() -> list[ValidationRow]:
+def check_coverage() -> Iterator[ValidationRow]:
     """Coverage of frequencies, compliances and frequency responses on the parts that factors were
     fitted on, and on the others.
     """
-    return [
-        *_evaluate("fitted on", _cover(CALIBRATION)),
-        *_evaluate("held out", _cover(HOLD_OUT)),
-    ]
+    return SUITE.compare({"fitted on": CALIBRATION, "held out": HOLD_OUT})
 
 
-def check_hex_coverage() -> list[ValidationRow]:
+def check_hex_coverage() -> Iterator[ValidationRow]:
     """Check the same on coarse hexahedra between the edges of patches, as searches begin with."""
-    return [
-        *_evaluate("fitted on", _cover(HEX_CALIBRATION)),
-        *_evaluate("held out", _cover(HEX_HOLD_OUT)),
-    ]
+    return SUITE.compare({"fitted on": HEX_CALIBRATION, "held out": HEX_HOLD_OUT})
 
 
-def check_adapted_coverage() -> list[ValidationRow]:
+def check_adapted_coverage() -> Iterator[ValidationRow]:
     """Check the same on STEP parts whose meshes follow the errors of the one before; factors are
     those of even meshes.
     """
-    return _evaluate("held out", _cover(ADAPTED_PARTS))
+    return SUITE.compare({"held out": ADAPTED_PARTS})
 
 
-def cover_new_parts(first: int) -> list[ValidationRow]:
-    """Coverage on parts that nothing was fitted on or judged with before.
+def cover_new_parts(first: int) -> Iterator[ValidationRow]:
+    """Coverage on parts that nothing was fitted on or compared with before.
 
     Args:
         first: Seed of the first of them, ``FRESH`` at least.
     """
-    seeds = range(first, first + NEW_PARTS)
-    return _evaluate(f"new, seeds {seeds[0]} to {seeds[-1]}", _cover(seeds))
+    return SUITE.compare_seeds(range(first, first + NEW_PARTS))
 
 
-def check_coverage_smoke() -> list[ValidationRow]:
+def check_coverage_smoke() -> Iterator[ValidationRow]:
     """Check a tube and a sheet in the same way, in seconds."""
-    return _evaluate("two parts", _cover(SMOKE_PARTS))
-
-
-def _cover(seeds: Sequence[int]) -> list[_PartCoverage]:
-    return [_cover_part(seed) for seed in seeds]
+    return SUITE.compare({"two parts": SMOKE_PARTS})
 
 
 def _evaluate(what: str, parts: Sequence[_PartCoverage]) -> list[ValidationRow]:
@@ -473,3 +445,11 @@ def _by_kind(parts: Sequence[_PartCoverage], covered: Sequence[FloatArray]) -> s
         for kind, own in found.items()
         if len(np.concatenate(own))
     )
+
+
+SUITE = CoverageSuite(
+    lambda seed, scratch: _measure_part(draw_part(seed, scratch.folder)),
+    _PartCoverage,
+    part_texts(__file__),
+    _evaluate,
+)

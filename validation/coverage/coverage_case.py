@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import hashlib
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -122,6 +122,82 @@ class CoverageCase:
         )
 
 
+@dataclass(frozen=True)
+class Scratch:
+    """A folder with a store of its own, in which scenes are run."""
+
+    folder: Path
+
+    def load(self, text: str, **settings: Any) -> Scene:
+        """Load the scene of a text.
+
+        Args:
+            settings: As of ``load_scene``.
+        """
+        path = self.folder / "machine.toml"
+        path.write_text(text)
+        return load_scene(path, **settings)
+
+    def run(self, scene: Scene, comm: MPI.Comm = MPI.COMM_SELF) -> Results:
+        """Run all stages of a scene."""
+        return run_scene(
+            scene, self.folder / "results", comm=comm, store=Store(self.folder / "store")
+        )
+
+    def answer[Found: Answer](self, scene: Scene, kind: type[Found]) -> Found:
+        """Run a scene and return its only answer of a kind."""
+        (answer,) = find_answers(self.run(scene).answers, kind)
+        return answer
+
+
+@contextlib.contextmanager
+def open_scratch() -> Iterator[Scratch]:
+    """Make a folder for the body of a ``with`` statement."""
+    with tempfile.TemporaryDirectory(prefix="headstock-") as name:
+        yield Scratch(Path(name))
+
+
+@dataclass(frozen=True, eq=False)
+class CoverageSuite[Item, Measured: "DataclassInstance"]:
+    """What is drawn, measured and compared with the truth. What was measured is kept in the store: a
+    suite that was stopped goes on.
+
+    Attributes:
+        measure: Draws an item in a folder, and measures its numbers and their truth.
+        kind: Type of what is measured.
+        texts: What an item is and how it is measured; with another text it is measured anew.
+        evaluate: Makes rows of what was measured of some items, whose names begin in one way.
+    """
+
+    measure: Callable[[Item, Scratch], Measured]
+    kind: type[Measured]
+    texts: Callable[[Item], Sequence[str]]
+    evaluate: Callable[[str, Sequence[Measured]], Iterable[ValidationRow]]
+
+    def compare(self, items: Mapping[str, Iterable[Item]]) -> Iterator[ValidationRow]:
+        """Return the rows of items.
+
+        Args:
+            items: By how the names of their rows begin.
+        """
+        for what, some in items.items():
+            yield from self.evaluate(what, [self._recall(item) for item in some])
+
+    def compare_seeds(
+        self: "CoverageSuite[int, Measured]", seeds: range
+    ) -> Iterator[ValidationRow]:
+        """Return the rows of seeds that nothing was fitted on or compared with before."""
+        measured = [self._recall(seed) for seed in seeds]
+        yield from self.evaluate(f"new, seeds {seeds[0]} to {seeds[-1]}", measured)
+
+    def _recall(self, item: Item) -> Measured:
+        def draw() -> Measured:
+            with open_scratch() as scratch:
+                return self.measure(item, scratch)
+
+        return keep_measured(measurement_key(*self.texts(item)), self.kind, draw)
+
+
 def cover_lines(
     found: ComplexArray, right: ComplexArray, *, total: FloatArray, doubt: FloatArray
 ) -> FloatArray:
@@ -171,41 +247,6 @@ def prepare_responses(
     channels = (input_columns(lossy, CHANNELS), output_rows(lossy, CHANNELS))
     space = project_response(lossy, sources, modes, channels, highest_hz)
     return prepare_frf(lossy, inputs=CHANNELS, outputs=CHANNELS, modes=modes), space
-
-
-@dataclass(frozen=True)
-class Scratch:
-    """A folder with a store of its own, in which scenes are run."""
-
-    folder: Path
-
-    def load(self, text: str, **settings: Any) -> Scene:
-        """Load the scene of a text.
-
-        Args:
-            settings: As of ``load_scene``.
-        """
-        path = self.folder / "machine.toml"
-        path.write_text(text)
-        return load_scene(path, **settings)
-
-    def run(self, scene: Scene, comm: MPI.Comm = MPI.COMM_SELF) -> Results:
-        """Run all stages of a scene."""
-        return run_scene(
-            scene, self.folder / "results", comm=comm, store=Store(self.folder / "store")
-        )
-
-    def answer[Found: Answer](self, scene: Scene, kind: type[Found]) -> Found:
-        """Run a scene and return its only answer of a kind."""
-        (answer,) = find_answers(self.run(scene).answers, kind)
-        return answer
-
-
-@contextlib.contextmanager
-def open_scratch() -> Iterator[Scratch]:
-    """Make a folder for the body of a ``with`` statement."""
-    with tempfile.TemporaryDirectory(prefix="headstock-") as name:
-        yield Scratch(Path(name))
 
 
 def measurement_key(*words: str) -> str:

@@ -5,7 +5,6 @@ stress at places inside and on parts of many kinds, under forces and under a bod
 import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -34,9 +33,15 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.mpi import MPI
 from headstock.solvers.stresses import largest_von_mises
-from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT, cover_seed
-from headstock.validation.coverage.coverage_case import CHANNELS, SURE, UNSURE, CoverageCase
-from headstock.validation.coverage.parts import CoveragePart
+from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT, part_texts
+from headstock.validation.coverage.coverage_case import (
+    CHANNELS,
+    SURE,
+    UNSURE,
+    CoverageCase,
+    CoverageSuite,
+)
+from headstock.validation.coverage.parts import CoveragePart, draw_part
 from headstock.validation.references.rows import ValidationRow, show
 
 SMOKE_PARTS = (14,)
@@ -202,26 +207,17 @@ def _holds(mesh: ComponentMesh, material: Material, probe: Probe) -> bool:
     return True
 
 
-def check_probe_coverage() -> list[ValidationRow]:
+def check_probe_coverage() -> Iterator[ValidationRow]:
     """Coverage at probes of the parts that factors were fitted on, and of the others."""
-    return [
-        *_evaluate("fitted on", CALIBRATION),
-        *_evaluate("held out", HOLD_OUT),
-    ]
+    return SUITE.compare({"fitted on": CALIBRATION, "held out": HOLD_OUT})
 
 
 def check_probe_smoke() -> Iterator[ValidationRow]:
     """Check one part in the same way, in seconds."""
-    return _evaluate("one part", SMOKE_PARTS)
+    return SUITE.compare({"one part": SMOKE_PARTS})
 
 
-def _cover_probes(seed: int) -> _ProbeCoverage:
-    """Return the numbers of a seed, from the store where they are there."""
-    return cover_seed(seed, _measure_probes, _ProbeCoverage, Path(__file__))
-
-
-def _evaluate(what: str, seeds: Sequence[int]) -> Iterator[ValidationRow]:
-    parts = [_cover_probes(seed) for seed in seeds]
+def _evaluate(what: str, parts: Sequence[_ProbeCoverage]) -> Iterator[ValidationRow]:
     for number, quantity in enumerate(QUANTITIES):
         errors, estimates, unsure = (
             np.concatenate([getattr(part, name)[part.quantities == number] for part in parts])
@@ -236,3 +232,11 @@ def _evaluate(what: str, seeds: Sequence[int]) -> Iterator[ValidationRow]:
         suite = CoverageCase(CLEAR[number], LARGEST_MEDIAN[number])
         yield from suite.evaluate(f"{what}, {quantity}", errors[known], estimates[known], note)
         yield show(f"{what}, {quantity}: true error, median", np.median(errors[known]), "-")
+
+
+SUITE = CoverageSuite(
+    lambda seed, scratch: _measure_probes(draw_part(seed, scratch.folder)),
+    _ProbeCoverage,
+    part_texts(__file__),
+    _evaluate,
+)

@@ -9,8 +9,7 @@ extrapolated from what they move by: neither tetrahedra nor an estimate of an er
 import dataclasses
 import functools
 import math
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,6 +32,8 @@ from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.mpi import MPI
 from headstock.validation.coverage.coverage_case import (
     CoverageCase,
+    CoverageSuite,
+    Scratch,
     keep_measured,
     measurement_key,
     run_afresh,
@@ -182,27 +183,23 @@ class _SearchedPart:
     failure: str = ""
 
 
-def check_search() -> list[ValidationRow]:
+def check_search() -> Iterator[ValidationRow]:
     """Check whether what searches call met is met on the twelve parts, and ± covers their numbers."""
-    return _evaluate_searches([_recall(part) for part in PARTS])
+    return SUITE.compare({"": PARTS})
 
 
-def check_fresh_search() -> list[ValidationRow]:
+def check_fresh_search() -> Iterator[ValidationRow]:
     """Check the eight fresh parts in the same way."""
-    return _evaluate_searches([_recall(part) for part in FRESH_PARTS])
+    return SUITE.compare({"": FRESH_PARTS})
 
 
-def check_search_smoke() -> list[ValidationRow]:
+def check_search_smoke() -> Iterator[ValidationRow]:
     """Check two of them in the same way."""
-    return _evaluate_searches([_recall(part) for part in SMOKE_PARTS])
+    return SUITE.compare({"": SMOKE_PARTS})
 
 
-def _evaluate_searches(parts: Sequence[_SearchedPart]) -> list[ValidationRow]:
-    """Rows of a suite.
-
-    Args:
-        parts: How the searches ended.
-    """
+def _evaluate_searches(what: str, parts: Sequence[_SearchedPart]) -> list[ValidationRow]:
+    """Compare how searches ended with the truth."""
     errors, given, unsure = (
         np.concatenate([getattr(part, name) for part in parts])
         for name in ("errors", "given", "unsure")
@@ -243,14 +240,11 @@ def _by_part(parts: Sequence[_SearchedPart]) -> str:
     )
 
 
-def _recall(part: _SlenderPart) -> _SearchedPart:
-    """Return a part from the store where it is there: a suite that was stopped goes on."""
+def _measure(part: _SlenderPart, scratch: Scratch) -> _SearchedPart:
+    """Search a part whose truth is kept on its own, as no search changes it."""
     key = measurement_key(repr(part), Path(__file__).read_text())
-    with tempfile.TemporaryDirectory(prefix="headstock-search-") as name:
-        scene = _make_scene(part, Path(name))
-        truth = keep_measured(key, _SlenderTruth, lambda: _find_truth(part))
-        key = measurement_key(key, code_fingerprint(headstock.pipeline))
-        return keep_measured(key, _SearchedPart, lambda: _search_part(part, scene, truth))
+    truth = keep_measured(key, _SlenderTruth, lambda: _find_truth(part))
+    return _search_part(part, _make_scene(part, scratch.folder), truth)
 
 
 def _make_scene(part: _SlenderPart, folder: Path) -> Scene:
@@ -417,3 +411,11 @@ def _search_part(part: _SlenderPart, scene: Scene, truth: _SlenderTruth) -> _Sea
         truth.doubt[:count] / values,
         sum(record.cpu_seconds or 0.0 for record in results.stages),
     )
+
+
+SUITE = CoverageSuite(
+    _measure,
+    _SearchedPart,
+    lambda part: (repr(part), Path(__file__).read_text(), code_fingerprint(headstock.pipeline)),
+    _evaluate_searches,
+)

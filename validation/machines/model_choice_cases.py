@@ -4,8 +4,7 @@ fraction of what was asked, and the same with models and meshes that somebody wo
 """
 
 import dataclasses
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,7 +32,12 @@ from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import AccuracyGoal, Analyses, Scene
-from headstock.validation.coverage.coverage_case import keep_measured, measurement_key, run_afresh
+from headstock.validation.coverage.coverage_case import (
+    CoverageSuite,
+    keep_measured,
+    measurement_key,
+    run_afresh,
+)
 from headstock.validation.coverage.parts import draw_part
 from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine_scene
 from headstock.validation.references.rows import ValidationRow, compare_bound
@@ -91,42 +95,50 @@ class _ChosenScene:
     by_hand: dict[str, tuple[float, float]]
 
 
-def check_model_choice() -> list[ValidationRow]:
+def check_model_choice() -> Iterator[ValidationRow]:
     """Check whether the errors of the machines are within what was asked, and what that costs."""
-    return _evaluate("machine", [_recall(seed, _load_drawn) for seed in MACHINES])
+    return MACHINE_SUITE.compare({"machine": MACHINES})
 
 
-def check_model_choice_smoke() -> list[ValidationRow]:
+def check_model_choice_smoke() -> Iterator[ValidationRow]:
     """Check one machine of three bodies in the same way."""
-    return _evaluate("machine", [_recall(seed, _load_drawn) for seed in SMOKE_MACHINES])
+    return MACHINE_SUITE.compare({"machine": SMOKE_MACHINES})
 
 
-def check_part_choice() -> list[ValidationRow]:
+def check_part_choice() -> Iterator[ValidationRow]:
     """Check parts alone in the same way, whose only lever is the mesh."""
-    return _evaluate("part", [_recall(seed, _load_part) for seed in PARTS])
+    return PART_SUITE.compare({"part": PARTS})
 
 
-def _recall(seed: int, load: Callable[[int, Path], Scene]) -> _ChosenScene:
-    """Return a machine or part from the store where it is there: what was stopped goes on."""
-    with tempfile.TemporaryDirectory(prefix="headstock-choice-") as name:
-        folder = Path(name)
-        scene = load(seed, folder)
-        text = repr(scene.machine).replace(name, "")
-        # how settings are searched changes nothing of what is true
-        models = {
-            name: {
-                body: (part.fidelity, part.segments.count, part.mesh, part.reduction)
-                for body, part in parts.items()
-            }
-            for name, parts in _tried_by_hand(scene)
+def _measure(seed: int, scene: Scene, folder: Path) -> _ChosenScene:
+    """Choose the models of a machine or part, whose truth is kept on its own: how settings are searched
+    changes nothing of it.
+    """
+    text = repr(scene.machine).replace(str(folder), "")
+    models = {
+        name: {
+            body: (part.fidelity, part.segments.count, part.mesh, part.reduction)
+            for body, part in parts.items()
         }
-        asked = ASKED[seed % len(ASKED)]
-        key = measurement_key(text, repr(models), repr((TRUE_SHARE, TRUE_MEMORY, asked)), "names")
-        reference = keep_measured(key, _ReferenceScenes, lambda: _measure_reference(scene, asked))
-        key = measurement_key(key, code_fingerprint(headstock.pipeline), Path(__file__).read_text())
-        return keep_measured(
-            key, _ChosenScene, lambda: measure_choice(seed, asked, scene, reference)
-        )
+        for name, parts in _tried_by_hand(scene)
+    }
+    asked = ASKED[seed % len(ASKED)]
+    key = measurement_key(text, repr(models), repr((TRUE_SHARE, TRUE_MEMORY, asked)), "names")
+    reference = keep_measured(key, _ReferenceScenes, lambda: _measure_reference(scene, asked))
+    return measure_choice(seed, asked, scene, reference)
+
+
+def _make_suite(load: Callable[[int, Path], Scene]) -> CoverageSuite[int, _ChosenScene]:
+    def list_texts(seed: int) -> tuple[str, ...]:
+        code = code_fingerprint(headstock.pipeline), Path(__file__).read_text()
+        return (*code, load.__name__, str(seed))
+
+    return CoverageSuite(
+        lambda seed, scratch: _measure(seed, load(seed, scratch.folder), scratch.folder),
+        _ChosenScene,
+        list_texts,
+        _evaluate,
+    )
 
 
 def _load_drawn(seed: int, folder: Path) -> Scene:
@@ -261,7 +273,7 @@ def _deviate(found: Mapping[str, float], truth: Mapping[str, float]) -> FloatArr
     return np.array([abs(found.get(name, np.inf) / exact - 1.0) for name, exact in truth.items()])
 
 
-def _evaluate(what: str, scenes: list[_ChosenScene]) -> list[ValidationRow]:
+def _evaluate(what: str, scenes: Sequence[_ChosenScene]) -> list[ValidationRow]:
     certain = [scene for scene in scenes if scene.doubt <= DOUBTFUL_SHARE * scene.asked]
     met = [scene for scene in certain if scene.met]
     kept = np.concatenate([scene.errors <= scene.asked for scene in met])
@@ -289,3 +301,6 @@ def _evaluate(what: str, scenes: list[_ChosenScene]) -> list[ValidationRow]:
             f" {ratios.count(0.0)} {what}s where nothing that was tried is good enough",
         ),
     ]
+
+
+MACHINE_SUITE, PART_SUITE = _make_suite(_load_drawn), _make_suite(_load_part)

@@ -32,10 +32,9 @@ from headstock.validation.coverage.coverage_case import (
     SURE,
     UNSURE,
     CoverageCase,
+    CoverageSuite,
+    Scratch,
     cover_lines,
-    keep_measured,
-    measurement_key,
-    open_scratch,
 )
 from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine_scene
 from headstock.validation.references.rows import ValidationRow, show
@@ -72,18 +71,6 @@ class _MachineNumbers:
     unsure: FloatArray
     lines: FloatArray
     named: tuple[int, int]
-
-
-def _compare_machine(seed: int) -> _MachineNumbers:
-    """Return the numbers of a seed, from the store where they are there: what was stopped goes on."""
-    text = draw_machine_scene(seed)
-    key = measurement_key(code_fingerprint(headstock.pipeline), Path(__file__).read_text(), text)
-
-    def draw() -> _MachineNumbers:
-        with open_scratch() as scratch:
-            return _measure_machine(seed, scratch.load(text), Store(scratch.folder / "store"))
-
-    return keep_measured(key, _MachineNumbers, draw)
 
 
 def _measure_machine(seed: int, scene: Scene, store: Store) -> _MachineNumbers:
@@ -185,28 +172,23 @@ def _cover_lines(plain: RunState, true: CoupledPose) -> FloatArray:
     return cover_lines(found, right, total=total, doubt=doubt)
 
 
-def check_model_estimates() -> list[ValidationRow]:
+def check_model_estimates() -> Iterator[ValidationRow]:
     """Coverage on the machines that margins were chosen on, and on the others."""
-    return [
-        *_evaluate("chosen on", [_compare_machine(seed) for seed in CALIBRATION]),
-        *_evaluate("held out", [_compare_machine(seed) for seed in HOLD_OUT]),
-    ]
+    return SUITE.compare({"chosen on": CALIBRATION, "held out": HOLD_OUT})
 
 
 def compare_new_machines(first: int) -> Iterator[ValidationRow]:
-    """Coverage on machines that nothing was chosen on or judged with before.
+    """Coverage on machines that nothing was chosen on or compared with before.
 
     Args:
         first: Seed of the first of them, ``FRESH`` at least.
     """
-    seeds = range(first, first + len(HOLD_OUT))
-    machines = [_compare_machine(seed) for seed in seeds]
-    return _evaluate(f"new, seeds {seeds[0]} to {seeds[-1]}", machines)
+    return SUITE.compare_seeds(range(first, first + len(HOLD_OUT)))
 
 
 def check_model_estimates_smoke() -> Iterator[ValidationRow]:
     """Check one machine of three bodies in the same way."""
-    return _evaluate("one machine", [_compare_machine(seed) for seed in SMOKE_MACHINES])
+    return SUITE.compare({"one machine": SMOKE_MACHINES})
 
 
 def _evaluate(what: str, machines: Sequence[_MachineNumbers]) -> Iterator[ValidationRow]:
@@ -239,3 +221,16 @@ def _evaluate(what: str, machines: Sequence[_MachineNumbers]) -> Iterator[Valida
     lines = np.concatenate([machine.lines for machine in machines])
     if np.isfinite(lines).any():
         yield suite.evaluate_responses(what, lines)
+
+
+def _measure_seed(seed: int, scratch: Scratch) -> _MachineNumbers:
+    scene = scratch.load(draw_machine_scene(seed))
+    return _measure_machine(seed, scene, Store(scratch.folder / "store"))
+
+
+def _texts_of(seed: int) -> tuple[str, ...]:
+    code = code_fingerprint(headstock.pipeline), Path(__file__).read_text()
+    return (*code, draw_machine_scene(seed))
+
+
+SUITE = CoverageSuite(_measure_seed, _MachineNumbers, _texts_of, _evaluate)

@@ -135,5 +135,5 @@ def test_searches_of_two_parts_are_met_and_covered(tmp_path: Path) -> None:
         coarse = dataclasses.replace(part, up_to_hz=0.6 * part.up_to_hz)
         scene = _make_scene(coarse, tmp_path)
         found.append(_search_part(coarse, scene, _find_truth(coarse)))
-    rows = _evaluate_searches(found)
+    rows = _evaluate_searches("", found)
     assert [row.passed for row in rows[:3]] == [True, True, True]
