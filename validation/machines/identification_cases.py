@@ -205,7 +205,9 @@ def _fit_seeds(folder: Path, seeds: Sequence[int]) -> list[Identification]:
     truth = _solve_measured(folder)
     problem = _prepare_text(folder, _write_measured(truth, 0, NOISE) + _write_parameters())
     return [
-        fit_parameters(_with_data(folder, problem, _write_measured(truth, seed, NOISE)), f"seed {seed}")
+        fit_parameters(
+            _with_data(folder, problem, _write_measured(truth, seed, NOISE)), f"seed {seed}"
+        )
         for seed in seeds
     ]
 

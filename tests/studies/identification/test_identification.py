@@ -159,7 +159,9 @@ def test_a_limit_on_the_number_of_modes_pushes_the_next_one_up(tmp_path: Path) -
         .frequencies_hz[2]
     )
     limit = f'at_most = {{ modes = 2, below = "{1.02 * third:.6g} Hz", tolerance = "0.1 %" }}\n'
-    found = fit_parameters(_prepare_text(tmp_path, text + limit + _write_parameters(names)), "limit")
+    found = fit_parameters(
+        _prepare_text(tmp_path, text + limit + _write_parameters(names)), "limit"
+    )
     assert found.point.states[0].frequencies_hz[2] > 1.01 * third
 
 
