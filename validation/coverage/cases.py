@@ -43,11 +43,14 @@ from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
 from headstock.solvers.second_order import ComplexArray
 from headstock.validation.coverage.coverage_case import (
+    COMPLIANCE,
     COVERED,
+    FREQUENCY,
     SURE,
     UNSURE,
     CoverageCase,
     CoverageSuite,
+    compare_number,
     cover_lines,
     prepare_responses,
 )
@@ -283,34 +286,21 @@ def _follow_errors(solved: _Solved, step: float) -> MeshSettings:
     return give_sizes(solved.body, sizes).mesh
 
 
-def _compare(judged: _Solved, reference: _Solved) -> FloatArray:
+def _compare(meshed: _Solved, reference: _Solved) -> FloatArray:
     """Rows ``(4, n)``: compliance or not, true error, estimate and what is not known of the truth,
     over the number.
     """
     columns = []
-    for pair in pair_modes(judged.modes, reference.modes):
-        if pair.first >= judged.modes.rigid_count:
-            value, plain = (
-                float(judged.modes.frequencies_hz[pair.first]),
-                float(reference.plain[0][pair.second]),
-            )
-            right = float(reference.modes.frequencies_hz[pair.second]) - plain
-            columns.append(
-                [
-                    0.0,
-                    abs(value - right) / value,
-                    judged.total[0][pair.first] / value,
-                    UNSURE * plain / value,
-                ]
-            )
-    for axis, value in enumerate(judged.compliances):
-        right, plain = (
-            reference.compliances[axis] + reference.plain[1][axis],
-            reference.plain[1][axis],
-        )
-        columns.append(
-            [1.0, abs(value - right) / value, judged.total[1][axis] / value, UNSURE * plain / value]
-        )
+    for pair in pair_modes(meshed.modes, reference.modes):
+        if pair.first >= meshed.modes.rigid_count:
+            value, left = meshed.modes.frequencies_hz[pair.first], reference.plain[0][pair.second]
+            truth = reference.modes.frequencies_hz[pair.second] - left
+            estimate = meshed.total[0][pair.first]
+            columns.append(compare_number(FREQUENCY, value, truth, estimate=estimate, left=left))
+    for value, true, left, estimate in zip(
+        meshed.compliances, reference.compliances, reference.plain[1], meshed.total[1], strict=True
+    ):
+        columns.append(compare_number(COMPLIANCE, value, true + left, estimate=estimate, left=left))
     return np.array(columns).T
 
 

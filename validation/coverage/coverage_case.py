@@ -54,6 +54,24 @@ LINES_NEEDED = 0.5
 CHANNELS: tuple[Channel, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 
 
+FREQUENCY, COMPLIANCE = 0.0, 1.0  # kinds of numbers
+
+
+def compare_number(
+    kind: float, value: float, truth: float, *, estimate: float | None, left: float
+) -> list[float]:
+    """Return a number beside its truth ``(4,)``: its kind; and over the number, its true error, its ± and
+    how well the truth is known.
+
+    Args:
+        truth: Corrected by what its own estimate says is left.
+        estimate: ±; None for none.
+        left: What the estimate of the truth says.
+    """
+    size = np.nan if estimate is None else estimate / value
+    return [kind, abs(value - truth) / value, size, UNSURE * left / value]
+
+
 @dataclass(frozen=True)
 class CoverageCase:
     """A suite of numbers with ± beside their truth.

@@ -29,11 +29,14 @@ from headstock.scene.scene import Scene
 from headstock.solvers.linear.frequency_response import evaluate_frf
 from headstock.solvers.mpi import MPI
 from headstock.validation.coverage.coverage_case import (
+    COMPLIANCE,
+    FREQUENCY,
     SURE,
     UNSURE,
     CoverageCase,
     CoverageSuite,
     Scratch,
+    compare_number,
     cover_lines,
 )
 from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine_scene
@@ -110,14 +113,11 @@ def _compare_modes(
     rows = []
     for index in range(modes.rigid_count, count):
         hz, error = float(modes.frequencies_hz[index]), modes.list_errors()[index].total
-        estimate = np.nan if error is None else error / hz
-        partner = found.partners[index]
-        if partner < 0:
-            rows.append([0.0, np.nan, estimate, 0.0])
-            continue
-        left = _expected_error(true, estimates[partner])
-        right = float(watched[1].modes.frequencies_hz[partner]) - left
-        rows.append([0.0, abs(hz - right) / hz, estimate, UNSURE * left / hz])
+        partner, left, truth = found.partners[index], 0.0, np.nan
+        if partner >= 0:
+            left = _expected_error(true, estimates[partner])
+            truth = float(watched[1].modes.frequencies_hz[partner]) - left
+        rows.append(compare_number(FREQUENCY, hz, truth, estimate=error, left=left))
     words = " ".join(warning for warning in plain.warnings if "lacks" in warning)
     named = words.count(" Hz (")
     return rows, (min(named, len(found.missing)), len(found.missing))
@@ -144,11 +144,12 @@ def _compare_compliances(plain: RunState, true: RunState) -> list[list[float]]:
     right_numbers = exact.numbers
     for number in list_followed(found):
         if number.error is not None:
-            value, there = number.value, right_numbers[number.key]
+            there, estimate = right_numbers[number.key], number.error.total
             left = _expected_error(true, there.error or Estimate())
-            right = there.value + left
-            estimate = np.nan if number.error.total is None else number.error.total / value
-            rows.append([1.0, abs(value - right) / value, estimate, UNSURE * left / value])
+            truth = there.value + left
+            rows.append(
+                compare_number(COMPLIANCE, number.value, truth, estimate=estimate, left=left)
+            )
     return rows
 
 
