@@ -5,6 +5,7 @@ to miss, so that errors are what is left of the estimate, or refined, without on
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -157,6 +158,9 @@ def _with_modes_left_out(element: Superelement) -> Superelement:
     mass[:boundary, dof_count:] = participations
     mass[dof_count:, :boundary] = participations.T
     errors = element.errors
+    widened: dict[str, Any] = {
+        name: _widen(getattr(errors, name), count, 0, 1) for name in MATRICES
+    }
     hz = np.sqrt(truncation.limit) / (2.0 * np.pi)
     return dataclasses.replace(
         element,
@@ -198,7 +202,7 @@ def _with_modes_left_out(element: Superelement) -> Superelement:
         errors=dataclasses.replace(
             errors,
             truncation=None,
-            **{name: _widen(getattr(errors, name), count, 0, 1) for name in MATRICES},
+            **widened,
         ),
     )
 

@@ -28,7 +28,7 @@ SAFETY = 1.2  # and to that of any other
 
 
 @dataclass(frozen=True, eq=False)
-class _DampingErrors:
+class DampingErrors:
     """Errors of damped modes, in the order of the undamped modes they belong to.
 
     Attributes:
@@ -48,7 +48,7 @@ class _DampingErrors:
 
 def estimate_damping_errors(
     coupled: CoupledMachine, system: SecondOrderSystem, damped: DampedModes, count: int
-) -> _DampingErrors:
+) -> DampingErrors:
     """Return how far the damped modes that belong to the first undamped ones may be off.
 
     What a source of error changes of the dynamic stiffness, ``dD(s)``, moves a pole by ``-x^T dD x
@@ -83,7 +83,7 @@ def estimate_damping_errors(
     creeping = tuple(
         first is not None and damped.frequencies_hz[first] == 0.0 for first, _ in pairs
     )
-    return _DampingErrors(tuple(hz), tuple(ratios), tuple(dampers), creeping)
+    return DampingErrors(tuple(hz), tuple(ratios), tuple(dampers), creeping)
 
 
 class _StiffnessChanges:
