@@ -199,11 +199,7 @@ def _with_modes_left_out(element: Superelement) -> Superelement:
             )
             for name, probe in element.probes.items()
         },
-        errors=dataclasses.replace(
-            errors,
-            truncation=None,
-            **widened,
-        ),
+        errors=dataclasses.replace(errors, truncation=None, **widened),
     )
 
 
