@@ -234,7 +234,14 @@ def estimate_interfaces(state: RunState, shaped: _ShapedMachines) -> Outcome:
         answers=(found,),
         warnings=(
             *_warn_of_joints(shaped.joints, found, names, several=several),
-            *_warn_of_lost(lost),
+            *(
+                [
+                    f"{', '.join(lost)} has no mode of its shape where rigid joints have deformation"
+                    " shapes"
+                ]
+                if lost
+                else []
+            ),
             *(
                 f"what joint {name} leaves out is not known: {reason}"
                 for name, reason in shaped.failures.items()
@@ -382,11 +389,3 @@ def _warn_of_joints(
             f" coupling = {{ flexible = {max(ADVISED_SHAPES, 2 * own)} }} for both"
         )
     return warnings
-
-
-def _warn_of_lost(lost: list[str]) -> list[str]:
-    if not lost:
-        return []
-    return [
-        f"{', '.join(lost)} has no mode of its shape where rigid joints have deformation shapes"
-    ]

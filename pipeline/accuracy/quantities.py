@@ -290,13 +290,13 @@ def choose_greedily[Worst, Option](
         take(max(choices, key=lambda option: gain(option, worst)), worst)
 
 
-def _share_left(step: float, better: float) -> float:
+def _share_left(step: float, smaller: float) -> float:
     """What is left of an error, over what a refinement took of it.
 
     Args:
         step: New mesh size over the old one.
-        better: Estimate before over the estimate after.
+        smaller: Estimate before over the estimate after.
     """
-    observed = math.log(better) / math.log(1.0 / step) if 1.0 < better < np.inf else 0.0
+    observed = math.log(smaller) / math.log(1.0 / step) if 1.0 < smaller < np.inf else 0.0
     share = step ** min(max(LEVEL_RATE, observed), FASTEST_LEVEL_RATE)
     return float(share / (1.0 - share))

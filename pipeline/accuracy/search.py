@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.components import Component, Fidelity
 from headstock.geometry.parts.solids import PointMass, SuperelementFile
 from headstock.pipeline.accuracy.interface_choice import ShapeChoice, choose_shapes, give_chosen
 from headstock.pipeline.accuracy.model_errors import RefinedBodies
@@ -117,25 +117,24 @@ class AccuracySearch:
     comparison: ModelComparison | None = None
 
 
-def _start_search(scene: Scene) -> Scene:
-    """A scene with the settings that a search for its accuracy begins with, and the analyses that
-    errors are estimated of.
-    """
-    return _start_scene(scene, _goal(scene).to)
-
-
 def _start_scene(scene: Scene, accuracy: float) -> Scene:
     """Where one body makes all of the error, its mesh begins finer than among several, of which most
     need it coarse, and never rough; rounds teach how fine it must be.
     """
     goal = _goal(scene).to
-    parts = scene.machine.components
+    parts = dict(scene.machine.components)
     if _goal(scene).models != "none":
         # what deforms by its volume says what cheaper models would leave out
-        parts = {
-            name: _make_deform(part, scene.analyses) if _is_ours(scene, name) else part
-            for name, part in parts.items()
-        }
+        modal, frf = scene.analyses.get(ModalRequest), scene.analyses.get(FrfRequest)
+        highest_hz = max(
+            0.0 if modal is None or modal.up_to_hz is None else modal.up_to_hz,
+            0.0 if frf is None else frf.to_hz,
+        )
+        for name, part in scene.machine.components.items():
+            if _is_ours(scene, name):
+                suits = suits_polynomials(part, highest_hz)
+                fidelity: Fidelity = "polynomial" if suits else "elastic"
+                parts[name] = dataclasses.replace(part, fidelity=fidelity)
     chosen = [part for part in parts.values() if is_chosen(part)]
     one = all(are_equal(chosen[0], part) for part in chosen)
     components = {
@@ -165,20 +164,6 @@ def _is_ours(scene: Scene, name: str) -> bool:
     if any(item.flexible for item in part.interfaces.values()):
         return False
     return _goal(scene).models == "all" or part.fidelity != "rigid"
-
-
-def _make_deform(part: Component, analyses: Analyses) -> Component:
-    suits = suits_polynomials(part, _highest_wanted(analyses))
-    return dataclasses.replace(part, fidelity="polynomial" if suits else "elastic")
-
-
-def _highest_wanted(analyses: Analyses) -> float:
-    """Highest frequency that is named [Hz]; 0 where they are counted."""
-    modal, frf = analyses.get(ModalRequest), analyses.get(FrfRequest)
-    return max(
-        0.0 if modal is None or modal.up_to_hz is None else modal.up_to_hz,
-        0.0 if frf is None else frf.to_hz,
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -461,7 +446,7 @@ def _plan_start(scene: Scene) -> tuple[Scene, Plan]:
     Raises:
         BudgetError: Not even the coarsest settings fit the limits.
     """
-    current = _start_search(scene)
+    current = _start_scene(scene, _goal(scene).to)
     try:
         return current, plan_scene(current)
     except BudgetError:

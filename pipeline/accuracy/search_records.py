@@ -13,7 +13,6 @@ from headstock.geometry.parts.components import (
     Component,
     CouplingKind,
     Fidelity,
-    Interface,
     MeshSettings,
     ReductionSettings,
     SegmentSettings,
@@ -223,7 +222,10 @@ def list_values(components: Mapping[str, Component]) -> TomlTable:
         if part.fidelity in ("elastic", "polynomial") and (kept := _reduction_values(part)):
             values[f"{key}.reduction"] = kept
         values |= {
-            f"{key}.interfaces.{own}.coupling": _coupling_value(item)
+            f"{key}.interfaces.{own}.coupling": {
+                "flexible": item.flexible,
+                "form": "strong" if item.coupling == "rigid" else "weak",
+            }
             for own, item in part.interfaces.items()
             if item.flexible
         }
@@ -258,8 +260,3 @@ def _mesh_values(name: str, mesh: MeshSettings) -> TomlTable:
         for key, value in changed.items()
     }
     return written if mesh.sizes is None else {**written, "sizes": f"{file_stem(name)}{SUFFIX}"}
-
-
-def _coupling_value(interface: Interface) -> TomlValue:
-    form = "strong" if interface.coupling == "rigid" else "weak"
-    return {"flexible": interface.flexible, "form": form}

@@ -318,10 +318,10 @@ def _observed_rate(trials: tuple[Trial, ...], expected: float = DEFAULT_RATE) ->
     return max(estimated, min(counted, expected))
 
 
-def _rate(finer: float, better: float) -> float:
-    if finer <= 1.0 or better <= 1.0:
+def _rate(finer: float, smaller: float) -> float:
+    if finer <= 1.0 or smaller <= 1.0:
         return SLOWEST_RATE
-    return float(np.clip(math.log(better) / math.log(finer), SLOWEST_RATE, FASTEST_RATE))
+    return float(np.clip(math.log(smaller) / math.log(finer), SLOWEST_RATE, FASTEST_RATE))
 
 
 def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
@@ -434,7 +434,9 @@ def grade_mesh(component: Component, size: float, grading: _Grading) -> MeshSett
         size: Of the elements elsewhere [m].
         grading: How they grow.
     """
-    imprinted, rigid = np.isfinite(_narrowest_patch(component)), _has_rigid_rims(component)
+    imprinted = np.isfinite(_narrowest_patch(component))
+    # stresses grow without limit at the rim of an area that is fixed rigidly
+    rigid = any(end.coupling == "rigid" for end in component.interfaces.values())
     if not imprinted and not rigid:
         return MeshSettings(size)
     across = grading.across if imprinted else MeshSettings().across_patches
@@ -459,11 +461,6 @@ def _narrowest_patch(component: Component) -> float:
     """Narrowest imprint of a component [m]; inf without any."""
     patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
     return min((min(patch.size) for patch in patches if patch.shape != "whole"), default=math.inf)
-
-
-def _has_rigid_rims(component: Component) -> bool:
-    """Whether an area is fixed rigidly, so that stresses grow without limit at its rim."""
-    return any(interface.coupling == "rigid" for interface in component.interfaces.values())
 
 
 def _round(value: float) -> float:

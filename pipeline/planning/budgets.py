@@ -197,7 +197,7 @@ def path_seconds(
     Args:
         friction: Guides of drives under control have friction.
         cut_steps: Of the forces of a cut with friction; none elsewhere.
-        follows_pose: It goes through the poses of the way, too.
+        follows_pose: It goes through the poses along the path, too.
     """
     start = PATH_START + SECONDS_PER_PATH_DOF * dofs
     # what is to be compared in that pose is computed in it, too
@@ -213,19 +213,19 @@ def path_seconds(
 
 @dataclass(frozen=True)
 class _ToolSteps:
-    """Steps in time of a path of a mechanism's tool: in a frozen pose, in those of the way, and in a
+    """Steps in time of a path of a mechanism's tool: in a frozen pose, in those along the path, and in a
     frozen one with modes up to twice the frequency.
 
     Attributes:
-        follows_pose: It goes through the poses of the way, too.
-        judged: Modes are left out, which is judged.
+        follows_pose: It goes through the poses along the path, too.
+        truncated: Modes are left out, whose share in the error is estimated.
         controlled: Its legs are under control.
     """
 
     steps: float
     modes: float
     follows_pose: bool
-    judged: bool
+    truncated: bool
     controlled: bool
     repeats: int
 
@@ -233,7 +233,7 @@ class _ToolSteps:
     def seconds(self) -> float:
         """Processor time [s]."""
         found = (1.0 + self.follows_pose) * self.steps * _tool_step_seconds(self.modes)
-        if self.follows_pose and self.judged:
+        if self.follows_pose and self.truncated:
             found += 2.0 * self.steps * _tool_step_seconds(2.0 * self.modes)
         if self.repeats:
             again = self.repeats + self.follows_pose + RICHER
@@ -243,7 +243,7 @@ class _ToolSteps:
     @property
     def memory_mb(self) -> float:
         """Peak memory, beside that of a path of axes [MB]."""
-        times = 4.0 if self.follows_pose and self.judged else 1.0
+        times = 4.0 if self.follows_pose and self.truncated else 1.0
         times *= KEPT_FOR_REPEATS if self.repeats else 1.0
         states = TOOL_KB_PER_STEP_AND_MODE * (1.0 + self.controlled)
         return 1e-3 * times * states * self.steps * self.modes
@@ -274,7 +274,7 @@ def plan_tool_steps(
         steps=rate * seconds,
         modes=modes,
         follows_pose=request.follows_pose,
-        judged=deforms,
+        truncated=deforms,
         controlled=controlled,
         repeats=repeats,
     )

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine
-from headstock.geometry.parts.components import Component, CouplingKind, Interface
+from headstock.geometry.parts.components import Component, CouplingKind
 from headstock.geometry.parts.patches import patch_outline
 from headstock.geometry.parts.solids import SuperelementFile
 
@@ -66,13 +66,9 @@ def _glued_end(components: Mapping[str, Component], end: JointEnd) -> tuple[str,
     if component is None or end.interface is None or not has_choice(component):
         return None
     interface = component.interfaces.get(end.interface)
-    if interface is None or interface.rail is not None or not _is_one_face(interface):
+    if interface is None or interface.rail is not None or len(interface.patches) != 1:
         return None
-    return component.name, interface.name
-
-
-def _is_one_face(interface: Interface) -> bool:
-    return len(interface.patches) == 1 and interface.patches[0].face not in CURVED
+    return None if interface.patches[0].face in CURVED else (component.name, interface.name)
 
 
 def find_reach(component: Component, name: str, area: float) -> float:

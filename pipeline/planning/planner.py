@@ -12,7 +12,7 @@ from typing import assert_never
 import numpy as np
 
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.parts.components import Component, Fidelity
+from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.analyses import (
@@ -126,9 +126,8 @@ def _plan_components(
     supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
     for name, component in scene.machine.components.items():
         settings, reason = choose_reduction(component, scene.analyses)
-        part = dataclasses.replace(
-            component, reduction=settings, fidelity=_fidelity(component, scene)
-        )
+        fidelity = "rigid" if scene.is_lumped else component.fidelity
+        part = dataclasses.replace(component, reduction=settings, fidelity=fidelity)
         estimate = choice = None
         if part.fidelity == "elastic" and not isinstance(part.solid, MeshFile | SuperelementFile):
             before = None if before_survey is None else functools.partial(before_survey, name)
@@ -218,11 +217,6 @@ def choose_poses(scene: Scene) -> dict[str, Pose]:
         return requested
     first = next(iter(scene.poses))
     return {first: scene.poses[first]}
-
-
-def _fidelity(component: Component, scene: Scene) -> Fidelity:
-    """As the scene says; every body of a lumped mechanism is rigid."""
-    return "rigid" if scene.is_lumped else component.fidelity
 
 
 def _reduction_key(component: Component, scene: Scene) -> Hashable:

@@ -168,17 +168,18 @@ def _measure_part(part: CoveragePart) -> _PartCoverage:
     meshes, rounds = list(part.meshes), part.rounds
     while meshes:
         try:
-            judged = _solve(part, meshes.pop(0), JUDGED_MODES, WATCHED, reference.places)
-            for own, each in zip(evaluations, (judged, _correct(part, judged)), strict=True):
+            plain = _solve(part, meshes.pop(0), JUDGED_MODES, WATCHED, reference.places)
+            element = correct_mesh(plain.coupled.layout.superelements["part"])
+            corrected = _analyse(part, plain.body, plain.mesh, element, WATCHED, plain.places)
+            for own, each in zip(evaluations, (plain, corrected), strict=True):
                 own.tables.append(_compare(each, reference))
                 own.lines.append(_cover_lines(each.coupled, grid, right, doubt))
             if rounds and not meshes:
-                meshes, rounds = [_follow_errors(judged, ADAPTED_STEP)], rounds - 1
+                meshes, rounds = [_follow_errors(plain, ADAPTED_STEP)], rounds - 1
         except HeadstockError as error:
             failures.append(f"{type(error).__name__}: {error}")
-    plain, corrected = (own.conclude(part, "; ".join(failures)) for own in evaluations)
-    corrected = dataclasses.replace(corrected, sure=SURE_CORRECTED)
-    return dataclasses.replace(plain, corrected=corrected)
+    found, other = (own.conclude(part, "; ".join(failures)) for own in evaluations)
+    return dataclasses.replace(found, corrected=dataclasses.replace(other, sure=SURE_CORRECTED))
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,12 +222,6 @@ def _solve(
     mesh = mesh_component(body)
     element = reduce_elastic(body, mesh, comm=MPI.COMM_SELF, request=request)
     return _analyse(part, body, mesh, element, watched, places)
-
-
-def _correct(part: CoveragePart, judged: _Solved) -> _Solved:
-    """Return the same part on the same mesh, corrected by its estimate."""
-    element = correct_mesh(judged.coupled.layout.superelements["part"])
-    return _analyse(part, judged.body, judged.mesh, element, WATCHED, judged.places)
 
 
 def _analyse(

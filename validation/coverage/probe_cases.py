@@ -54,7 +54,7 @@ LARGEST_MEDIAN = (3.0, 4.0, 3.0)  # of ± over the true error
 
 @dataclass(frozen=True, eq=False)
 class _ProbeCoverage:
-    """Numbers at the probes of one part on its judged meshes, displacements over the largest one at
+    """Numbers at the probes of one part on its meshes, displacements over the largest one at
     any of its probes under the same load, stresses over the equivalent stress.
 
     Attributes:
@@ -81,14 +81,14 @@ class _Seen:
     Attributes:
         values: ``(10, k)`` displacement, stress, equivalent stress.
         errors: ``(10, k)`` what stands behind ±.
-        better: ``(10, k)`` the values with the signed estimates of displacements, and with recovered
+        corrected: ``(10, k)`` the values with the signed estimates of displacements, and with recovered
             stresses.
         doubts: ``(10, k)`` how far these may be off.
     """
 
     values: FloatArray
     errors: FloatArray
-    better: FloatArray
+    corrected: FloatArray
     doubts: FloatArray
 
 
@@ -97,16 +97,18 @@ def _measure_probes(part: CoveragePart) -> _ProbeCoverage:
     mesh = _mesh(part, part.reference)
     probes = _draw_places(mesh, np.random.default_rng([20261125, part.seed]))
     right = _solve(part, part.reference, mesh, probes)
-    largest = np.max([np.abs(seen.better[:MOVED]).max(axis=0) for seen in right.values()], axis=0)
+    largest = np.max(
+        [np.abs(seen.corrected[:MOVED]).max(axis=0) for seen in right.values()], axis=0
+    )
     tables, failures = [], []
     for settings in part.meshes:
         try:
-            judged = _solve(part, settings, _mesh(part, settings), probes)
+            solved = _solve(part, settings, _mesh(part, settings), probes)
         except HeadstockError as error:
             failures.append(f"{type(error).__name__}: {error}")
             continue
         tables += [
-            _compare(seen, right[name], largest) for name, seen in judged.items() if name in right
+            _compare(seen, right[name], largest) for name, seen in solved.items() if name in right
         ]
     rows = np.concatenate([np.zeros((4, 0)), *tables], axis=1)
     return _ProbeCoverage(
@@ -177,13 +179,13 @@ def _measure_place(values: FloatArray, errors: RestErrors, safety: float) -> lis
     product = errors.products["part"].copy()
     product[:MOVED] /= safety
     recovered = values[MOVED:] + errors.local[0]
-    better = np.concatenate([(values + product)[:MOVED], recovered])
+    corrected = np.concatenate([(values + product)[:MOVED], recovered])
     around = np.linalg.norm(errors.local, axis=0)
     doubts = np.abs(product) + np.concatenate([np.full(MOVED, errors.moved), around])
     return [
         np.append(values, largest_von_mises(values[MOVED:])),
         np.append(total, mises),
-        np.append(better, largest_von_mises(recovered)),
+        np.append(corrected, largest_von_mises(recovered)),
         UNSURE * np.append(doubts, mises / WHOLE),
     ]
 
@@ -193,9 +195,9 @@ def _compare(seen: _Seen, right: _Seen, largest: FloatArray) -> FloatArray:
     largest displacement ``(k,)`` or the equivalent stress.
     """
     count = seen.values.shape[1]
-    scales = np.vstack([np.tile(largest, (MOVED, 1)), np.tile(right.better[-1], (SEEN - 2, 1))])
+    scales = np.vstack([np.tile(largest, (MOVED, 1)), np.tile(right.corrected[-1], (SEEN - 2, 1))])
     which = np.repeat([0.0, 1.0, 2.0], [MOVED, SEEN - MOVED, 1])
-    rows = (np.abs(seen.values - right.better), seen.errors, right.doubts)
+    rows = (np.abs(seen.values - right.corrected), seen.errors, right.doubts)
     return np.array([np.repeat(which, count), *((row / scales).ravel() for row in rows)])
 
 

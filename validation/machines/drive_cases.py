@@ -386,9 +386,9 @@ def _pull(loop: ClosedLoop, speed: float, times: FloatArray) -> DrivenMotion:
 
     def given(instants: FloatArray) -> FloatArray:
         inside = np.minimum(instants, ramp)
-        way = 0.5 * speed / ramp * inside**2 + speed * np.maximum(instants - ramp, 0.0)
+        place = 0.5 * speed / ramp * inside**2 + speed * np.maximum(instants - ramp, 0.0)
         pull = np.where(instants < ramp, speed / ramp, 0.0)
-        return np.column_stack([way, speed * inside / ramp, pull])
+        return np.column_stack([place, speed * inside / ramp, pull])
 
     return solve_motion(loop, given, times, breaks=np.array([ramp]))
 

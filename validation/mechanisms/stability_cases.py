@@ -53,17 +53,11 @@ def check_stability_methods(comm: MPI.Comm, steps: int = MARCHED_STEPS) -> Itera
     """
     yield from named_case("stability-closed-forms", [*_turning_rows(), *_mathieu_rows()])
     yield from named_case("stability-published-milling", _milling_rows(steps))
-    yield from named_case("milling-limits", _check_milling_limits(comm))
-
-
-def _check_milling_limits(comm: MPI.Comm) -> Iterator[ValidationRow]:
-    """Limits of ten scenes, of one and two modes, immersions of 5 to 100 %, both senses, helix and
-    one to six teeth, beside converged ones by collocation of another program and by
-    semi-discretisation.
-    """
+    # one and two modes, immersions of 5 to 100 %, both senses, helix and one to six teeth, beside
+    # converged limits by collocation of another program and by semi-discretisation
     limits = tomllib.loads((SCENES / "limits.toml").read_text())
     for name in sorted(limits):
-        yield from _limit_rows(name, limits[name], comm)
+        yield from named_case("milling-limits", _limit_rows(name, limits[name], comm))
 
 
 def _limit_rows(

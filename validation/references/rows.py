@@ -239,10 +239,10 @@ def failed_computation(reason: str) -> ValidationRow:
 def rows_as_json(rows: Sequence[ValidationRow]) -> str:
     """Return a JSON list with one object per row; numbers that do not exist are ``null``."""
     entries = [
-        {key: _plain(value) for key, value in dataclasses.asdict(row).items()} for row in rows
+        {
+            key: None if isinstance(value, float) and not math.isfinite(value) else value
+            for key, value in dataclasses.asdict(row).items()
+        }
+        for row in rows
     ]
     return json.dumps(entries, indent=1, allow_nan=False) + "\n"
-
-
-def _plain(value: object) -> object:
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -39,6 +39,7 @@ LINEAR: tuple[ModelKind, ...] = ("wilson8", "tet4", "hex8")
 QUADRATIC: tuple[ModelKind, ...] = ("tet10", "hex27")
 SAME = 1e-6
 Against = Literal["analytic", "beam", "solid"]
+CELL_NODES = {("tet", 1): 4, ("tet", 2): 10, ("hex", 1): 8, ("hex", 2): 27}
 
 
 class _RefinementError(HeadstockError):
@@ -84,16 +85,16 @@ def measure_beam(reference: str, scene: Scene, results: Results) -> Measured:
     kind = (
         component.fidelity
         if component.fidelity != "elastic"
-        else f"{mesh.cells}{_nodes(mesh.cells, mesh.order)}"
+        else f"{mesh.cells}{CELL_NODES[mesh.cells, mesh.order]}"
     )
     values: dict[str, float] = {}
     macs: dict[str, float] = {}
-    if results.static:
-        values = (
-            _cantilever_statics(scene, results)
-            if beam.ends == "clamped-free"
-            else _fixed_beam_statics(component, scene, results)
-        )
+    if results.static and beam.ends == "clamped-free":
+        points = next(iter(results.static.values()))
+        first = points[next(iter(scene.machine.points))]  # six loads act there
+        values = cantilever_displacements(first.compliance)
+    elif results.static:
+        values = _fixed_beam_statics(component, scene, results)
     if results.modal:
         modal, macs = _beam_modes(beam, component, results)
         values |= modal
@@ -132,10 +133,6 @@ def collect_points(beam: ReferenceBeam, records: Sequence[StudyRecord]) -> list[
     return found
 
 
-def _nodes(cells: str, order: int) -> int:
-    return {("tet", 1): 4, ("tet", 2): 10, ("hex", 1): 8, ("hex", 2): 27}[cells, order]
-
-
 def _check_beam(beam: ReferenceBeam, scene: Scene) -> Component:
     """Find the one component of a scene, which must be the beam."""
     components = list(scene.machine.components.values())
@@ -155,12 +152,6 @@ def _check_beam(beam: ReferenceBeam, scene: Scene) -> Component:
             f"nu = {beam.material.poisson_ratio:g}, rho = {beam.material.density:g} kg/m^3; take those, or vary without `reference`"
         )
     return components[0]
-
-
-def _cantilever_statics(scene: Scene, results: Results) -> dict[str, float]:
-    """Read the six loads at the first point of the scene."""
-    points = next(iter(results.static.values()))
-    return cantilever_displacements(points[next(iter(scene.machine.points))].compliance)
 
 
 def cantilever_displacements(compliance: FloatArray) -> dict[str, float]:
