@@ -261,7 +261,7 @@ def follow_heights(
     return peaks, levels
 
 
-def put_errors[A: Followed](
+def put_errors[A: Answer](
     answer: A,
     errors: Mapping[Key, Estimate],
     source: str,
@@ -274,16 +274,12 @@ def put_errors[A: Followed](
         how: Added to the ± that numbers have, or in place of it.
     """
     added: dict[Key, Estimate] = {}
-    elastic = (
-        range(answer.rigid_count, len(answer.frequencies_hz))
-        if isinstance(answer, PoseModes)
-        else ()
-    )
-    for index in elastic:
-        size = errors[answer.key(FREQUENCY, index)].shares.get(source)
-        damped, ratio = answer.key(DAMPED_FREQUENCY, index), answer.key(DAMPING_RATIO, index)
-        if damped in answer.errors:
-            added[damped] = Estimate({source: size})
-        if ratio in answer.errors and answer.errors[ratio].total:
-            added[ratio] = Estimate({source: None})
+    if isinstance(answer, PoseModes):
+        for index in range(answer.rigid_count, len(answer.frequencies_hz)):
+            size = errors[answer.key(FREQUENCY, index)].shares.get(source)
+            damped, ratio = answer.key(DAMPED_FREQUENCY, index), answer.key(DAMPING_RATIO, index)
+            if damped in answer.errors:
+                added[damped] = Estimate({source: size})
+            if ratio in answer.errors and answer.errors[ratio].total:
+                added[ratio] = Estimate({source: None})
     return answer.with_errors(added, "add").with_errors(errors, how)

@@ -185,7 +185,8 @@ def _read(
     entry = read_entry(store, search_key(scene), kind).value if scene.raw else None
     if entry is None:
         return None
-    return decode_value(json.loads("".join(entry.text)), reachable_classes(classes))
+    value: object = decode_value(json.loads("".join(entry.text)), reachable_classes(classes))
+    return value
 
 
 def write_sizes(folder: Path, components: Mapping[str, Component]) -> list[str]:

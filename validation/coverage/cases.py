@@ -321,7 +321,9 @@ def _respond(
     if finer:  # as estimated, without what covers the doubt
         element = coupled.layout.superelements["part"]
         meshed = {
-            name: dataclasses.replace(part, energy=part.energy / element.errors.mesh_safety)
+            name: dataclasses.replace(
+                part, energy=np.asarray(part.energy / element.errors.mesh_safety, dtype=float)
+            )
             for name, part in meshed.items()
         }
     model, space = prepare_responses(

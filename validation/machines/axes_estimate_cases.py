@@ -3,6 +3,7 @@ seed, beside the same machines of fine meshes with more modes.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
@@ -139,12 +140,12 @@ def _compare_axes(seed: int) -> dict[str, FloatArray]:
     at_probes = [[*free[index].list_numbers(), *driven[index].list_numbers()] for index in (0, 1)]
     return {
         "ranges, motions along axes and squareness": _compare(
-            *(answer.list_numbers() for answer in maps), is_measure, least=LEAST
+            [answer.list_numbers() for answer in maps], is_measure, least=LEAST
         ),
         "errors in single poses": np.array([errors.ravel() for errors in single]),
-        PATHS[0]: _compare(*(answer.list_numbers() for answer in free), is_of_path),
-        PATHS[1]: _compare(*(answer.list_numbers() for answer in driven), is_of_path),
-        PROBES: _compare(*at_probes, lambda number: number.key.kind in PROBE_KINDS),
+        PATHS[0]: _compare([answer.list_numbers() for answer in free], is_of_path),
+        PATHS[1]: _compare([answer.list_numbers() for answer in driven], is_of_path),
+        PROBES: _compare(at_probes, lambda number: number.key.kind in PROBE_KINDS),
     }
 
 
@@ -160,15 +161,19 @@ def _compare_contours(
     with open_scratch() as scratch:
         milling = scratch.load(draw_axes_scene(seed), variant="milling", overrides=settings)
         scene = keep_analyses(milling, ("contouring",))
-        coarse, fine = (
+        numbers = [
             [*scratch.answer(one, ContourAnswer).list_numbers()]
             for one in (scene, _refine_scene(scene, across))
-        )
+        ]
     compared = {
-        what: _compare(coarse, fine, lambda number, what=what: KINDS.get(number.key.kind) == what)
+        what: _compare(numbers, functools.partial(_is_of, what))
         for what in dict.fromkeys(KINDS.values())
     }
-    return {what: numbers for what, numbers in compared.items() if numbers.size}
+    return {what: found for what, found in compared.items() if found.size}
+
+
+def _is_of(what: str, number: Number) -> bool:
+    return KINDS.get(number.key.kind) == what
 
 
 def _refine_scene(scene: Scene, across: int = FINE_ACROSS) -> Scene:
@@ -184,19 +189,16 @@ def _refine_scene(scene: Scene, across: int = FINE_ACROSS) -> Scene:
 
 
 def _compare(
-    coarse: Iterable[Number],
-    fine: Iterable[Number],
-    wanted: Callable[[Number], bool],
-    *,
-    least: float = 0.0,
+    machines: Sequence[Iterable[Number]], wanted: Callable[[Number], bool], *, least: float = 0.0
 ) -> FloatArray:
     """Return rows ``(4, n)``: sizes of numbers and their ±, and the same of fine meshes; ± is infinite
     without a bound.
 
     Args:
+        machines: Numbers of the machine, and of that with fine meshes.
         least: Those whose size is up to here are left out.
     """
-    rows = np.array([row for numbers in (coarse, fine) for row in _list_sizes(numbers, wanted)])
+    rows = np.array([row for numbers in machines for row in _list_sizes(numbers, wanted)])
     return np.asarray(rows[:, rows[0] > least])
 
 

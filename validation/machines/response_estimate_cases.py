@@ -128,10 +128,10 @@ def _compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...])
         } | specimen.rigid
         coupled = couple(parts, specimen.machine, specimen.pose)
         modes = solve_modal(coupled.system)
-        model, space = prepare_responses(
+        prepared, space = prepare_responses(
             coupled, modes, loss_factor=LOSS_FACTOR, highest_hz=float(places.max())
         )
-        found = evaluate_frf(model, places).receptance
+        found = evaluate_frf(prepared, places).receptance
         errors = bound_response_errors(space, places)
         pairs.append(
             ErrorPairs((np.abs(found - right) / sizes).ravel(), (errors.bounds / sizes).ravel())

@@ -28,6 +28,7 @@ from headstock.reduction.superelement import Superelement, most_participation
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import input_columns, output_rows
+from headstock.validation.coverage.coverage_case import CHANNELS
 from headstock.validation.machines.estimate_cases import (
     RESOLVED,
     SHIFT_HZ,
@@ -41,7 +42,6 @@ from headstock.validation.machines.estimate_cases import (
 )
 from headstock.validation.machines.monolithic_machines import monolithic_frequencies
 from headstock.validation.machines.response_estimate_cases import (
-    CHANNELS,
     LINES,
     _compare_responses,
 )
