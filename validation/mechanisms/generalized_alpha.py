@@ -114,12 +114,12 @@ def integrate_constrained(
     step: float,
     count: int,
     *,
-    observe: Callable[[MotionState], None],
+    observe: Callable[[MotionState], None] = lambda state: None,
     scheme: AlphaScheme | None = None,
     tolerance: float = 1e-13,
     accuracy: float = LOCAL_ERROR,
 ) -> MotionState:
-    """March from a consistent start; the state at the end of every step is shown to an observer.
+    """Integrate from a consistent start; the state at the end of every step is shown to an observer.
 
     A step is halved, and its halves again, where Newton's method does not converge, where the local
     error is larger than allowed, or where velocities jump near a singular pose; sub-steps grow

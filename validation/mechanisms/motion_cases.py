@@ -94,8 +94,14 @@ def check_integration_orders(comm: MPI.Comm, run: _Run = FULL_RUN) -> Iterator[V
     (motion, start) = _moving()
     reference = _reference(motion, start, run.span)[:6]
     scale = float(np.abs(reference).max())
-    for name, integrate in (("reduced ODE", _integrate_reduced), ("index-3 DAE", _integrate_full)):
-        ends = [integrate(motion, start, run.span / count, count) for count in run.steps]
+    problems: dict[str, tuple[PartitionedMotion | ConstrainedMotion, MotionState]] = {
+        "reduced ODE": (motion, motion.start(0.0, *start)),
+        "index-3 DAE": _full_problem(motion, start),
+    }
+    for name, (problem, first) in problems.items():
+        ends = [
+            integrate_constrained(problem, first, run.span / count, count) for count in run.steps
+        ]
         errors = [float(np.abs(end.position[-6:] - reference).max()) / scale for end in ends]
         yield from _order_rows(name, run, errors)
 
@@ -194,21 +200,6 @@ def _reference(
     first = np.concatenate([*start, [0.0]])
     done = scipy.integrate.solve_ivp(motion.state_rates, (0.0, span), first, **EXACT)
     return np.asarray(done.y[:, -1])
-
-
-def _integrate_reduced(
-    motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int
-) -> MotionState:
-    return integrate_constrained(
-        motion, motion.start(0.0, *start), step, count, observe=lambda state: None
-    )
-
-
-def _integrate_full(
-    motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int
-) -> MotionState:
-    full, first = _full_problem(motion, start)
-    return integrate_constrained(full, first, step, count, observe=lambda state: None)
 
 
 def _full_problem(
