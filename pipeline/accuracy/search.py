@@ -72,7 +72,7 @@ MOST_ROUNDS = 9
 FOUND = "settings that an earlier run of this scene found"
 
 
-class RunRound(Protocol):
+class _RunRound(Protocol):
     """Runs a scene's plan without writing anything."""
 
     def __call__(
@@ -186,7 +186,7 @@ class _Refined:
 
 
 def search_settings(
-    scene: Scene, run_round: RunRound, note: Note, *, comm: MPI.Comm, store: Store
+    scene: Scene, run_round: _RunRound, note: Note, *, comm: MPI.Comm, store: Store
 ) -> AccuracySearch:
     """Refine until every requested number is right to the scene's accuracy, then take the cheapest
     models of bodies; collective.
@@ -232,7 +232,7 @@ def search_settings(
     )
 
 
-def _refine_in_rounds(scene: Scene, run_round: RunRound, note: Note, most_rounds: int) -> _Refined:
+def _refine_in_rounds(scene: Scene, run_round: _RunRound, note: Note, most_rounds: int) -> _Refined:
     """Rounds of meshes and modes until every number is right, or none that is finer fits;
     collective.
     """
@@ -281,7 +281,7 @@ def _choose_bodies(scene: Scene, refined: _Refined, note: Note) -> ModelChoice |
 
 
 def _run_chosen(
-    refined: _Refined, choice: ModelChoice | None, run_round: RunRound, note: Note
+    refined: _Refined, choice: ModelChoice | None, run_round: _RunRound, note: Note
 ) -> tuple[Scene, RunState, RefinedBodies | None]:
     """The machine of the models chosen, with what rounds taught behind every ±; and the bodies that
     those models replace, None where there are none. Collective.
@@ -388,7 +388,7 @@ def _restore_requests(current: Scene, scene: Scene) -> Scene:
 
 
 def _repeat_search(
-    scene: Scene, known: Remembered, comparison: ModelComparison | None, run_round: RunRound
+    scene: Scene, known: Remembered, comparison: ModelComparison | None, run_round: _RunRound
 ) -> AccuracySearch:
     """The last round of a search that was made before; collective."""
     start = _without_comparisons(scene)

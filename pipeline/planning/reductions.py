@@ -3,7 +3,7 @@ factored or iterated, and which kernels of finite elements a first run compiles 
 
 A static analysis needs constraint modes and no eigenpairs; fixed-interface modes are kept as far as
 the scene says, else up to ``MODE_MARGIN`` times the highest wanted frequency (``FRF_MARGIN`` times
-that of a frequency response), else ``default_mode_count`` of them.
+that of a frequency response), else ``_default_mode_count`` of them.
 """
 
 import dataclasses
@@ -41,7 +41,7 @@ KINDS: dict[tuple[str, int], CellKind] = {
 }
 
 
-def default_mode_count(wanted: int) -> int:
+def _default_mode_count(wanted: int) -> int:
     """Fixed-interface modes kept per component when so many machine frequencies are wanted and no
     frequency is named.
     """
@@ -70,7 +70,7 @@ def choose_reduction(component: Component, analyses: Analyses) -> tuple[Reductio
         text = f"fixed-interface modes up to {limit:g} Hz, {MOST_DEFAULT_MODES} at most"
         return settings, f"{what} up to {reach:g} Hz: {text}"
     wanted = (modal.count if modal is not None else None) or 0
-    count = default_mode_count(wanted)
+    count = _default_mode_count(wanted)
     return dataclasses.replace(
         written, modes=count
     ), f"modal analysis of {wanted} frequencies: {count} fixed-interface modes"

@@ -83,7 +83,7 @@ def node_memory_bytes(
     return min(limit for limit in limits if limit > 0.0)
 
 
-def memory_on_node(stage: Stage, held: RanksOnNodes, *, split: bool) -> float:
+def _memory_on_node(stage: Stage, held: RanksOnNodes, *, split: bool) -> float:
     """Peak memory [MB] of all ranks on a node while a component is meshed or reduced.
 
     Args:
@@ -119,7 +119,7 @@ def check_memory(
     for stage in stages:
         # meshing is rank 0's
         split = stage.kind == "reduce" and (stage.estimated_dofs or 0) > split_dofs
-        need_mb = memory_on_node(stage, held, split=split)
+        need_mb = _memory_on_node(stage, held, split=split)
         if stage.estimated_memory_mb is not None and need_mb > limit_mb:
             whose = "this machine has" if limit_bytes is None else "limits.memory allows"
             where, remedy = "", "write a larger mesh size or keep fewer modes"

@@ -134,7 +134,7 @@ def _characteristic(masses: TwoMasses, control: AxisControl) -> tuple[FloatArray
     )
 
 
-def closed_loop_poles(masses: TwoMasses, control: AxisControl) -> ComplexArray:
+def _closed_loop_poles(masses: TwoMasses, control: AxisControl) -> ComplexArray:
     """Roots of the characteristic polynomial without dead time [rad/s]."""
     plant, fed = _characteristic(masses, control)
     return np.asarray(
@@ -328,7 +328,7 @@ def _evaluate_poles(name: str, control: AxisControl) -> ValidationRow:
             [_delayed_pole(MASSES, control, complex(pole)) for pole in found]
         )
     else:
-        every = closed_loop_poles(MASSES, control)
+        every = _closed_loop_poles(MASSES, control)
         right = np.array([every[int(np.argmin(np.abs(every - pole)))] for pole in found])
     apart = float((np.abs(found - right) / np.abs(right)).max())
     return compare_bound(f"poles, {name}: largest distance over size", apart, EXACT)

@@ -180,7 +180,7 @@ def _join_parts(body: _SplitBody, form: Form, flexible: int, modes: int) -> Coup
     return couple({element.name: element for _, element in made}, machine, Pose("home"))
 
 
-def find_joined_frequencies(coupled: CoupledMachine, count: int) -> FloatArray:
+def _find_joined_frequencies(coupled: CoupledMachine, count: int) -> FloatArray:
     """Return the first elastic natural frequencies [Hz] ``(count,)``; infinite where there are
     fewer.
     """
@@ -366,7 +366,7 @@ def _series(
 ) -> tuple[FloatArray, list[int]]:
     """Frequencies ``(k, 10)`` [Hz] with so many shapes, and how many there are of them."""
     machines = [_join_parts(body, form, most, modes) for most in shapes]
-    found = [find_joined_frequencies(machine, WATCHED) for machine in machines]
+    found = [_find_joined_frequencies(machine, WATCHED) for machine in machines]
     return np.array(found), [_count_shapes(machine) for machine in machines]
 
 

@@ -95,7 +95,7 @@ def _prepare_text(folder: Path, targets: str) -> FitProblem:
     return prepare_problem(load_targets(path, scene), Store(folder / "store"), MPI.COMM_SELF)
 
 
-def solve_truth(problem: FitProblem, truth: Mapping[str, float]) -> FitPoint:
+def _solve_truth(problem: FitProblem, truth: Mapping[str, float]) -> FitPoint:
     """Solve the machine with true values, SI, by parameter."""
     return evaluate(
         problem, problem.coordinates([truth[parameter.name] for parameter in problem.parameters])
@@ -116,7 +116,7 @@ def _solve_measured(folder: Path) -> FitPoint:
         [np.asarray(np.arange(10.0, 10.0 + FREQUENCIES))] * len(MEASURED),
         [np.full(3, 1e-9)] * len(MEASURED),
     )
-    return solve_truth(_prepare_text(folder, blank + _write_parameters()), _true_values())
+    return _solve_truth(_prepare_text(folder, blank + _write_parameters()), _true_values())
 
 
 def _write_measured(truth: FitPoint, seed: int, noise: float) -> str:

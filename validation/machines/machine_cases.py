@@ -141,7 +141,7 @@ def _answer_reduced(machine: Machine, parts: dict[str, Superelement], place: flo
     return np.diag(compliance)[:3], solve_modal(system, count=COUNT).frequencies_hz
 
 
-def answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> Answer:
+def _answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> Answer:
     """Answer the same from the unreduced model on the mesh that was reduced, its carriages weighted
     alike.
 
@@ -155,7 +155,7 @@ def answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> Ans
     return _answer_unreduced(model)
 
 
-def answer_fresh_mesh(machine: Machine, place: float) -> Answer:
+def _answer_fresh_mesh(machine: Machine, place: float) -> Answer:
     """Answer the same on a mesh of its own, with an evenly averaging patch imprinted under every
     carriage.
     """
@@ -197,11 +197,11 @@ def _compare_meshes(
     for index, place in enumerate(np.linspace(-REACH, REACH, POSITIONS)):
         found, expected = (
             _answer_reduced(machine, parts, float(place)),
-            answer_fresh_mesh(machine, float(place)),
+            _answer_fresh_mesh(machine, float(place)),
         )
         fresh.append(_relative_deviations(found, expected))
         if index % (POSITIONS // SAME_MESH_POSITIONS) == 0:
-            alike = answer_same_mesh(machine, mesh, float(place))
+            alike = _answer_same_mesh(machine, mesh, float(place))
             same.append(_relative_deviations(found, alike))
             apart.append(_relative_deviations(alike, expected))
     for name, errors in (

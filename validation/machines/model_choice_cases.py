@@ -125,7 +125,7 @@ def _measure(seed: int, scene: Scene, folder: Path) -> _ChosenScene:
     asked = ASKED[seed % len(ASKED)]
     key = measurement_key(text, repr(models), repr((TRUE_SHARE, TRUE_MEMORY, asked)), "names")
     reference = keep_measured(key, _ReferenceScenes, lambda: _measure_reference(scene, asked))
-    return measure_choice(seed, asked, scene, reference)
+    return _measure_choice(seed, asked, scene, reference)
 
 
 def _make_suite(load: Callable[[int, Path], Scene]) -> CoverageSuite[int, _ChosenScene]:
@@ -195,7 +195,7 @@ def _measure_reference(scene: Scene, asked: float) -> _ReferenceScenes:
     )
 
 
-def measure_choice(
+def _measure_choice(
     seed: int, asked: float, scene: Scene, reference: _ReferenceScenes
 ) -> _ChosenScene:
     """Errors and cost of a machine with a stated accuracy.

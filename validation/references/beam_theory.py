@@ -216,7 +216,7 @@ def fixed_beam_deflection(beam: PrismaticBeam, force: float) -> float:
     return force * beam.length**3 / (192.0 * beam.bending_stiffness)
 
 
-def cowper_coefficient(poisson_ratio: float) -> float:
+def _cowper_coefficient(poisson_ratio: float) -> float:
     """Shear coefficient kappa of a rectangular section [-].
 
     Source: Cowper (1966), table 1: ``10 (1 + nu) / (12 + 11 nu)``.
@@ -264,7 +264,7 @@ def fixed_beam_shear_deflection(beam: PrismaticBeam, force: float) -> float:
 
 
 def _shear_stiffness(beam: PrismaticBeam) -> float:
-    return cowper_coefficient(beam.material.poisson_ratio) * beam.shear_modulus * beam.area
+    return _cowper_coefficient(beam.material.poisson_ratio) * beam.shear_modulus * beam.area
 
 
 def _transfer_matrix(beam: PrismaticBeam, squared_frequency: float) -> FloatArray:
@@ -358,7 +358,7 @@ def fixed_beam_twist(beam: PrismaticBeam, moment: float) -> float:
     return moment * beam.length / (4.0 * _torsional_stiffness(beam))
 
 
-def warping_constant(width: float, depth: float) -> float:
+def _warping_constant(width: float, depth: float) -> float:
     """Secondary warping constant Gamma [m^6] of a narrow rectangle with the given sides [m].
 
     Source: Vlasov (1961), section I.5; ``Gamma = b^3 t^3 / 144`` (for example Pilkey (2005), table
@@ -404,7 +404,7 @@ def _sech(value: float) -> float:
 def _torsion_roots(
     beam: PrismaticBeam, characteristic: Callable[[float, float], float], count: int
 ) -> FloatArray:
-    warping = beam.material.youngs_modulus * warping_constant(beam.width, beam.depth)
+    warping = beam.material.youngs_modulus * _warping_constant(beam.width, beam.depth)
     stiffness = _torsional_stiffness(beam)
     inertia = beam.material.density * beam.polar_moment
 

@@ -120,7 +120,7 @@ def _brick_mass(brick: FloatArray, material: Material) -> FloatArray:
     )
 
 
-def solve_fixed(model: _BrickModel, fixed: IntArray, loads: FloatArray) -> FloatArray:
+def _solve_fixed(model: _BrickModel, fixed: IntArray, loads: FloatArray) -> FloatArray:
     """Static displacements ``(3 n, m)`` [m] with all dofs of some nodes fixed.
 
     Args:
@@ -232,7 +232,7 @@ def _static_values(beam: ReferenceBeam, model: _BrickModel) -> dict[str, float]:
     dofs = (3 * top[:, None] + np.arange(3)).ravel()
     loads[dofs] = mean.T
     return cantilever_displacements(
-        mean @ solve_fixed(model, _fixed_nodes(beam, model), loads)[dofs]
+        mean @ _solve_fixed(model, _fixed_nodes(beam, model), loads)[dofs]
     )
 
 

@@ -25,9 +25,9 @@ from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 from headstock.validation.machines.drive_cases import (
     LOAD,
     TwoMasses,
+    _closed_loop_poles,
     _delayed_pole,
     _step_response,
-    closed_loop_poles,
     make_drive,
 )
 
@@ -74,7 +74,7 @@ def test_poles_are_the_roots_of_the_polynomial_derived_by_hand(encoder: str) -> 
     system, train = make_drive(MASSES, control)
     found = find_loop_poles(close_loops(system, [train])).poles
     np.testing.assert_allclose(
-        np.sort_complex(found), upper(closed_loop_poles(MASSES, control)), rtol=1e-8
+        np.sort_complex(found), upper(_closed_loop_poles(MASSES, control)), rtol=1e-8
     )
 
 

@@ -18,9 +18,9 @@ from headstock.validation.machines.identification_cases import (
     _evaluate_seeds,
     _fit_seeds,
     _prepare_text,
+    _solve_truth,
     _true_values,
     _write_parameters,
-    solve_truth,
     write_frequencies,
 )
 
@@ -45,7 +45,7 @@ def make_targets(folder: Path) -> str:
         folder,
         CASES.format(written=any_hz, stiff=any_hz, compliance=1.0) + _write_parameters(TRUTH),
     )
-    written, stiff = solve_truth(problem, TRUTH).states
+    written, stiff = _solve_truth(problem, TRUTH).states
     return CASES.format(
         written=write_frequencies(written.frequencies_hz[:6]),
         stiff=write_frequencies(stiff.frequencies_hz[:6]),
@@ -62,13 +62,13 @@ def test_a_frequency_by_name_is_met_by_the_mode_of_its_number(tmp_path: Path) ->
     names = 'numbers = { "frequency(mode=2)" = "10 Hz", "frequency(mode=1)" = "11 Hz" }'
     truth = {"drive": TRUTH["drive"], "feet_z": TRUTH["feet_z"]}
     problem = _prepare_text(tmp_path, f"[cases.a]\n{names}\n{_write_parameters(truth)}")
-    point = solve_truth(problem, truth)
+    point = _solve_truth(problem, truth)
     assert [target.frequency_hz for target in problem.cases[0].case.modes] == [10.0, 11.0]
     assert point.pairings[0].modes == (1, 0)
     beyond = names.replace("mode=2", "mode=999")
     problem = _prepare_text(tmp_path, f"[cases.a]\n{beyond}\n{_write_parameters(truth)}")
     with pytest.raises(ModelError, match=r"mode=999.*the model has modes 1 to"):
-        solve_truth(problem, truth)
+        _solve_truth(problem, truth)
 
 
 def test_most_starts_find_the_true_stiffnesses_although_modes_change_places(tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_modes_are_followed_by_shape_through_a_crossing(tmp_path: Path) -> None:
     pairing anew does not.
     """
     problem = _prepare_text(tmp_path, make_targets(tmp_path) + _write_parameters(TRUTH))
-    before = solve_truth(problem, TRUTH)
+    before = _solve_truth(problem, TRUTH)
     point = before
     for factor in np.geomspace(1.0, 4.0, 30)[1:]:
         point = evaluate(
@@ -109,7 +109,7 @@ def test_modes_are_followed_by_shape_through_a_crossing(tmp_path: Path) -> None:
             problem.coordinates(list({**TRUTH, "guide_lateral": factor * 55e6}.values())),
             point,
         )
-    anew = solve_truth(problem, {**TRUTH, "guide_lateral": 4.0 * 55e6})
+    anew = _solve_truth(problem, {**TRUTH, "guide_lateral": 4.0 * 55e6})
     assert point.pairings != anew.pairings
     assert sorted(point.pairings[1].modes) != list(point.pairings[1].modes)
     back = follow_modes(point.states[1], point.pairings[1], point.states[1])
@@ -128,7 +128,7 @@ modes = [
 ]
 """
     problem = _prepare_text(tmp_path, text + _write_parameters({"feet_z": 170e6}))
-    state = solve_truth(problem, {"feet_z": 170e6}).states[0]
+    state = _solve_truth(problem, {"feet_z": 170e6}).states[0]
     (outcome,) = fit_parameters(problem, "test").outcomes
     assert outcome.mac is not None
     assert outcome.mac > 0.8

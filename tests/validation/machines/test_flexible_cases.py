@@ -10,11 +10,11 @@ from headstock.validation.machines.flexible_cases import (
     CUTS,
     EVERY_DIRECTION,
     STEPS,
+    _find_joined_frequencies,
     _find_wrong_step,
     _join_parts,
     _SplitBody,
     check_flexible_smoke,
-    find_joined_frequencies,
 )
 
 
@@ -48,7 +48,7 @@ def test_parts_with_meshes_of_their_own_weigh_as_much_and_float() -> None:
     counts = [len(part.labels) for part in machine.layout.superelements.values()]
     assert len(set(counts)) > 1 and len(EVERY_DIRECTION) == 6
     assert np.count_nonzero(solve_modal(machine.system).frequencies_hz < 1.0) == 6
-    assert np.isinf(find_joined_frequencies(machine, 100)[-1])
+    assert np.isinf(_find_joined_frequencies(machine, 100)[-1])
 
 
 def test_a_step_against_the_form_is_found() -> None:

@@ -15,12 +15,12 @@ from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.validation.machines.machine_cases import (
     SCENE,
+    _answer_fresh_mesh,
     _answer_reduced,
+    _answer_same_mesh,
     _find_ripple,
     _reduce_parts,
     _relative_deviations,
-    answer_fresh_mesh,
-    answer_same_mesh,
 )
 from headstock.validation.machines.monolithic_machines import fix_carriages
 
@@ -44,7 +44,7 @@ def test_statics_are_those_of_the_same_mesh_at_any_place_and_frequencies_come_fr
     machine, mesh, parts = model
     found, expected = (
         _answer_reduced(machine, parts, 0.0871),
-        answer_same_mesh(machine, mesh, 0.0871),
+        _answer_same_mesh(machine, mesh, 0.0871),
     )
     errors = _relative_deviations(found, expected)
     assert errors[:3].max() < 1e-7
@@ -56,7 +56,7 @@ def test_statics_are_those_of_the_same_mesh_at_any_place_and_frequencies_come_fr
 def test_an_evenly_averaging_patch_imprinted_in_a_fresh_mesh_says_the_same(model: Model) -> None:
     machine, _, parts = model
     errors = _relative_deviations(
-        _answer_reduced(machine, parts, 0.0871), answer_fresh_mesh(machine, 0.0871)
+        _answer_reduced(machine, parts, 0.0871), _answer_fresh_mesh(machine, 0.0871)
     )
     assert errors.max() < 1e-2 and np.median(errors) < 2e-3
 

@@ -15,8 +15,8 @@ from headstock.validation.machines.model_choice_cases import (
     _ChosenScene,
     _evaluate,
     _load_drawn,
+    _measure_choice,
     _measure_reference,
-    measure_choice,
 )
 from headstock.validation.machines.model_estimate_cases import (
     CALIBRATION,
@@ -103,7 +103,7 @@ def test_a_machine_of_three_bodies_keeps_five_percent(
     monkeypatch.setattr(model_choice_cases, "HAND_MESHES", {})
     scene = _load_drawn(42, tmp_path)
     reference = _measure_reference(scene, 0.05)
-    found = measure_choice(42, 0.05, scene, reference)
+    found = _measure_choice(42, 0.05, scene, reference)
     assert found.asked == 0.05
     assert found.met and 0.005 < found.errors.max() < 0.05
     # what is simpler by hand is much further off

@@ -8,9 +8,9 @@ from headstock.geometry.parts.components import Material
 from headstock.validation.references.beam_theory import (
     EndConditions,
     PrismaticBeam,
+    _cowper_coefficient,
     _euler_bernoulli_roots,
     cantilever_shear_deflection,
-    cowper_coefficient,
     euler_bernoulli_frequencies,
     fixed_beam_shear_deflection,
     timoshenko_frequencies,
@@ -57,7 +57,7 @@ def test_supported_ends_give_the_roots_of_the_biquadratic() -> None:
     """A sine solves the equations between simple supports, which leaves a quadratic in the squared
     frequency.
     """
-    section, kappa = FV5.second_moment, cowper_coefficient(0.3)
+    section, kappa = FV5.second_moment, _cowper_coefficient(0.3)
     exact = []
     for number in (1, 2, 3):
         k = number * np.pi / FV5.length

@@ -13,8 +13,8 @@ from headstock.validation.refinement.paper_elements import (
     _brick_model,
     _brick_stiffness,
     _fixed_modes,
+    _solve_fixed,
     paper_points,
-    solve_fixed,
 )
 from headstock.validation.refinement.references import reference_beam
 from headstock.validation.refinement.statements import EvaluatedStatement, evaluate_statements
@@ -97,7 +97,7 @@ def test_one_row_of_bricks_is_exact_in_pure_bending_where_plain_ones_lock() -> N
     )
     loads = np.zeros((3 * len(model.points), 1))
     loads[3 * top + 2, 0] = model.points[top, 0] / (model.points[top, 0] ** 2).sum()
-    tip = solve_fixed(model, fixed, loads)[3 * top, 0].mean()
+    tip = _solve_fixed(model, fixed, loads)[3 * top, 0].mean()
     exact = sides[2] ** 2 / (2.0 * material.youngs_modulus * sides[1] * sides[0] ** 3 / 12.0)
     assert abs(tip) == approx(exact, rel=1e-9)
 
