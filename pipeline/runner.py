@@ -22,11 +22,11 @@ from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.accuracy.interface_errors import run_interfaces_stage
 from headstock.pipeline.accuracy.model_errors import (
     compare_models,
-    repeat_judgement,
+    repeat_comparison,
     run_models_stage,
 )
 from headstock.pipeline.accuracy.search import AccuracySearch, search_settings
-from headstock.pipeline.accuracy.search_records import remember_judged, write_sizes
+from headstock.pipeline.accuracy.search_records import remember_comparison, write_sizes
 from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.analyses import RECORDS, load_named
 from headstock.pipeline.planning.budgets import check_elapsed
@@ -172,17 +172,17 @@ def _add_model_errors(
     compared now with finite elements and kept for the next.
     """
     stage = Stage("models", None, "what the models chosen leave out of elastic bodies")
-    known, better = search.judged, search.better
+    known, bodies = search.comparison, search.bodies
     if known is not None:
-        runner.run_stage(state, stage, lambda state, stage: repeat_judgement(state, known))
-    elif better is not None:
-        parts = dataclasses.replace(better.parts, scene=state.scene)
-        whole = dataclasses.replace(better, parts=parts)
+        runner.run_stage(state, stage, lambda state, stage: repeat_comparison(state, known))
+    elif bodies is not None:
+        parts = dataclasses.replace(bodies.parts, scene=state.scene)
+        whole = dataclasses.replace(bodies, parts=parts)
 
         def compare(state: RunState, stage: Stage) -> Outcome:
             compared = compare_models(state, whole)
-            state.warn(remember_judged(scene, runner.store, compared))
-            return repeat_judgement(state, compared)
+            state.warn(remember_comparison(scene, runner.store, compared))
+            return repeat_comparison(state, compared)
 
         runner.run_stage(state, stage, compare)
 

@@ -29,7 +29,7 @@ from headstock.scene.building.loader import build_scene, load_scene, read_tables
 from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.reading.names import NAMES
 from headstock.scene.scene import Scene
-from headstock.validation.case_registry import select_cases
+from headstock.validation.case_registry import _select_cases
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [
@@ -270,7 +270,7 @@ def test_every_command_of_a_document_is_one_that_the_program_takes(page: str) ->
                 given = parse(rest)
                 faults += [f"{line}: {fault} does not exist" for fault in missing_names(given)]
                 if rest[0] == "validate":
-                    select_cases(given.get("cases") or [])
+                    _select_cases(given.get("cases") or [])
             except (click.ClickException, ValueError) as error:
                 faults.append(f"{line}: {error}")
     assert not faults, "\n".join(faults)

@@ -4,6 +4,7 @@ import dataclasses
 import difflib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from headstock.geometry.errors import HeadstockError
 from headstock.solvers.mpi import MPI
@@ -71,9 +72,9 @@ class Case:
     rows_of: str = ""
 
 
-def _on_root(compute: Callable[[], Rows]) -> CaseFunction:
+def _alone(name: str, group: str, compute: Callable[[], Rows], **options: Any) -> Case:
     """Return a case that rank 0 computes alone."""
-    return lambda comm: compute() if comm.rank == 0 else ()
+    return Case(name, group, lambda comm: compute() if comm.rank == 0 else (), **options)
 
 
 VERIFICATION = "tripteor_verification"
@@ -109,10 +110,10 @@ CASES: tuple[Case, ...] = (
     Case("average-truncation", "reduction", reduction_cases.check_mean_truncation),
     Case("rigid-body-content", "reduction", reduction_cases.check_rigid_body_content),
     Case("mesh-estimates", "estimates", accuracy_cases.check_mesh_estimates),
-    Case(
+    _alone(
         "mesh-estimates-response",
         "estimates",
-        _on_root(response_estimate_cases.check_mesh_response_estimates),
+        response_estimate_cases.check_mesh_response_estimates,
     ),
     Case(
         "beam-accuracy", "accuracy", accuracy_cases.check_beam_accuracy, rows_of="stated-accuracy"
@@ -124,104 +125,76 @@ CASES: tuple[Case, ...] = (
         on_request=True,
         rows_of="stated-accuracy",
     ),
-    Case(
+    _alone(
         "coverage",
         "estimates",
-        _on_root(cases.check_coverage),
+        cases.check_coverage,
         on_request=True,
         draw=cases.cover_new_parts,
         fresh=cases.FRESH,
     ),
-    Case("coverage-hex", "estimates", _on_root(cases.check_hex_coverage), on_request=True),
-    Case("coverage-adapted", "estimates", _on_root(cases.check_adapted_coverage), on_request=True),
-    Case("coverage-search", "estimates", _on_root(search_cases.check_search), on_request=True),
-    Case(
-        "coverage-search-fresh",
-        "estimates",
-        _on_root(search_cases.check_fresh_search),
-        on_request=True,
-    ),
-    Case(
-        "coverage-search-smoke",
-        "estimates",
-        _on_root(search_cases.check_search_smoke),
-        on_request=True,
-    ),
-    Case("probes", "estimates", _on_root(probe_cases.check_probes), on_request=True),
-    Case("probes-smoke", "estimates", _on_root(probe_cases.check_probes_smoke)),
-    Case("coverage-smoke", "estimates", _on_root(cases.check_coverage_smoke)),
-    Case(
+    _alone("coverage-hex", "estimates", cases.check_hex_coverage, on_request=True),
+    _alone("coverage-adapted", "estimates", cases.check_adapted_coverage, on_request=True),
+    _alone("coverage-search", "estimates", search_cases.check_search, on_request=True),
+    _alone("coverage-search-fresh", "estimates", search_cases.check_fresh_search, on_request=True),
+    _alone("coverage-search-smoke", "estimates", search_cases.check_search_smoke, on_request=True),
+    _alone("probes", "estimates", probe_cases.check_probe_coverage, on_request=True),
+    _alone("probes-smoke", "estimates", probe_cases.check_probe_smoke),
+    _alone("coverage-smoke", "estimates", cases.check_coverage_smoke),
+    _alone(
         "model-estimates",
         "estimates",
-        _on_root(model_estimate_cases.check_model_estimates),
+        model_estimate_cases.check_model_estimates,
         on_request=True,
         draw=model_estimate_cases.compare_new_machines,
         fresh=model_estimate_cases.FRESH,
     ),
-    Case(
-        "model-estimates-smoke",
-        "estimates",
-        _on_root(model_estimate_cases.check_model_estimates_smoke),
-    ),
-    Case("peaks", "estimates", _on_root(peak_cases.check_peaks), on_request=True),
-    Case("peaks-smoke", "estimates", _on_root(peak_cases.check_peaks_smoke)),
-    Case(
+    _alone("model-estimates-smoke", "estimates", model_estimate_cases.check_model_estimates_smoke),
+    _alone("peaks", "estimates", peak_cases.check_peaks, on_request=True),
+    _alone("peaks-smoke", "estimates", peak_cases.check_peaks_smoke),
+    _alone(
         "axes-estimates",
         "estimates",
-        _on_root(axes_estimate_cases.check_axes_estimates),
+        axes_estimate_cases.check_axes_estimates,
         on_request=True,
         draw=axes_estimate_cases.compare_new_axes,
         fresh=axes_estimate_cases.FRESH,
     ),
-    Case(
-        "axes-estimates-smoke",
-        "estimates",
-        _on_root(axes_estimate_cases.check_axes_smoke),
-        on_request=True,
+    _alone(
+        "axes-estimates-smoke", "estimates", axes_estimate_cases.check_axes_smoke, on_request=True
     ),
-    Case(
+    _alone(
         "contour-estimates",
         "estimates",
-        _on_root(axes_estimate_cases.check_contour_estimates),
+        axes_estimate_cases.check_contour_estimates,
         on_request=True,
         draw=axes_estimate_cases.compare_new_contours,
         fresh=axes_estimate_cases.FRESH_CONTOURS,
     ),
-    Case("contour-estimates-smoke", "estimates", _on_root(axes_estimate_cases.check_contour_smoke)),
-    Case(
-        "model-choice",
-        "estimates",
-        _on_root(model_choice_cases.check_model_choice),
-        on_request=True,
-    ),
-    Case(
-        "part-choice", "estimates", _on_root(model_choice_cases.check_part_choice), on_request=True
-    ),
-    Case("model-choice-smoke", "estimates", _on_root(model_choice_cases.check_model_choice_smoke)),
-    Case("reduction-estimates", "estimates", _on_root(estimate_cases.check_frequency_estimates)),
-    Case(
+    _alone("contour-estimates-smoke", "estimates", axes_estimate_cases.check_contour_smoke),
+    _alone("model-choice", "estimates", model_choice_cases.check_model_choice, on_request=True),
+    _alone("part-choice", "estimates", model_choice_cases.check_part_choice, on_request=True),
+    _alone("model-choice-smoke", "estimates", model_choice_cases.check_model_choice_smoke),
+    _alone("reduction-estimates", "estimates", estimate_cases.check_frequency_estimates),
+    _alone(
         "reduction-estimates-step",
         "estimates",
-        _on_root(estimate_cases.check_step_estimates),
+        estimate_cases.check_step_estimates,
         rows_of="reduction-estimates",
     ),
-    Case(
-        "response-estimates",
-        "estimates",
-        _on_root(response_estimate_cases.check_response_estimates),
-    ),
+    _alone("response-estimates", "estimates", response_estimate_cases.check_response_estimates),
     Case("known-stiffnesses", "identification", identification_cases.check_identification),
-    Case("rail-bases", "guideways", _on_root(rail_bases.check_rail_bases)),
-    Case(
+    _alone("rail-bases", "guideways", rail_bases.check_rail_bases),
+    _alone(
         "flexible-interfaces",
         "interfaces",
-        _on_root(flexible_cases.check_flexible_interfaces),
+        flexible_cases.check_flexible_interfaces,
         on_request=True,
     ),
-    Case("flexible-interfaces-smoke", "interfaces", _on_root(flexible_cases.check_flexible_smoke)),
-    Case("guideway", "guideways", _on_root(machine_cases.check_guideway)),
-    Case("path-test", "path", _on_root(path_cases.check_path_test)),
-    Case("path-cross-check", "path", _on_root(path_cases.check_path_methods)),
+    _alone("flexible-interfaces-smoke", "interfaces", flexible_cases.check_flexible_smoke),
+    _alone("guideway", "guideways", machine_cases.check_guideway),
+    _alone("path-test", "path", path_cases.check_path_test),
+    _alone("path-cross-check", "path", path_cases.check_path_methods),
     Case("rod-step", "time_response", response_cases.check_rod_step),
     Case("rod-peak", "time_response", response_cases.check_rod_peak, on_request=True),
     Case("nafems-5t", "time_response", response_cases.check_transient_beam),
@@ -271,7 +244,7 @@ def _case_names() -> list[str]:
     return [case.name for case in CASES]
 
 
-def group_names() -> list[str]:
+def _group_names() -> list[str]:
     """Return the names of all groups, in order."""
     return list(dict.fromkeys(case.group for case in CASES))
 
@@ -282,7 +255,7 @@ class UnknownCaseError(ValueError):
     """
 
 
-def select_cases(names: Sequence[str]) -> list[Case]:
+def _select_cases(names: Sequence[str]) -> list[Case]:
     """Return the cases that names of cases or groups stand for, each once, in registry order; all
     when no name is given.
 
@@ -291,13 +264,13 @@ def select_cases(names: Sequence[str]) -> list[Case]:
     Raises:
         UnknownCaseError: A name is neither a case nor a group.
     """
-    known = {*_case_names(), *group_names()}
+    known = {*_case_names(), *_group_names()}
     unknown = [name for name in names if name.lower() not in known]
     if unknown:
         hints = difflib.get_close_matches(unknown[0].lower(), sorted(known), n=1)
         hint = f" (did you mean {hints[0]!r}?)" if hints else ""
         raise UnknownCaseError(
-            f"unknown validation case {unknown[0]!r}{hint}; groups: {', '.join(group_names())}; cases: {', '.join(_case_names())}"
+            f"unknown validation case {unknown[0]!r}{hint}; groups: {', '.join(_group_names())}; cases: {', '.join(_case_names())}"
         )
     wanted = {name.lower() for name in names}
     return [
@@ -320,7 +293,7 @@ def _from_seed(case: Case, seed: int) -> CaseFunction:
             f"{case.name}: seeds below {case.fresh} were used before; write --seed {case.fresh} or more"
         )
     draw = case.draw
-    return _on_root(lambda: draw(seed))
+    return lambda comm: draw(seed) if comm.rank == 0 else ()
 
 
 def run_validation(
@@ -347,7 +320,7 @@ def run_validation(
         SeedError: A case draws nothing, or has used the seed.
     """
     rows: list[ValidationRow] = []
-    cases = select_cases(names)
+    cases = _select_cases(names)
     computations = [case.compute if seed is None else _from_seed(case, seed) for case in cases]
     for case, compute in zip(cases, computations, strict=True):
         try:

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -38,7 +39,8 @@ from headstock.solvers.pairing.response_peaks import (
     measure_levels,
 )
 
-FOLLOWED = (PoseModes, StaticAnswer, PoseResponse)  # answers with numbers that can be followed
+type Followed = PoseModes | StaticAnswer | PoseResponse  # answers with numbers that can be followed
+FOLLOWED = (PoseModes, StaticAnswer, PoseResponse)
 
 
 class MachineFamily:
@@ -96,7 +98,7 @@ class ComparedMachine:
 
 
 @dataclass(frozen=True, eq=False)
-class FollowedNumbers:
+class _FollowedNumbers:
     """Numbers of an answer in a changed machine, under the keys of the answer.
 
     Attributes:
@@ -134,7 +136,7 @@ def list_followed(answer: Answer) -> list[Number]:
 
 def follow_numbers(
     answer: Answer, base: ComparedMachine, changed: ComparedMachine, *, with_errors: bool = False
-) -> FollowedNumbers:
+) -> _FollowedNumbers:
     """Return the numbers of an answer of a machine in a changed one.
 
     Args:
@@ -155,7 +157,7 @@ def follow_numbers(
 
 def _follow_modes(
     answer: PoseModes, base: ComparedMachine, changed: ComparedMachine, *, with_errors: bool
-) -> FollowedNumbers:
+) -> _FollowedNumbers:
     pose, count = answer.pose.name, answer.below + len(answer.frequencies_hz)
     watched = changed.watch(pose, count)
     compared = compare_modes(base.watch(pose, count), watched, count=count)
@@ -172,7 +174,7 @@ def _follow_modes(
         known = with_errors and partner >= 0
         numbers.append(Number(key, value, "Hz", errors[partner] if known else None))
         partners[key] = partner
-    return FollowedNumbers(
+    return _FollowedNumbers(
         tuple(numbers),
         lambda key: watched.modes.shapes[:, [partners[key]]],
         compared.missing,
@@ -181,7 +183,7 @@ def _follow_modes(
 
 def _follow_compliances(
     answer: StaticAnswer, changed: ComparedMachine, *, with_errors: bool
-) -> FollowedNumbers:
+) -> _FollowedNumbers:
     model = changed.at(answer.pose)
     if with_errors:
         solved = solve_points(model, answer.points).answer
@@ -191,7 +193,7 @@ def _follow_compliances(
             for name in answer.points
         }
         solved = StaticAnswer(answer.pose, points)
-    return FollowedNumbers(
+    return _FollowedNumbers(
         tuple(number for number in solved.list_numbers() if number.key in answer.errors),
         lambda key: model.push((str(key["point"]), str(key["direction"])))[:, None],
     )
@@ -199,13 +201,13 @@ def _follow_compliances(
 
 def _follow_heights(
     answer: PoseResponse, base: ComparedMachine, changed: ComparedMachine, *, with_errors: bool
-) -> FollowedNumbers:
+) -> _FollowedNumbers:
     pose, count = answer.curves.pose, max((peak.mode for peak in answer.peaks), default=-1) + 1
     model = changed.at(pose)
     if not answer.heights:
-        return FollowedNumbers((), lambda key: np.zeros((len(model.system.mass), 0)))
+        return _FollowedNumbers((), lambda key: np.zeros((len(model.system.mass), 0)))
     watched = changed.watch(pose, count)
-    peaks, levels = follow_heights(answer, model, base.watch(pose, count), watched)
+    peaks, levels = _follow_heights(answer, model, base.watch(pose, count), watched)
     pairs: dict[Key, Height] = dict(
         zip(map(answer.key, answer.heights), (*peaks, *levels), strict=True)
     )
@@ -225,7 +227,7 @@ def _follow_heights(
             return watched.modes.shapes[:, [height.mode]]
         return model.push(answer.curves.outputs[height.output])[:, None]
 
-    return FollowedNumbers(
+    return _FollowedNumbers(
         tuple(
             dataclasses.replace(
                 number, value=pairs[number.key].height, error=errors.get(number.key)
@@ -236,7 +238,7 @@ def _follow_heights(
     )
 
 
-def follow_heights(
+def _follow_heights(
     answer: PoseResponse, model: CoupledPose, own: WatchedModes, other: WatchedModes
 ) -> tuple[list[ResponsePeak], list[ResponseLevel]]:
     """Return the peaks and levels of a response in another model of the machine, NaN in height where a
@@ -259,18 +261,25 @@ def follow_heights(
     return peaks, levels
 
 
-def list_damping_errors(
-    answer: PoseModes, found: Mapping[Key, Estimate], source: str
-) -> dict[Key, Estimate]:
-    """Return the part of ± of damped frequencies and damping ratios that changes of frequencies bring:
-    the one moves as far, of the other nothing is known.
+def put_errors[A: Answer](
+    answer: A,
+    errors: Mapping[Key, Estimate],
+    source: str,
+    how: Literal["add", "replace"],
+) -> A:
+    """Return an answer with the ± of its numbers, and the part of ± of damped frequencies and damping
+    ratios that changes of frequencies bring: the one moves as far, of the other nothing is known.
+
+    Args:
+        how: Added to the ± that numbers have, or in place of it.
     """
     added: dict[Key, Estimate] = {}
-    for index in range(answer.rigid_count, len(answer.frequencies_hz)):
-        own = found[answer.key(FREQUENCY, index)].shares.get(source)
-        damped, ratio = answer.key(DAMPED_FREQUENCY, index), answer.key(DAMPING_RATIO, index)
-        if damped in answer.errors:
-            added[damped] = Estimate({source: own})
-        if ratio in answer.errors and answer.errors[ratio].total:
-            added[ratio] = Estimate({source: None})
-    return added
+    if isinstance(answer, PoseModes):
+        for index in range(answer.rigid_count, len(answer.frequencies_hz)):
+            size = errors[answer.key(FREQUENCY, index)].shares.get(source)
+            damped, ratio = answer.key(DAMPED_FREQUENCY, index), answer.key(DAMPING_RATIO, index)
+            if damped in answer.errors:
+                added[damped] = Estimate({source: size})
+            if ratio in answer.errors and answer.errors[ratio].total:
+                added[ratio] = Estimate({source: None})
+    return answer.with_errors(added, "add").with_errors(errors, how)

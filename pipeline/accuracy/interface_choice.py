@@ -1,11 +1,11 @@
-"""Which interfaces of rigid joints between elastic bodies stay as they are for a stated accuracy, and
-which get how many deformation shapes, in which form.
+"""Interfaces of rigid joints between elastic bodies that stay as they are for a stated accuracy, and
+those that get how many deformation shapes, in which form.
 """
 
 import dataclasses
 import functools
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +16,7 @@ from headstock.pipeline.accuracy.interface_errors import (
     COMPARED_SHAPES,
     STRONG,
     WEAK,
-    ShapedMachines,
-    judge_interfaces,
+    estimate_interfaces,
     make_shaped_machines,
 )
 from headstock.pipeline.accuracy.rounds import replace_components
@@ -33,6 +32,7 @@ from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import Scene
 from headstock.solvers.linear.modal_analysis import keep_lowest
+from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 
 # tried one after the other; 24 is what `auto` means without an accuracy
@@ -69,6 +69,13 @@ class ShapeChoice:
     other: float | None = None
     unknown: str = ""
 
+    def measured_by(self, errors: InterfaceErrorsAnswer) -> "ShapeChoice":
+        """Return it with the number that its joint puts off most."""
+        number, share = errors.largest(self.joint.name)
+        reason = errors.left_out.get(self.joint.name, "")
+        words = "" if number is None else number.describe()
+        return dataclasses.replace(self, number=words, share=share, reason=reason)
+
     def __str__(self) -> str:
         if self.unknown:
             return f"six motions of each at {self.joint} as written: {self.unknown}"
@@ -86,11 +93,11 @@ class ShapeChoice:
 def choose_shapes(
     scene: Scene, start: Scene, accuracy: float, run_round: Callable[[Scene], RunState]
 ) -> list[ShapeChoice]:
-    """The fewest shapes of every joint that may choose, for which each takes at most its share of
+    """Choose the fewest shapes of every joint that may choose, for which each takes at most its share of
     the accuracy; collective.
 
     Joints that have none keep six motions where these are enough, by the half-space under their
-    areas or, where that is not sure, beside shapes. The gap between both forms hardly depends on
+    areas or, where that is not sure, compared with shapes. The gap between both forms hardly depends on
     the mesh, so it is found on that of the first round.
 
     Args:
@@ -98,8 +105,37 @@ def choose_shapes(
         accuracy: Largest relative error of any number.
         run_round: Runs a scene without writing anything.
     """
-    planned = plan_scene(start).components
     allowed = INTERFACE_SHARE * accuracy
+    chosen = _begin(scene, start, allowed, run_round)
+    forms = {name: _list_forms(scene, choice.joint) for name, choice in chosen.items()}
+    open_joints = [name for name, choice in chosen.items() if choice.shapes]
+    compared = [max(COMPARED_SHAPES[0], 2 * count) for count in TRIED_SHAPES]
+    last, spent = 0.0, 0.0  # of the trial before, and of all [s]
+    for step, count in enumerate(TRIED_SHAPES):
+        growth = compared[step] / compared[max(step - 1, 0)]
+        if not open_joints or spent + growth * last > TRIAL_SECONDS:
+            break
+        begun = time.process_time()
+        tried = {name: dataclasses.replace(chosen[name], shapes=count) for name in open_joints}
+        comm = _try_forms(start, chosen, tried, forms, run_round)
+        # processors of ranks differ, and all have to end alike
+        last = comm.bcast(time.process_time() - begun)
+        spent += last
+        open_joints = [
+            name for name in open_joints if not chosen[name].reason and chosen[name].share > allowed
+        ]
+    for name in open_joints:
+        chosen[name] = dataclasses.replace(chosen[name], reason=_explain_end(chosen[name].shapes))
+    return list(chosen.values())
+
+
+def _begin(
+    scene: Scene, start: Scene, allowed: float, run_round: Callable[[Scene], RunState]
+) -> dict[str, ShapeChoice]:
+    """Return joints that may choose with their first number of shapes, and those that keep six motions;
+    collective.
+    """
+    planned = plan_scene(start).components
     chosen: dict[str, ShapeChoice] = {}
     plain: list[GluedJoint] = []
     for joint in find_glued_joints(scene.machine, planned):
@@ -108,63 +144,52 @@ def choose_shapes(
             chosen[joint.name] = ShapeChoice(joint, TRIED_SHAPES[0])
         elif all(_may_deform(scene, end) for end in ends):
             plain.append(joint)
-    forms = {
-        joint.name: _list_forms(scene, joint)
-        for joint in [*plain, *(c.joint for c in chosen.values())]
-    }
     if plain:
-        kept = _judge_plain(plain, run_round(start), allowed)
-        for joint in plain:
-            own = kept[joint.name]
-            chosen[joint.name] = (
-                own if own.share <= allowed or own.unknown else ShapeChoice(joint, TRIED_SHAPES[0])
-            )
-    open_joints = [name for name, own in chosen.items() if own.shapes]
-    compared = [max(COMPARED_SHAPES[0], 2 * count) for count in TRIED_SHAPES]
-    last, spent = 0.0, 0.0  # of the trial before, and of all [s]
-    for step, count in enumerate(TRIED_SHAPES):
-        growth = compared[step] / compared[max(step - 1, 0)]
-        if not open_joints or spent + growth * last > TRIAL_SECONDS:
-            break
-        begun = time.process_time()
-        tried: dict[str, list[ShapeChoice]] = {name: [] for name in open_joints}
-        for place in range(max(len(forms[name]) for name in open_joints)):
-            for name in open_joints:
-                kind = forms[name][min(place, len(forms[name]) - 1)]
-                chosen[name] = dataclasses.replace(chosen[name], shapes=count, kind=kind)
-            state = run_round(give_chosen(start, chosen.values()))
-            found = _compare(state)
-            # processors of ranks differ, and all have to end alike
-            last = state.comm.bcast(time.process_time() - begun)
-            for name in open_joints:
-                number, share = found.largest(name)
-                reason = found.left_out.get(name, "")
-                tried[name].append(
-                    dataclasses.replace(
-                        chosen[name],
-                        number="" if number is None else number.describe(),
-                        share=share,
-                        reason=reason,
-                    )
-                )
-        spent += last
-        for name, choices in tried.items():
-            best = min(choices, key=lambda each: each.share)
-            other = [each.share for each in choices if each.kind != best.kind]
-            chosen[name] = dataclasses.replace(best, other=max(other, default=None))
-        open_joints = [
-            name for name in open_joints if not chosen[name].reason and chosen[name].share > allowed
-        ]
-    for name in open_joints:
-        own = chosen[name]
-        reason = f"it takes more than {show_share(INTERFACE_SHARE)} of the accuracy"
-        if own.shapes < TRIED_SHAPES[-1]:
-            reason += (
-                f" with {own.shapes} shapes, and trials of more would take longer than"
-                f" {TRIAL_SECONDS:g} s of processor time; write how many: flexible = {TRIED_SHAPES[-1]}"
-            )
-        chosen[name] = dataclasses.replace(own, reason=reason)
-    return list(chosen.values())
+        for name, kept in _evaluate_plain(plain, run_round(start), allowed).items():
+            enough = kept.share <= allowed or kept.unknown
+            chosen[name] = kept if enough else ShapeChoice(kept.joint, TRIED_SHAPES[0])
+    return chosen
+
+
+def _try_forms(
+    start: Scene,
+    chosen: dict[str, ShapeChoice],
+    tried: Mapping[str, ShapeChoice],
+    forms: Mapping[str, Sequence[CouplingKind | None]],
+    run_round: Callable[[Scene], RunState],
+) -> MPI.Comm:
+    """Run the machine with so many shapes at joints, once for every form, and choose the better form of
+    each; collective.
+
+    Args:
+        chosen: All joints; those that are tried are replaced.
+        tried: Joints with the shapes to try.
+    """
+    results: dict[str, list[ShapeChoice]] = {name: [] for name in tried}
+    for index in range(max(len(forms[name]) for name in tried)):
+        for name, choice in tried.items():
+            kind = forms[name][min(index, len(forms[name]) - 1)]
+            chosen[name] = dataclasses.replace(choice, kind=kind)
+        state = run_round(give_chosen(start, chosen.values()))
+        errors = _compare(state)
+        for name in tried:
+            results[name].append(chosen[name].measured_by(errors))
+    for name, choices in results.items():
+        best = min(choices, key=lambda choice: choice.share)
+        others = [choice.share for choice in choices if choice.kind != best.kind]
+        chosen[name] = dataclasses.replace(best, other=max(others, default=None))
+    return state.comm
+
+
+def _explain_end(shapes: int) -> str:
+    """Return why a joint ends above its share of the accuracy."""
+    reason = f"it takes more than {show_share(INTERFACE_SHARE)} of the accuracy"
+    if shapes < TRIED_SHAPES[-1]:
+        reason += (
+            f" with {shapes} shapes, and trials of more would take longer than"
+            f" {TRIAL_SECONDS:g} s of processor time; write how many: flexible = {TRIED_SHAPES[-1]}"
+        )
+    return reason
 
 
 def _may_deform(scene: Scene, end: Interface) -> bool:
@@ -182,78 +207,84 @@ def _list_forms(scene: Scene, joint: GluedJoint) -> list[CouplingKind | None]:
     return [STRONG, WEAK] if plain or all(end.open_kind for end in ends) else [None]
 
 
-def _judge_plain(
+def _evaluate_plain(
     joints: list[GluedJoint], state: RunState, allowed: float
 ) -> dict[str, ShapeChoice]:
-    """How far joints without shapes put a number off, by name; collective."""
+    """Estimate how far joints without shapes put a number off, by name; collective."""
     doubts = make_on_root(state.comm, functools.partial(_doubt, joints, state))
-    if all(own.share <= allowed for own in doubts.values()):
+    if all(choice.share <= allowed for choice in doubts.values()):
         return doubts
-    found = _compare(state)
-    judged: dict[str, ShapeChoice] = {}
-    for name, own in doubts.items():
-        if own.share <= allowed:
-            judged[name] = own
-        elif name in found.left_out:
-            judged[name] = ShapeChoice(own.joint, 0, unknown=found.left_out[name])
-        else:
-            number, share = found.largest(name)
-            words = "" if number is None else number.describe()
-            judged[name] = ShapeChoice(own.joint, 0, words, share)
-    return judged
+    errors = _compare(state)
+    for name, choice in doubts.items():
+        if choice.share <= allowed:
+            continue
+        reason = errors.left_out.get(name, "")
+        plain = ShapeChoice(choice.joint, 0, unknown=reason)
+        doubts[name] = plain if reason else plain.measured_by(errors)
+    return doubts
 
 
 def _doubt(joints: list[GluedJoint], state: RunState) -> dict[str, ShapeChoice]:
-    """The most that the kind of their interfaces may put a number off, on rank 0."""
+    """Return the most that the kind of their interfaces may put a number off, on rank 0."""
     shares: dict[str, dict[str, float]] = {}
-    several = len(state.plan.poses) > 1
     for answer in state.answers:
+        doubts: Iterable[tuple[str, str, float]] = ()
         if isinstance(answer, PoseModes):
-            model = couple_pose(state.parts, answer.pose)
-            modes = keep_lowest(model.all_modes, count=answer.below + len(answer.frequencies_hz))
-            place = f" in pose {answer.pose.name}" if several else ""
-            for end, doubts in doubt_frequencies(state.parts, model.coupled, modes).items():
-                for mode in range(max(modes.rigid_count, answer.below), len(doubts)):
-                    hz = float(modes.frequencies_hz[mode])
-                    number = f"frequency {mode + 1} ({hz:.4g} Hz){place}"
-                    shares.setdefault(number, {})[end] = float(doubts[mode]) / hz
+            doubts = _doubt_modes(state, answer)
         elif isinstance(answer, StaticAnswer):
-            model = couple_pose(state.parts, state.plan.poses[answer.pose])
-            place = f" in pose {answer.pose}" if several else ""
-            for name, point in answer.points.items():
-                values = np.diag(point.compliance)[: len(DIRECTIONS)]
-                known = [axis for axis in range(len(values)) if values[axis] > 0.0]
-                motions = [model.push((name, DIRECTIONS[axis])) for axis in known]
-                found = (
-                    doubt_compliances(state.parts, model.coupled, np.stack(motions, axis=1))
-                    if known
-                    else {}
-                )
-                for end, doubts in found.items():
-                    for axis, doubt in zip(known, doubts, strict=True):
-                        number = f"{DIRECTIONS[axis]} compliance at {name}{place}"
-                        shares.setdefault(number, {})[end] = float(doubt / values[axis])
-    judged = {}
+            doubts = _doubt_points(state, answer)
+        for number, end, share in doubts:
+            shares.setdefault(number, {})[end] = share
+    choices = {}
     for joint in joints:
         ends = [f"{component}.{name}" for component, name in joint.ends]
         sizes = {
-            number: DOUBT_MARGIN * sum(own.get(end, 0.0) for end in ends)
-            for number, own in shares.items()
+            number: DOUBT_MARGIN * sum(by_end.get(end, 0.0) for end in ends)
+            for number, by_end in shares.items()
         }
         worst = max(sizes, key=lambda number: sizes[number], default="")
-        judged[joint.name] = ShapeChoice(joint, 0, worst, sizes.get(worst, 0.0))
-    return judged
+        choices[joint.name] = ShapeChoice(joint, 0, worst, sizes.get(worst, 0.0))
+    return choices
+
+
+def _doubt_modes(state: RunState, answer: PoseModes) -> Iterator[tuple[str, str, float]]:
+    """Yield numbers in words, ends of joints, and by how much of the number the kind of the end may put
+    it off.
+    """
+    model = couple_pose(state.parts, answer.pose)
+    modes = keep_lowest(model.all_modes, count=answer.below + len(answer.frequencies_hz))
+    where = f" in pose {answer.pose.name}" if len(state.plan.poses) > 1 else ""
+    for end, doubts in doubt_frequencies(state.parts, model.coupled, modes).items():
+        for mode in range(max(modes.rigid_count, answer.below), len(doubts)):
+            hz = float(modes.frequencies_hz[mode])
+            yield f"frequency {mode + 1} ({hz:.4g} Hz){where}", end, float(doubts[mode]) / hz
+
+
+def _doubt_points(state: RunState, answer: StaticAnswer) -> Iterator[tuple[str, str, float]]:
+    """Yield the same of compliances."""
+    model = couple_pose(state.parts, state.plan.poses[answer.pose])
+    where = f" in pose {answer.pose}" if len(state.plan.poses) > 1 else ""
+    for name, point in answer.points.items():
+        values = np.diag(point.compliance)[: len(DIRECTIONS)]
+        resisted = [axis for axis in range(len(values)) if values[axis] > 0.0]
+        if not resisted:
+            continue
+        motions = np.stack([model.push((name, DIRECTIONS[axis])) for axis in resisted], axis=1)
+        for end, doubts in doubt_compliances(state.parts, model.coupled, motions).items():
+            for axis, doubt in zip(resisted, doubts, strict=True):
+                number = f"{DIRECTIONS[axis]} compliance at {name}{where}"
+                yield number, end, float(doubt / values[axis])
 
 
 def _compare(state: RunState) -> InterfaceErrorsAnswer:
-    """What the joints of a run leave out; collective."""
+    """Compare the joints of a run with better ones; collective."""
     shaped = make_shaped_machines(state)
-    return make_on_root(state.comm, functools.partial(_judge, state, shaped))
 
+    def evaluate() -> InterfaceErrorsAnswer:
+        (found,) = find_answers(estimate_interfaces(state, shaped).answers, InterfaceErrorsAnswer)
+        return found
 
-def _judge(state: RunState, shaped: ShapedMachines) -> InterfaceErrorsAnswer:
-    (found,) = find_answers(judge_interfaces(state, shaped).answers, InterfaceErrorsAnswer)
-    return found
+    return make_on_root(state.comm, evaluate)
 
 
 def give_chosen(scene: Scene, choices: Iterable[ShapeChoice]) -> Scene:

@@ -16,8 +16,8 @@ from headstock.pipeline.accuracy.followed import (
     FOLLOWED,
     MachineFamily,
     follow_numbers,
-    list_damping_errors,
     list_followed,
+    put_errors,
 )
 from headstock.pipeline.answers.accuracy import InterfaceErrorsAnswer, JointShapes
 from headstock.pipeline.answers.answer import Answer
@@ -67,7 +67,7 @@ WRONG = 0.01  # share of a number that is worth a warning
 
 
 @dataclass(frozen=True, eq=False)
-class ShapedMachines:
+class _ShapedMachines:
     """A machine whose rigid joints have deformation shapes, in both forms.
 
     Attributes:
@@ -88,10 +88,10 @@ def run_interfaces_stage(state: RunState, stage: Stage) -> Outcome:
     may be off.
     """
     shaped = make_shaped_machines(state)
-    return judge_interfaces(state, shaped) if state.is_root else Outcome()
+    return estimate_interfaces(state, shaped) if state.is_root else Outcome()
 
 
-def make_shaped_machines(state: RunState) -> ShapedMachines:
+def make_shaped_machines(state: RunState) -> _ShapedMachines:
     """Superelements with deformation shapes at rigid joints, in both forms; collective.
 
     Args:
@@ -117,7 +117,7 @@ def make_shaped_machines(state: RunState) -> ShapedMachines:
         failures |= {name: why for name, why in failed.items() if len(counts[name]) == 1}
         joints = [joint for joint in joints if joint.name not in failures]
         counts = {name: own[1:] if name in failed else own for name, own in counts.items()}
-    return ShapedMachines(forms, tuple(joints), failures)
+    return _ShapedMachines(forms, tuple(joints), failures)
 
 
 def _choose_counts(state: RunState, joint: GluedJoint) -> list[int]:
@@ -183,7 +183,7 @@ def _find_mismatches(parts: MachineParts, joints: list[GluedJoint]) -> dict[str,
 class _Family(MachineFamily):
     """The machine, and with shapes in both forms."""
 
-    def __init__(self, parts: MachineParts, shaped: ShapedMachines) -> None:
+    def __init__(self, parts: MachineParts, shaped: _ShapedMachines) -> None:
         super().__init__(parts)
         self.joints = shaped.joints
         self.forms = {kind: self.change(own) for kind, own in shaped.forms.items()}
@@ -198,7 +198,7 @@ class _Family(MachineFamily):
         return split_change(size, {name: float(energy.sum()) for name, energy in energies.items()})
 
 
-def judge_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
+def estimate_interfaces(state: RunState, shaped: _ShapedMachines) -> Outcome:
     """Put what shapes change into the ± of the frequencies, compliances and responses of a run; on
     rank 0.
     """
@@ -208,26 +208,19 @@ def judge_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
     lost: list[str] = []
     names: dict[Key, str] = {}
     several = len(state.plan.poses) > 1
-    for place, answer in enumerate(state.answers if shaped.joints else ()):
+    for index, answer in enumerate(state.answers if shaped.joints else ()):
         if not isinstance(answer, FOLLOWED):
             continue
         base = list_followed(answer)
         errors = _compare_forms(family, answer, base)
-        for number in base:
-            names[number.key] = number.describe(several_poses=several)
-            if errors[number.key].total is None:
-                lost += [names[number.key]] if isinstance(answer, PoseModes) else []
-            else:
-                shares[number.key] = {
-                    joint: part / number.value
-                    for joint, part in errors[number.key].parts[INTERFACE].items()
-                }
+        names |= {number.key: number.describe(several_poses=several) for number in base}
+        shares |= _relative_parts(base, errors)
         if isinstance(answer, PoseModes):
-            errors |= list_damping_errors(answer, errors, INTERFACE)
+            lost += [names[number.key] for number in base if number.key not in shares]
         if isinstance(answer, PoseResponse):
             answer, worst = _compare_lines(family, answer)
             lines |= worst
-        state.answers[place] = answer.with_errors(errors, "add")
+        state.answers[index] = put_errors(answer, errors, INTERFACE, "add")
     found = InterfaceErrorsAnswer(
         {joint.name: _describe(family, joint) for joint in shaped.joints},
         shares,
@@ -241,10 +234,34 @@ def judge_interfaces(state: RunState, shaped: ShapedMachines) -> Outcome:
         answers=(found,),
         warnings=(
             *_warn_of_joints(shaped.joints, found, names, several=several),
-            *_warn_of_lost(lost),
-            *_warn_of_failures(shaped),
+            *(
+                [
+                    f"{', '.join(lost)} has no mode of its shape where rigid joints have deformation"
+                    " shapes"
+                ]
+                if lost
+                else []
+            ),
+            *(
+                f"what joint {name} leaves out is not known: {reason}"
+                for name, reason in shaped.failures.items()
+            ),
         ),
     )
+
+
+def _relative_parts(
+    base: Sequence[Number], errors: Mapping[Key, Estimate]
+) -> dict[Key, dict[str, float]]:
+    """Return the part of each joint in the ± of numbers, over the number; none of what is lost."""
+    return {
+        number.key: {
+            joint: part / number.value
+            for joint, part in errors[number.key].parts[INTERFACE].items()
+        }
+        for number in base
+        if errors[number.key].total is not None
+    }
 
 
 def _compare_forms(family: _Family, answer: Answer, base: Sequence[Number]) -> dict[Key, Estimate]:
@@ -372,18 +389,3 @@ def _warn_of_joints(
             f" coupling = {{ flexible = {max(ADVISED_SHAPES, 2 * own)} }} for both"
         )
     return warnings
-
-
-def _warn_of_lost(lost: list[str]) -> list[str]:
-    if not lost:
-        return []
-    return [
-        f"{', '.join(lost)} has no mode of its shape where rigid joints have deformation shapes"
-    ]
-
-
-def _warn_of_failures(shaped: ShapedMachines) -> list[str]:
-    return [
-        f"what joint {name} leaves out is not known: {reason}"
-        for name, reason in shaped.failures.items()
-    ]

@@ -14,17 +14,18 @@ from headstock.geometry.parts.components import Component
 from headstock.pipeline.accuracy.followed import (
     FOLLOWED,
     ComparedMachine,
+    Followed,
     MachineFamily,
     follow_numbers,
-    list_damping_errors,
     list_followed,
+    put_errors,
 )
 from headstock.pipeline.accuracy.rounds import describe_settings, replace_components
-from headstock.pipeline.accuracy.search_records import Judged
+from headstock.pipeline.accuracy.search_records import ModelComparison
 from headstock.pipeline.accuracy.settings import (
     COARSE_ACCURACY,
     MODE_MARGIN,
-    are_equal,
+    group_equals,
     start_component,
 )
 from headstock.pipeline.answers.accuracy import BodyModel, ModelErrorsAnswer
@@ -55,7 +56,7 @@ MODE_STEP = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class BetterBodies:
+class RefinedBodies:
     """Coarse finite elements of bodies that are rigid or segmented in the machine.
 
     Attributes:
@@ -77,11 +78,11 @@ def run_models_stage(state: RunState, stage: Stage) -> Outcome:
     and reductions of the finite elements leave out.
     """
     names = [name for name, part in state.plan.components.items() if is_simple(part)]
-    better = _make_better_bodies(state, names)
-    return repeat_judgement(state, compare_models(state, better)) if state.is_root else Outcome()
+    refined = _make_refined_bodies(state, names)
+    return repeat_comparison(state, compare_models(state, refined)) if state.is_root else Outcome()
 
 
-def repeat_judgement(state: RunState, known: Judged) -> Outcome:
+def repeat_comparison(state: RunState, known: ModelComparison) -> Outcome:
     """Put what a comparison of the same scene has found in place of the numbers of a run; on rank
     0.
     """
@@ -92,88 +93,96 @@ def repeat_judgement(state: RunState, known: Judged) -> Outcome:
     return Outcome(detail=known.detail, answers=(known.changes,), warnings=known.warnings)
 
 
-def compare_models(state: RunState, better: BetterBodies) -> Judged:
-    """Return the numbers that a run found with the changes that better bodies make in their ±; on rank
+def compare_models(state: RunState, refined: RefinedBodies) -> ModelComparison:
+    """Return the numbers that a run found with the changes that refined bodies make in their ±; on rank
     0.
     """
-    family = MachineFamily(state.parts)
-    together = family.change(better.parts)
-    alone = {
-        name: family.change(_replace_body(state.parts, better, name)) for name in better.components
+    comparison = _Comparison(state, refined)
+    answers = [
+        comparison.revise(answer) for answer in state.answers if isinstance(answer, FOLLOWED)
+    ]
+    bodies = {
+        name: BodyModel(state.plan.components[name].fidelity, describe_settings(part))
+        for name, part in refined.components.items()
     }
-    several = len(state.plan.poses) > 1
-    changes: dict[Key, float | None] = {}
-    single: dict[str, dict[Key, float | None]] = {name: {} for name in alone}
-    missing: list[str] = []
-    answers: list[Answer] = []
-    for answer in state.answers:
-        if not isinstance(answer, FOLLOWED):
-            continue
-        base = list_followed(answer)
-        moved = follow_numbers(answer, family.base, together, with_errors=True)
+    missing, failures = comparison.missing, dict(refined.failures)
+    sizes = [abs(change) for change in comparison.changes.values() if change is not None]
+    return ModelComparison(
+        tuple(answers),
+        ModelErrorsAnswer(bodies, comparison.changes, comparison.single, tuple(missing), failures),
+        f"elastic bodies in place of {', '.join(refined.components)} change numbers by up to "
+        f"{show_share(max(sizes, default=0.0))}",
+        (
+            *(
+                f"the machine of rigid and segmented bodies lacks {words}, which elastic ones show"
+                for words in missing
+            ),
+            *(
+                f"what the model of {name} leaves out is not known: {why}"
+                for name, why in failures.items()
+            ),
+        ),
+    )
+
+
+class _Comparison:
+    """The machine of a run beside those with refined bodies, all of them and each alone.
+
+    Attributes:
+        changes: Key of each number to what all of them change of it; None where it has no partner.
+        single: Body to the same of it alone.
+        missing: Modes that the machine of the run lacks, in plain words.
+    """
+
+    def __init__(self, state: RunState, refined: RefinedBodies) -> None:
+        self._several = len(state.plan.poses) > 1
+        self._family = MachineFamily(state.parts)
+        self._together = self._family.change(refined.parts)
+        self._alone = {
+            name: self._family.change(_replace_body(state.parts, refined, name))
+            for name in refined.components
+        }
+        self.changes: dict[Key, float | None] = {}
+        self.single: dict[str, dict[Key, float | None]] = {name: {} for name in self._alone}
+        self.missing: list[str] = []
+
+    def revise(self, answer: Followed) -> Answer:
+        """Return an answer with what refined bodies change in its ±."""
+        base, family = list_followed(answer), self._family
+        moved = follow_numbers(answer, family.base, self._together, with_errors=True)
         if isinstance(answer, PoseModes) and moved.missing:
-            missing.append(_name_missing(together, answer, moved.missing, several=several))
+            words = _name_missing(self._together, answer, moved.missing, several=self._several)
+            self.missing.append(words)
         move = compare_numbers(base, moved.numbers)
         moves = {
             name: compare_numbers(base, follow_numbers(answer, family.base, machine).numbers)
-            for name, machine in alone.items()
+            for name, machine in self._alone.items()
         }
         for number in base:
-            changes[number.key] = _relative(move, number)
-            for name, own in moves.items():
-                single[name][number.key] = _relative(own, number)
+            self.changes[number.key] = _relative(move, number)
+            for name, single in moves.items():
+                self.single[name][number.key] = _relative(single, number)
         errors = _replace_errors(base, move, moves)
-        if isinstance(answer, PoseModes):
-            damping = list_damping_errors(answer, errors, MODEL)
-            answers.append(answer.with_errors(damping, "add").with_errors(errors, "replace"))
-        elif isinstance(answer, PoseResponse):
-            lines, largest = _compare_lines(together, answer)
-            changes[make_key("response_line", pose=answer.curves.pose)] = largest
-            answers.append(lines.with_errors(errors, "replace"))
-        else:
-            answers.append(answer.with_errors(errors, "replace"))
-    found = ModelErrorsAnswer(
-        {
-            name: BodyModel(state.plan.components[name].fidelity, describe_settings(part))
-            for name, part in better.components.items()
-        },
-        changes,
-        single,
-        tuple(missing),
-        dict(better.failures),
-    )
-    known = [abs(change) for change in changes.values() if change is not None]
-    warnings = [
-        f"the machine of rigid and segmented bodies lacks {words}, which elastic ones show"
-        for words in missing
-    ]
-    warnings += [
-        f"what the model of {name} leaves out is not known: {why}"
-        for name, why in better.failures.items()
-    ]
-    return Judged(
-        tuple(answers),
-        found,
-        f"elastic bodies in place of {', '.join(better.components)} change numbers by up to "
-        f"{show_share(max(known, default=0.0))}",
-        tuple(warnings),
-    )
+        if isinstance(answer, PoseResponse):
+            answer, largest = _compare_lines(self._together, answer)
+            self.changes[make_key("response_line", pose=answer.curves.pose)] = largest
+        return put_errors(answer, errors, MODEL, "replace")
 
 
-def _replace_body(parts: MachineParts, better: BetterBodies, name: str) -> MachineParts:
-    """Return the machine with one better body."""
-    components = {**parts.plan.components, name: better.components[name]}
+def _replace_body(parts: MachineParts, refined: RefinedBodies, name: str) -> MachineParts:
+    """Return the machine with one refined body."""
+    components = {**parts.plan.components, name: refined.components[name]}
     return MachineParts(
         parts.scene,
         dataclasses.replace(parts.plan, components=components),
-        {**parts.reduced, name: better.parts.reduced[name]},
+        {**parts.reduced, name: refined.parts.reduced[name]},
     )
 
 
 def _name_missing(
     machine: ComparedMachine, answer: PoseModes, missing: Sequence[int], *, several: bool
 ) -> str:
-    """Return modes of the machine with better bodies that the other lacks, in plain words."""
+    """Return modes of the machine with refined bodies that the other lacks, in plain words."""
     pose, count = answer.pose.name, answer.below + len(answer.frequencies_hz)
     modes = machine.watch(pose, count).modes
     names = machine.at(pose).name_modes(keep_lowest(modes, count=max(missing) + 1)).names
@@ -185,10 +194,10 @@ def _name_missing(
 def _replace_errors(
     base: Sequence[Number], move: Moved, singles: Mapping[str, Moved]
 ) -> dict[Key, Estimate]:
-    """Return the ± of numbers: what better bodies change, and the ± of the machine that has them.
+    """Return the ± of numbers: what refined bodies change, and the ± of the machine that has them.
 
     Args:
-        move: What all better bodies change.
+        move: What all refined bodies change.
         singles: Body to what it alone changes.
     """
 
@@ -207,7 +216,7 @@ def _relative(move: Moved, number: Number) -> float | None:
 def _compare_lines(
     machine: ComparedMachine, answer: PoseResponse
 ) -> tuple[PoseResponse, float | None]:
-    """Return a response with what better bodies change in the ± of its lines, and the largest such
+    """Return a response with what refined bodies change in the ± of its lines, and the largest such
     change over the largest entry of its line.
     """
     curves, model = answer.curves, machine.at(answer.curves.pose)
@@ -231,7 +240,7 @@ def _compare_lines(
     return found, float(np.nanmax(shares)) if np.isfinite(shares).any() else None
 
 
-def _make_better_bodies(state: RunState, names: Iterable[str]) -> BetterBodies:
+def _make_refined_bodies(state: RunState, names: Iterable[str]) -> RefinedBodies:
     """Superelements of coarse finite elements for some bodies of a run; collective. Equal bodies
     share one, and the store keeps them.
 
@@ -251,7 +260,7 @@ def _make_better_bodies(state: RunState, names: Iterable[str]) -> BetterBodies:
     failures: dict[str, str] = {}
     reduced: dict[str, ReducedComponent] = dict(state.reduced)
     components: dict[str, Component] = dict(state.plan.components)
-    for group in _group_equals(started):
+    for group in group_equals(started):
         scene = replace_components(
             state.scene,
             {**state.scene.machine.components, **{name: started[name] for name in group}},
@@ -274,18 +283,7 @@ def _make_better_bodies(state: RunState, names: Iterable[str]) -> BetterBodies:
         name: part for name, part in components.items() if name in started and name not in failures
     }
     plan = dataclasses.replace(state.plan, components=components)
-    return BetterBodies(MachineParts(state.scene, plan, reduced), made, failures)
-
-
-def _group_equals(parts: Mapping[str, Component]) -> list[list[str]]:
-    groups: list[list[str]] = []
-    for name, part in parts.items():
-        same = [group for group in groups if are_equal(parts[group[0]], part)]
-        if same:
-            same[0].append(name)
-        else:
-            groups.append([name])
-    return groups
+    return RefinedBodies(MachineParts(state.scene, plan, reduced), made, failures)
 
 
 def _modes_to(state: RunState) -> float | None:

@@ -7,16 +7,23 @@ still move.
 
 import dataclasses
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from headstock.pipeline.accuracy.followed import FOLLOWED, list_followed
+from headstock.pipeline.answers.accuracy import AccuracyRound
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.modal import FREQUENCY
 from headstock.pipeline.numbers.changes import Owner
-from headstock.pipeline.numbers.estimates import CURVED_FACES, DISCRETISATION, REDUCTION, Estimate
+from headstock.pipeline.numbers.estimates import (
+    CURVED_FACES,
+    DISCRETISATION,
+    REDUCTION,
+    Estimate,
+    show_share,
+)
 from headstock.pipeline.numbers.numbers import Key
 from headstock.pipeline.stages.run_state import RunState
 
@@ -67,8 +74,8 @@ class Quantity:
         return sum(self.parts.values())
 
     @property
-    def doubt(self) -> float:
-        """What of the error may have either sign."""
+    def two_sided(self) -> float:
+        """The part of the error that may have either sign."""
         if self.response:
             return self.error
         return self.faces + sum(
@@ -82,8 +89,40 @@ class Quantity:
         """Component and source with the largest part."""
         return max(self.parts, key=lambda key: self.parts[key])
 
+    def parts_by_meshes(self, names: Container[str]) -> dict[Owner, float]:
+        """Return its parts by the meshes of some components."""
+        return {
+            (name, source): part
+            for (name, source), part in self.parts.items()
+            if source == DISCRETISATION and name in names and part > 0.0
+        }
 
-def list_quantities(state: RunState) -> list[Quantity]:
+    def error_left(self, before: "Quantity", steps: Mapping[str, float]) -> float:
+        """Return the error that it has still to go after meshes were refined, over the number.
+
+        Args:
+            steps: Refined component to its new size over the old one.
+        """
+        moved = self.parts_by_meshes(steps)
+        total, change = sum(moved.values()), abs(self.value / before.value - 1.0)
+        return sum(
+            change
+            * part
+            / total
+            * _share_left(steps[owner[0]], before.parts.get(owner, 0.0) / part)
+            for owner, part in moved.items()
+        )
+
+    def report(self) -> AccuracyRound:
+        """Report a round in which it is furthest off."""
+        component, source = self.owner
+        share = show_share(self.parts[self.owner])
+        reason = f"{self.name} may be off by {show_share(self.error)}; {share} is the {source} of {component}"
+        error = self.error if math.isfinite(self.error) else None
+        return AccuracyRound(self.name, error, reason, self.owner)
+
+
+def gather_quantities(state: RunState) -> list[Quantity]:
     """Return every frequency, compliance, and peak and level of a frequency response that a run has
     found, with its error in parts as estimated; on rank 0, after its analyses.
     """
@@ -96,13 +135,13 @@ def list_quantities(state: RunState) -> list[Quantity]:
         if not isinstance(answer, FOLLOWED):
             continue
         response = isinstance(answer, PoseResponse)
-        places: dict[Key, float] = {}
+        heights_hz: dict[Key, float] = {}
         if isinstance(answer, PoseResponse):
-            places = {answer.key(height): height.hz for height in answer.heights}
+            heights_hz = {answer.key(height): height.hz for height in answer.heights}
         for number in list_followed(answer):
             error, key = number.error or Estimate(), number.key
             parts = _relative_parts(error, number.value) | _unseen_parts(state, error)
-            hz = number.value if key.kind == FREQUENCY else places.get(key)
+            hz = number.value if key.kind == FREQUENCY else heights_hz.get(key)
             if hz is not None and error.shares.get(REDUCTION, 0.0) is None:
                 parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
             found.append(
@@ -209,41 +248,55 @@ def weigh_estimates(
     Source: Roache (1994), J. Fluids Eng. 116, 405-413, on the grid convergence index.
     """
     earlier = {quantity.key: quantity for quantity in before}
-    ratios: dict[Key, tuple[Mapping[Owner, float], float]] = {}
+    # of each component: its part of a number, and what is left of all parts over what is estimated
+    ratios: dict[str, list[tuple[float, float]]] = {}
     for quantity in after:
-        moved = {
-            owner: part
-            for owner, part in quantity.parts.items()
-            if owner[1] == DISCRETISATION and owner[0] in steps and part > 0.0
-        }
+        moved = quantity.parts_by_meshes(steps)
         total = sum(moved.values())
-        if quantity.key not in earlier or not 0.0 < total < np.inf:
-            continue
-        past = earlier[quantity.key]
-        change = abs(quantity.value / past.value - 1.0)
-        left = sum(
-            change * part / total * _share_left(steps[owner[0]], past.parts.get(owner, 0.0) / part)
-            for owner, part in moved.items()
-        )
-        ratios[quantity.key] = moved, LEVEL_SAFETY * left / total
+        if quantity.key in earlier and 0.0 < total < np.inf:
+            ratio = LEVEL_SAFETY * quantity.error_left(earlier[quantity.key], steps) / total
+            for (name, _), part in moved.items():
+                ratios.setdefault(name, []).append((part, ratio))
     factors = dict(known)
-    for owner in {owner for moved, _ in ratios.values() for owner in moved}:
-        own = [(moved[owner], ratio) for moved, ratio in ratios.values() if owner in moved]
+    for name, own in ratios.items():
         decisive = DECISIVE * max(part for part, _ in own)
         largest = max(ratio for part, ratio in own if part >= decisive)
-        name = owner[0]
-        found = float(np.clip(largest, LEAST_FACTOR, np.inf if name in unseen else MOST_FACTOR))
-        factors[name] = min(found, known.get(name, found)) if steps[name] > CLOSE else found
+        factor = float(np.clip(largest, LEAST_FACTOR, np.inf if name in unseen else MOST_FACTOR))
+        factors[name] = min(factor, known.get(name, factor)) if steps[name] > CLOSE else factor
     return factors
 
 
-def _share_left(step: float, better: float) -> float:
+def choose_greedily[Worst, Option](
+    find_worst: Callable[[], tuple[float, Worst]],
+    aim: float,
+    *,
+    options: Callable[[Worst], Sequence[Option]],
+    gain: Callable[[Option, Worst], float],
+    take: Callable[[Option, Worst], None],
+) -> Worst:
+    """Take the option that gains most for what is furthest off, until that is within an aim or no
+    option is left; return what is furthest off then.
+
+    Args:
+        find_worst: By how much that which is furthest off is, with the options taken, and which.
+        options: What could be taken.
+        gain: Of an option, over its cost.
+    """
+    while True:
+        size, worst = find_worst()
+        choices = options(worst) if size > aim else ()
+        if not choices:
+            return worst
+        take(max(choices, key=lambda option: gain(option, worst)), worst)
+
+
+def _share_left(step: float, smaller: float) -> float:
     """What is left of an error, over what a refinement took of it.
 
     Args:
         step: New mesh size over the old one.
-        better: Estimate before over the estimate after.
+        smaller: Estimate before over the estimate after.
     """
-    observed = math.log(better) / math.log(1.0 / step) if 1.0 < better < np.inf else 0.0
+    observed = math.log(smaller) / math.log(1.0 / step) if 1.0 < smaller < np.inf else 0.0
     share = step ** min(max(LEVEL_RATE, observed), FASTEST_LEVEL_RATE)
     return float(share / (1.0 - share))

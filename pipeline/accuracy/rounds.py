@@ -13,8 +13,9 @@ from headstock.pipeline.accuracy.mesh_sizes import mean_size, refine_sizes
 from headstock.pipeline.accuracy.quantities import (
     Factors,
     Quantity,
+    choose_greedily,
     count_safely,
-    list_quantities,
+    gather_quantities,
     weigh_estimates,
     worst_quantity,
 )
@@ -22,18 +23,18 @@ from headstock.pipeline.accuracy.settings import (
     DEFAULT_RATE,
     LEAST_STEP,
     Trial,
-    are_equal,
     follows_errors,
     give_sizes,
     is_chosen,
     keep_details,
+    list_equals,
     refine_mesh,
     refine_modes,
     start_component,
 )
 from headstock.pipeline.answers.accuracy import AccuracyRound
 from headstock.pipeline.numbers.changes import Owner
-from headstock.pipeline.numbers.estimates import DISCRETISATION, LEFT_OUT, show_share
+from headstock.pipeline.numbers.estimates import DISCRETISATION, LEFT_OUT
 from headstock.pipeline.stages.components import load_or_make_mesh
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
@@ -51,7 +52,7 @@ LEAST_RATIO = 1e-3  # of an error, over all rounds to come
 
 
 @dataclass(frozen=True)
-class MeshScale:
+class _MeshScale:
     """How fine a mesh is.
 
     Attributes:
@@ -64,8 +65,8 @@ class MeshScale:
     mean: float
     graded: bool
 
-    def step_from(self, before: "MeshScale") -> float:
-        """Its size over that of a mesh before; their means where only one of them follows the error, as
+    def step_from(self, before: "_MeshScale") -> float:
+        """Return its size over that of a mesh before; their means where only one of them follows the error, as
         sizes then tell nothing of each other.
         """
         if self.graded == before.graded:
@@ -86,7 +87,7 @@ class History:
 
     trials: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)
     quantities: Sequence[Quantity] = ()
-    scales: Mapping[str, MeshScale] = field(default_factory=dict)
+    scales: Mapping[str, _MeshScale] = field(default_factory=dict)
     factors: Factors = field(default_factory=dict)
 
 
@@ -102,10 +103,10 @@ class Verdict:
     failure: str = ""
 
 
-def judge_round(
+def evaluate_round(
     scene: Scene, state: RunState, goal: AccuracyGoal, history: History
 ) -> tuple[Verdict, History]:
-    """Whether a round is good enough, and else what is refined; and what it adds to the history.
+    """Decide whether a round is good enough, and else what is refined; and what it adds to the history.
 
     Args:
         scene: Of the round, with the settings of its components.
@@ -113,101 +114,115 @@ def judge_round(
         history: What the rounds before have taught.
     """
     parts = scene.machine.components
-    estimated = list_quantities(state)
-    scales = {
-        name: scale
-        for name, part in parts.items()
-        if is_chosen(part) and (scale := _find_scale(part, state)) is not None
-    }
+    estimated = gather_quantities(state)
+    scales = _find_scales(parts, state)
+    factors = _learn_factors(parts, state, estimated, scales, history)
+    quantities = count_safely(estimated, factors)
+    worst = worst_quantity(quantities)
+    if worst is None:
+        nothing = AccuracyRound("every number", 0.0, "no component is meshed")
+        return Verdict(True, scene, nothing), history
+    reported = worst.report()
+    trials = _remember(history.trials, parts, scales, estimated, quantities)
+    learnt = History(trials, estimated, scales, factors)
+    if state.failures:
+        return Verdict(True, scene, reported), learnt
+    if worst.error <= goal.to:
+        # what an estimate sees part of shows in a second mesh
+        owners = {each.owner for each in quantities if each.parts}
+        once = [
+            name
+            for name in parts
+            if len(trials.get(name, ())) < 2 and (name, DISCRETISATION) in owners
+        ]
+        return _confirm(scene, _find_resolved_steps(state, parts, once), reported), learnt
+    spent = dict.fromkeys(parts, 0.0)
+    for stage in state.plan.stages:
+        if stage.component is not None:
+            spent[stage.component] += stage.estimated_seconds or 0.0
+    seconds = {name: LEAST_SECONDS + spent[name] for name in parts}
+    wanted = _wanted_ratios(quantities, goal.to, parts, seconds)
+    short = [quantity for quantity in quantities if quantity.error > goal.to]
+    return _refine(scene, state, goal.to, wanted, short, trials, reported), learnt
+
+
+def _learn_factors(
+    parts: Mapping[str, Component],
+    state: RunState,
+    estimated: Sequence[Quantity],
+    scales: Mapping[str, _MeshScale],
+    history: History,
+) -> dict[str, float]:
+    """Return by how much estimates are to be multiplied, from the steps of meshes since the last round."""
     steps = {
         name: step
         for name, scale in scales.items()
         if name in history.scales and (step := scale.step_from(history.scales[name])) < 1.0
     }
     # a mesh that hardly changed tells nothing
-    apart = [name for name, step in steps.items() if step <= LEAST_STEP]
-    unseen = _find_seen_steps(state, parts, apart)
-    factors = weigh_estimates(history.quantities, estimated, steps, history.factors, unseen)
-    quantities = count_safely(estimated, factors)
-    worst = worst_quantity(quantities)
-    if worst is None:
-        return Verdict(
-            True, scene, AccuracyRound("every number", 0.0, "no component is meshed")
-        ), history
-    component, source = worst.owner
-    reason = f"{worst.name} may be off by {show_share(worst.error)}; {show_share(worst.parts[worst.owner])} is the {source} of {component}"
-    found = AccuracyRound(
-        worst.name, worst.error if np.isfinite(worst.error) else None, reason, worst.owner
-    )
-    trials = _remember(history.trials, parts, scales, estimated, quantities)
-    learnt = History(trials, estimated, scales, factors)
-    if worst.error <= goal.to or state.failures:
-        # what an estimate sees part of is told by a second mesh
-        owners = [
-            name
-            for name in parts
-            if len(trials.get(name, ())) < 2
-            and any(each.parts and each.owner == (name, DISCRETISATION) for each in quantities)
-        ]
-        single = {} if state.failures else _find_seen_steps(state, parts, owners)
-        return _confirm(scene, single, found), learnt
-    seconds = {
-        name: LEAST_SECONDS
-        + sum(
-            stage.estimated_seconds or 0.0 for stage in state.plan.stages if stage.component == name
-        )
-        for name in parts
-    }
-    wanted = _wanted_ratios(quantities, goal.to, parts, seconds)
-    short = [quantity for quantity in quantities if quantity.error > goal.to]
-    return _refine(scene, state, goal.to, wanted, short, trials, found), learnt
+    changed = [name for name, step in steps.items() if step <= LEAST_STEP]
+    unseen = _find_resolved_steps(state, parts, changed)
+    return weigh_estimates(history.quantities, estimated, steps, history.factors, unseen)
 
 
-def _find_seen_steps(
+def _find_resolved_steps(
     state: RunState, parts: Mapping[str, Component], names: Iterable[str]
 ) -> dict[str, float]:
-    """Of the components whose mesh recovery sees part of the error of, the size over the present one with
-    which it sees all; on rank 0.
+    """Return, of the components whose mesh recovery sees part of the error of, the size over the present
+    one with which it sees all; on rank 0.
     """
-    found = {}
-    for name in names:
-        if is_chosen(parts[name]) and follows_errors(parts[name]):
-            step = find_resolved_step(load_or_make_mesh(state, state.plan.components[name])[0])
-            if step < 1.0:
-                found[name] = step
-    return found
+    steps = {
+        name: find_resolved_step(load_or_make_mesh(state, state.plan.components[name])[0])
+        for name in names
+        if is_chosen(parts[name]) and follows_errors(parts[name])
+    }
+    return {name: step for name, step in steps.items() if step < 1.0}
 
 
-def _confirm(scene: Scene, steps: Mapping[str, float], found: AccuracyRound) -> Verdict:
-    """The end of a search that is good enough by its estimates; or the next scene where some of them see
+def _confirm(scene: Scene, steps: Mapping[str, float], reported: AccuracyRound) -> Verdict:
+    """End a search that is good enough by its estimates; or return the next scene where some of them see
     part of the error, with finer meshes of these components, by the steps given.
     """
     parts = scene.machine.components
     finer = {
         other: refine_mesh(parts[other], ratio=step**DEFAULT_RATE, trials=())
         for name, step in steps.items()
-        for other in parts
-        if are_equal(parts[name], parts[other])
+        for other in list_equals(parts, name)
     }
     if not finer:
-        return Verdict(True, scene, found)
+        return Verdict(True, scene, reported)
     reason = f"single tetrahedra fill walls of {', '.join(steps)}: a finer mesh has to confirm it"
+    whole = dataclasses.replace(reported, reason=f"{reported.reason}; {reason}")
+    return _go_on(scene, {**parts, **finer}, whole, reason)
+
+
+def _go_on(
+    scene: Scene, finer: Mapping[str, Component], reported: AccuracyRound, reason: str
+) -> Verdict:
+    """Return the next scene, with what changes of its components and why."""
+    before = {name: describe_settings(part) for name, part in scene.machine.components.items()}
+    after = {name: describe_settings(part) for name, part in finer.items()}
     changes = {
-        name: f"{describe_settings(parts[name])} → {describe_settings(part)}: {reason}"
-        for name, part in finer.items()
+        name: f"{before[name]} → {words}: {reason}"
+        for name, words in after.items()
+        if words != before[name]
     }
-    told = dataclasses.replace(found, reason=f"{found.reason}; {reason}", changes=changes)
-    return Verdict(False, replace_components(scene, {**parts, **finer}), told)
+    return Verdict(
+        False, replace_components(scene, finer), dataclasses.replace(reported, changes=changes)
+    )
 
 
-def _find_scale(part: Component, state: RunState) -> MeshScale | None:
-    """What the steps of a mesh are told by; None of a part without one."""
-    if follows_errors(part):
-        mean = mean_size(state.reduced[part.name])
-        return MeshScale(mean, mean, graded=True)
-    if part.mesh.size is None:
-        return None
-    return MeshScale(part.mesh.size, mean_size(state.reduced[part.name]), graded=False)
+def _find_scales(parts: Mapping[str, Component], state: RunState) -> dict[str, _MeshScale]:
+    """Return what the steps of meshes are measured by, by component; none of a part without a mesh."""
+    scales = {}
+    for name, part in parts.items():
+        graded = follows_errors(part)
+        if is_chosen(part) and (graded or part.mesh.size is not None):
+            mean = mean_size(state.reduced[name])
+            scales[name] = _MeshScale(
+                mean if graded else part.mesh.size or 0.0, mean, graded=graded
+            )
+    return scales
 
 
 def _refine(
@@ -217,47 +232,38 @@ def _refine(
     wanted: Mapping[Owner, float],
     short: Sequence[Quantity],
     trials: Mapping[str, tuple[Trial, ...]],
-    found: AccuracyRound,
+    reported: AccuracyRound,
 ) -> Verdict:
-    """The next scene, in which the errors of some owners should be so many times what they are."""
+    """Return the next scene, in which the errors of some owners should be so many times what they are."""
     parts = scene.machine.components
     finer = dict(parts)
     sized: dict[str, SizeField] = {}
     for (name, kind), ratio in wanted.items():
-        if isinstance(parts[name].solid, MeshFile) and kind == DISCRETISATION:
-            return Verdict(True, scene, found, failure=f"the {kind} of {name} cannot be refined")
-        if parts[name].fidelity == "polynomial" and (kind == DISCRETISATION or ratio == 0.0):
+        part = finer[name]
+        meshed = kind == DISCRETISATION
+        if meshed and isinstance(part.solid, MeshFile):
+            return Verdict(True, scene, reported, f"the {kind} of {name} cannot be refined")
+        if parts[name].fidelity == "polynomial" and (meshed or ratio == 0.0):
             # more degrees would pay no longer
-            finer[name] = start_component(
-                dataclasses.replace(finer[name], fidelity="elastic"),
-                accuracy,
-                finer[name].reduction.modes_to_hz,
-            )
+            elastic = dataclasses.replace(part, fidelity="elastic")
+            finer[name] = start_component(elastic, accuracy, part.reduction.modes_to_hz)
         elif kind == LEFT_OUT:
-            finer[name] = keep_details(finer[name], ratio=ratio)
-        elif kind == DISCRETISATION and follows_errors(parts[name]):
+            finer[name] = keep_details(part, ratio=ratio)
+        elif meshed and follows_errors(parts[name]):
             if name not in sized:
-                group = [other for other in parts if are_equal(parts[name], parts[other])]
+                group = list_equals(parts, name)
                 sized |= dict.fromkeys(group, refine_sizes(state, group, short, ratio))
-            finer[name] = give_sizes(finer[name], sized[name])
-        elif kind == DISCRETISATION:
-            finer[name] = refine_mesh(finer[name], ratio=ratio, trials=trials.get(name, ()))
+            finer[name] = give_sizes(part, sized[name])
+        elif meshed:
+            finer[name] = refine_mesh(part, ratio=ratio, trials=trials.get(name, ()))
         else:
             cutoff, highest = state.reduced[name].superelement.cutoff_hz, _highest_found(state)
-            finer[name] = refine_modes(
-                finer[name], ratio=ratio, cutoff_hz=cutoff, highest_hz=highest
-            )
-    changes = {
-        name: f"{describe_settings(scene.machine.components[name])} → {describe_settings(part)}: {found.reason}"
-        for name, part in finer.items()
-        if describe_settings(part) != describe_settings(scene.machine.components[name])
-    }
-    if not changes and found.owner is not None:
-        component, source = found.owner
-        return Verdict(True, scene, found, f"the {source} of {component} cannot be refined")
-    return Verdict(
-        False, replace_components(scene, finer), dataclasses.replace(found, changes=changes)
-    )
+            finer[name] = refine_modes(part, ratio=ratio, cutoff_hz=cutoff, highest_hz=highest)
+    verdict = _go_on(scene, finer, reported, reported.reason)
+    if not verdict.round.changes and reported.owner is not None:
+        component, source = reported.owner
+        return Verdict(True, scene, reported, f"the {source} of {component} cannot be refined")
+    return verdict
 
 
 def _wanted_ratios(
@@ -266,7 +272,7 @@ def _wanted_ratios(
     parts: Mapping[str, Component],
     seconds: Mapping[str, float],
 ) -> dict[Owner, float]:
-    """By what factor the errors of owners must fall so that every number is likely to be right, at
+    """Return by what factor the errors of owners must fall so that every number is likely to be right, at
     the least cost: always the step that takes most of the worst number for its processor time.
 
     What a mesh cannot reach in one step it goes on to in the next round: the others are not refined
@@ -277,52 +283,64 @@ def _wanted_ratios(
         accuracy: Relative error allowed.
         seconds: What the stages of a component cost at its present settings.
     """
-    groups = {
-        (name, kind): tuple(
-            (other, kind)
-            for other in parts
-            if is_chosen(parts[other]) and are_equal(parts[name], parts[other])
-        )
-        for quantity in quantities
-        for name, kind in quantity.parts
-    }
+    groups = _group_owners(quantities, parts)
     short = [quantity for quantity in quantities if quantity.error > accuracy]
-    ratios = {
-        other: 0.0
-        for quantity in short
-        for owner, part in quantity.parts.items()
-        if np.isinf(part)
-        for other in groups[owner]
-    }
+    unbounded = [
+        owner for quantity in short for owner, part in quantity.parts.items() if np.isinf(part)
+    ]
+    ratios = {other: 0.0 for owner in unbounded for other in groups[owner]}
     bounded = [quantity for quantity in short if np.isfinite(quantity.error)]
-    furthest = max((quantity.error for quantity in bounded), default=accuracy)
+    if not bounded:
+        return ratios
+    furthest = max(quantity.error for quantity in bounded)
     aim = accuracy * float(np.clip((accuracy / furthest) ** FAR_POWER, LEAST_AIM, AIM))
-    while bounded:
-        left = {
-            quantity.key: {
-                owner: ratios.get(owner, 1.0) * part for owner, part in quantity.parts.items()
-            }
+
+    def worst_parts() -> tuple[float, dict[Owner, float]]:
+        left = [
+            {owner: ratios.get(owner, 1.0) * part for owner, part in quantity.parts.items()}
             for quantity in bounded
-        }
-        worst = max(left.values(), key=lambda parts: sum(parts.values()))
-        if sum(worst.values()) <= aim:
-            break
+        ]
+        worst = max(left, key=lambda parts: sum(parts.values()))
+        return sum(worst.values()), worst
 
-        def gain(owner: Owner, worst: Mapping[Owner, float] = worst) -> float:
-            taken = sum(worst.get(other, 0.0) for other in groups[owner])
-            return taken / _added_seconds(seconds[owner[0]], ratios.get(owner, 1.0))
+    def gain(owner: Owner, worst: Mapping[Owner, float]) -> float:
+        taken = sum(worst.get(other, 0.0) for other in groups[owner])
+        return taken / _added_seconds(seconds[owner[0]], ratios.get(owner, 1.0))
 
-        finer = [owner for owner in worst if groups[owner] and ratios.get(owner, 1.0) > LEAST_RATIO]
-        if not finer:
-            break
-        best = max(finer, key=gain)
-        for other in groups[best]:
+    def step(owner: Owner, worst: Mapping[Owner, float]) -> None:
+        for other in groups[owner]:
             ratios[other] = ERROR_STEP * ratios.get(other, 1.0)
+
+    choose_greedily(
+        worst_parts,
+        aim,
+        options=lambda worst: [
+            owner for owner in worst if groups[owner] and ratios.get(owner, 1.0) > LEAST_RATIO
+        ],
+        gain=gain,
+        take=step,
+    )
     return ratios
 
 
+def _group_owners(
+    quantities: Sequence[Quantity], parts: Mapping[str, Component]
+) -> dict[Owner, tuple[Owner, ...]]:
+    """Return the owners of errors that are refined together, by each of them."""
+    names = {name for quantity in quantities for name, _ in quantity.parts}
+    equals = {
+        name: [other for other in list_equals(parts, name) if is_chosen(parts[other])]
+        for name in names
+    }
+    return {
+        (name, kind): tuple((other, kind) for other in equals[name])
+        for quantity in quantities
+        for name, kind in quantity.parts
+    }
+
+
 def _added_seconds(seconds: float, ratio: float) -> float:
-    """What the next step costs: all of the component where it is the first, as nothing of the old
+    """Return what the next step costs: all of the component where it is the first, as nothing of the old
     one serves the finer one.
     """
     after = float(seconds * (ERROR_STEP * ratio) ** -COST_POWER)
@@ -332,14 +350,14 @@ def _added_seconds(seconds: float, ratio: float) -> float:
 def _remember(
     trials: Mapping[str, tuple[Trial, ...]],
     parts: Mapping[str, Component],
-    scales: Mapping[str, MeshScale],
+    scales: Mapping[str, _MeshScale],
     estimated: Sequence[Quantity],
     counted: Sequence[Quantity],
 ) -> dict[str, tuple[Trial, ...]]:
-    """The trials with those of this round."""
+    """Return the trials with those of this round."""
     longer = dict(trials)
-    for name, part in parts.items():
-        equals = [other for other in parts if are_equal(part, parts[other])]
+    for name in parts:
+        equals = list_equals(parts, name)
         largest, largest_counted = (
             max(
                 (
@@ -351,10 +369,9 @@ def _remember(
             )
             for quantities in (estimated, counted)
         )
-        known = trials.get(name, ())
-        scale = scales.get(name)
-        if scale is not None and largest > 0.0 and (not known or known[-1].size != scale.size):
-            longer[name] = (*known, Trial(scale.size, largest, largest_counted))
+        before, scale = trials.get(name, ()), scales.get(name)
+        if scale is not None and largest > 0.0 and (not before or before[-1].size != scale.size):
+            longer[name] = (*before, Trial(scale.size, largest, largest_counted))
     return longer
 
 

@@ -13,10 +13,10 @@ from typing import Protocol
 
 import numpy as np
 
-from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.components import Component, Fidelity
 from headstock.geometry.parts.solids import PointMass, SuperelementFile
 from headstock.pipeline.accuracy.interface_choice import ShapeChoice, choose_shapes, give_chosen
-from headstock.pipeline.accuracy.model_errors import BetterBodies
+from headstock.pipeline.accuracy.model_errors import RefinedBodies
 from headstock.pipeline.accuracy.models import ModelChoice, choose_models
 from headstock.pipeline.accuracy.quantities import (
     MESH_SAFETY,
@@ -26,14 +26,14 @@ from headstock.pipeline.accuracy.quantities import (
 from headstock.pipeline.accuracy.rounds import (
     History,
     describe_settings,
-    judge_round,
+    evaluate_round,
     replace_components,
 )
 from headstock.pipeline.accuracy.search_records import (
-    Judged,
+    ModelComparison,
     Remembered,
     list_values,
-    recall_judged,
+    recall_comparison,
     recall_search,
     remember_search,
 )
@@ -72,7 +72,7 @@ MOST_ROUNDS = 9
 FOUND = "settings that an earlier run of this scene found"
 
 
-class RunRound(Protocol):
+class _RunRound(Protocol):
     """Runs a scene's plan without writing anything."""
 
     def __call__(
@@ -103,25 +103,18 @@ class AccuracySearch:
         state: Of the last round, complete on rank 0.
         answer: Rounds, settings and errors.
         failure: Why the accuracy was not reached, in plain words; empty when it was.
-        better: Finite elements of the bodies that became rigid or segmented; None where none did.
+        bodies: Finite elements of the bodies that became rigid or segmented; None where none did.
         mesh_factors: Component to what its estimates of mesh errors were multiplied by.
-        judged: What an earlier run found by comparing with those; None where none did.
+        comparison: What an earlier run found by comparing with those; None where none did.
     """
 
     scene: Scene
     state: RunState
     answer: AccuracyAnswer
     failure: str = ""
-    better: BetterBodies | None = None
+    bodies: RefinedBodies | None = None
     mesh_factors: Mapping[str, float] = field(default_factory=dict)
-    judged: Judged | None = None
-
-
-def start_scene(scene: Scene) -> Scene:
-    """A scene with the settings that a search for its accuracy begins with, and the analyses that
-    errors are estimated of.
-    """
-    return _start_scene(scene, _goal(scene).to)
+    comparison: ModelComparison | None = None
 
 
 def _start_scene(scene: Scene, accuracy: float) -> Scene:
@@ -129,13 +122,19 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
     need it coarse, and never rough; rounds teach how fine it must be.
     """
     goal = _goal(scene).to
-    parts = scene.machine.components
+    parts = dict(scene.machine.components)
     if _goal(scene).models != "none":
         # what deforms by its volume says what cheaper models would leave out
-        parts = {
-            name: _make_deform(part, scene.analyses) if _is_ours(scene, name) else part
-            for name, part in parts.items()
-        }
+        modal, frf = scene.analyses.get(ModalRequest), scene.analyses.get(FrfRequest)
+        highest_hz = max(
+            0.0 if modal is None or modal.up_to_hz is None else modal.up_to_hz,
+            0.0 if frf is None else frf.to_hz,
+        )
+        for name, part in scene.machine.components.items():
+            if _is_ours(scene, name):
+                suits = suits_polynomials(part, highest_hz)
+                fidelity: Fidelity = "polynomial" if suits else "elastic"
+                parts[name] = dataclasses.replace(part, fidelity=fidelity)
     chosen = [part for part in parts.values() if is_chosen(part)]
     one = all(are_equal(chosen[0], part) for part in chosen)
     components = {
@@ -149,7 +148,7 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
         else part
         for name, part in parts.items()
     }
-    return replace_components(_without_judgements(scene), components)
+    return replace_components(_without_comparisons(scene), components)
 
 
 def _is_ours(scene: Scene, name: str) -> bool:
@@ -165,20 +164,6 @@ def _is_ours(scene: Scene, name: str) -> bool:
     if any(item.flexible for item in part.interfaces.values()):
         return False
     return _goal(scene).models == "all" or part.fidelity != "rigid"
-
-
-def _make_deform(part: Component, analyses: Analyses) -> Component:
-    suits = suits_polynomials(part, _highest_wanted(analyses))
-    return dataclasses.replace(part, fidelity="polynomial" if suits else "elastic")
-
-
-def _highest_wanted(analyses: Analyses) -> float:
-    """Highest frequency that is named [Hz]; 0 where they are counted."""
-    modal, frf = analyses.get(ModalRequest), analyses.get(FrfRequest)
-    return max(
-        0.0 if modal is None or modal.up_to_hz is None else modal.up_to_hz,
-        0.0 if frf is None else frf.to_hz,
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +186,7 @@ class _Refined:
 
 
 def search_settings(
-    scene: Scene, run_round: RunRound, note: Note, *, comm: MPI.Comm, store: Store
+    scene: Scene, run_round: _RunRound, note: Note, *, comm: MPI.Comm, store: Store
 ) -> AccuracySearch:
     """Refine until every requested number is right to the scene's accuracy, then take the cheapest
     models of bodies; collective.
@@ -218,8 +203,8 @@ def search_settings(
     if known is not None:
         if comm.rank == 0:
             note(Stage("refine", None, FOUND), known.answer.rounds[-1].reason, Cost())
-        judged = make_on_root(comm, lambda: recall_judged(scene, store))
-        return _repeat_search(scene, known, judged, run_round)
+        comparison = make_on_root(comm, lambda: recall_comparison(scene, store))
+        return _repeat_search(scene, known, comparison, run_round)
     shapes = choose_shapes(
         scene, _plan_start(scene)[0], _goal(scene).to, lambda one: run_round(one, plan_scene(one))
     )
@@ -231,10 +216,10 @@ def search_settings(
     most = MOST_ROUNDS if reachable else 1
     refined = _refine_in_rounds(give_chosen(scene, shapes), run_round, note, most)
     choice = _choose_bodies(scene, refined, note)
-    chosen, state, better = _run_chosen(refined, choice, run_round, note)
+    chosen, state, bodies = _run_chosen(refined, choice, run_round, note)
     answer = _conclude(scene, refined, choice, chosen, shapes)
     if state.is_root and answer.met and not state.failures:
-        references = {} if better is None else better.components
+        references = {} if bodies is None else bodies.components
         found = Remembered(chosen.machine.components, references, refined.mesh_factors, answer)
         state.warn(remember_search(scene, store, found))
     return AccuracySearch(
@@ -242,12 +227,12 @@ def search_settings(
         state,
         answer,
         _say_failure(answer),
-        better,
+        bodies,
         refined.mesh_factors,
     )
 
 
-def _refine_in_rounds(scene: Scene, run_round: RunRound, note: Note, most_rounds: int) -> _Refined:
+def _refine_in_rounds(scene: Scene, run_round: _RunRound, note: Note, most_rounds: int) -> _Refined:
     """Rounds of meshes and modes until every number is right, or none that is finer fits;
     collective.
     """
@@ -257,8 +242,8 @@ def _refine_in_rounds(scene: Scene, run_round: RunRound, note: Note, most_rounds
     state = run_round(current, plan)
     failure = ""
     while True:
-        judge = functools.partial(judge_round, current, state, goal, history)
-        verdict, history = make_on_root(state.comm, judge)
+        evaluate = functools.partial(evaluate_round, current, state, goal, history)
+        verdict, history = make_on_root(state.comm, evaluate)
         rounds.append(verdict.round)
         failure = verdict.failure
         if verdict.ends:
@@ -296,8 +281,8 @@ def _choose_bodies(scene: Scene, refined: _Refined, note: Note) -> ModelChoice |
 
 
 def _run_chosen(
-    refined: _Refined, choice: ModelChoice | None, run_round: RunRound, note: Note
-) -> tuple[Scene, RunState, BetterBodies | None]:
+    refined: _Refined, choice: ModelChoice | None, run_round: _RunRound, note: Note
+) -> tuple[Scene, RunState, RefinedBodies | None]:
     """The machine of the models chosen, with what rounds taught behind every ±; and the bodies that
     those models replace, None where there are none. Collective.
     """
@@ -306,14 +291,14 @@ def _run_chosen(
         if factors and not state.failures:
             state = run_round(current, plan_scene(current), state.reduced, mesh_factors=factors)
         return current, state, None
-    better = None
+    bodies = None
     if state.is_root:
         for name, change in _list_changed(refined, choice).items():
             note(Stage("models", name, _say_error(choice)), change, Cost())
         weighed = dataclasses.replace(state, reduced=dict(state.reduced))
         weighed.weigh_meshes(factors)
         parts = state.plan.components
-        better = BetterBodies(
+        bodies = RefinedBodies(
             weighed.parts,
             {
                 name: parts[name]
@@ -323,7 +308,7 @@ def _run_chosen(
             {},
         )
     current = replace_components(current, choice.components)
-    return current, run_round(current, plan_scene(current), mesh_factors=factors), better
+    return current, run_round(current, plan_scene(current), mesh_factors=factors), bodies
 
 
 def _list_changed(refined: _Refined, choice: ModelChoice) -> dict[str, str]:
@@ -362,11 +347,11 @@ def _conclude(
     failure = refined.failure or "; ".join(
         f"joint {own.joint.name}: {own.reason}" for own in shapes if own.reason
     )
-    responses = _judge_responses(refined.quantities, choice, _goal(scene).to)
+    responses = _evaluate_responses(refined.quantities, choice, _goal(scene).to)
     return AccuracyAnswer(_goal(scene).to, rounds, settings, values, failure, bodies, responses)
 
 
-def _judge_responses(
+def _evaluate_responses(
     quantities: Sequence[Quantity], choice: ModelChoice | None, accuracy: float
 ) -> ResponseAccuracy | None:
     """The peak or level of a frequency response that is furthest off with the models chosen."""
@@ -403,15 +388,15 @@ def _restore_requests(current: Scene, scene: Scene) -> Scene:
 
 
 def _repeat_search(
-    scene: Scene, known: Remembered, judged: Judged | None, run_round: RunRound
+    scene: Scene, known: Remembered, comparison: ModelComparison | None, run_round: _RunRound
 ) -> AccuracySearch:
     """The last round of a search that was made before; collective."""
-    start = _without_judgements(scene)
+    start = _without_comparisons(scene)
     current = replace_components(start, known.chosen)
     factors = known.mesh_factors
     state = run_round(current, plan_scene(current), mesh_factors=factors)
-    better = None
-    if known.references and judged is None:
+    bodies = None
+    if known.references and comparison is None:
         scene_before = replace_components(start, {**known.chosen, **known.references})
         plan = plan_scene(scene_before)
         other = dataclasses.replace(
@@ -420,18 +405,18 @@ def _repeat_search(
         make_superelements(other, only=list(known.references))
         other.weigh_meshes({name: factors[name] for name in known.references if name in factors})
         parts = {name: plan.components[name] for name in known.references}
-        better = BetterBodies(other.parts, parts, {})
+        bodies = RefinedBodies(other.parts, parts, {})
     return AccuracySearch(
         _restore_requests(current, scene),
         state,
         known.answer,
-        better=better,
+        bodies=bodies,
         mesh_factors=factors,
-        judged=judged,
+        comparison=comparison,
     )
 
 
-def _without_judgements(scene: Scene) -> Scene:
+def _without_comparisons(scene: Scene) -> Scene:
     """A scene with the analyses that errors are estimated of, and nothing else."""
     return dataclasses.replace(
         scene,
@@ -461,7 +446,7 @@ def _plan_start(scene: Scene) -> tuple[Scene, Plan]:
     Raises:
         BudgetError: Not even the coarsest settings fit the limits.
     """
-    current = start_scene(scene)
+    current = _start_scene(scene, _goal(scene).to)
     try:
         return current, plan_scene(current)
     except BudgetError:

@@ -4,14 +4,15 @@ alone, and as keys of the scene that give the same run again without a search.
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from headstock.geometry.parts.components import (
     Component,
-    Interface,
+    CouplingKind,
+    Fidelity,
     MeshSettings,
     ReductionSettings,
     SegmentSettings,
@@ -20,10 +21,7 @@ from headstock.meshing.size_files import SUFFIX, encode_sizes
 from headstock.pipeline.accuracy.followed import FOLLOWED
 from headstock.pipeline.answers.accuracy import (
     AccuracyAnswer,
-    AccuracyRound,
-    BodyChoice,
     ModelErrorsAnswer,
-    ResponseAccuracy,
 )
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.results.mode_files import file_stem
@@ -31,7 +29,6 @@ from headstock.pipeline.storage.content_keys import search_key
 from headstock.pipeline.storage.outputs import replace_outputs
 from headstock.pipeline.storage.store import Store, read_entry, write_entry
 from headstock.pipeline.storage.typed_json import (
-    Coded,
     decode_value,
     encode_value,
     reachable_classes,
@@ -40,8 +37,6 @@ from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.scene import Scene
 
 PIECE = 4096  # characters
-KEPT = ("fidelity", "mesh", "reduction", "segments")  # of a component
-SETTINGS = reachable_classes([MeshSettings, ReductionSettings, SegmentSettings])
 
 LENGTHS = ("size", "rim_size", "smallest", "leave_out", "details")  # of a mesh
 
@@ -50,23 +45,23 @@ SIZES_FOLDER = "sizes"
 
 
 @dataclass(frozen=True)
-class FoundSettings:
+class _StoredSearch:
     """An entry of the store: a text of JSON in pieces."""
 
     text: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class JudgedNumbers:
+class _StoredComparison:
     """An entry of the store: a text of JSON in pieces."""
 
     text: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class ModelComparison:
     """What a comparison with finite elements has found: the numbers with their ±, in the order of
-    the answers of a run, the changes, and what it said.
+    the answers of a run, the changes, and what it reported.
     """
 
     numbers: tuple[Answer, ...]
@@ -84,7 +79,7 @@ class Remembered:
         references: Bodies whose models were chosen, as the finite elements or polynomials that they
             were compared with.
         mesh_factors: Component to what its estimates of mesh errors were multiplied by.
-        answer: What is said of the search.
+        answer: What is reported of the search.
     """
 
     chosen: Mapping[str, Component]
@@ -93,91 +88,105 @@ class Remembered:
     answer: AccuracyAnswer
 
 
+@dataclass(frozen=True)
+class _Settings:
+    """What a search chooses of a component, with form and number of shapes of its interfaces."""
+
+    fidelity: Fidelity
+    mesh: MeshSettings
+    reduction: ReductionSettings
+    segments: SegmentSettings
+    shapes: Mapping[str, tuple[CouplingKind, int]]
+
+    @classmethod
+    def of(cls, component: Component) -> "_Settings":
+        """Take them from a component."""
+        shapes = {
+            name: (item.coupling, item.flexible) for name, item in component.interfaces.items()
+        }
+        kept = (component.fidelity, component.mesh, component.reduction, component.segments)
+        return cls(*kept, shapes)
+
+    def give(self, component: Component) -> Component:
+        """Give them to a component of a scene."""
+        interfaces = {}
+        for name, item in component.interfaces.items():
+            coupling, flexible = self.shapes[name]
+            interfaces[name] = dataclasses.replace(item, coupling=coupling, flexible=flexible)
+        return dataclasses.replace(
+            component,
+            fidelity=self.fidelity,
+            mesh=self.mesh,
+            reduction=self.reduction,
+            segments=self.segments,
+            interfaces=interfaces,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _SearchContent:
+    """A ``Remembered`` as it is stored."""
+
+    chosen: Mapping[str, _Settings]
+    references: Mapping[str, _Settings]
+    mesh_factors: Mapping[str, float]
+    answer: AccuracyAnswer
+
+
 def remember_search(scene: Scene, store: Store, found: Remembered) -> str | None:
     """Keep what was found for a scene; a warning where the store cannot be written."""
-    if not scene.raw:
-        # made by a program: nothing says what it depends on
-        return None
-    content = {
-        "chosen": {name: _keep(part) for name, part in found.chosen.items()},
-        "references": {name: _keep(part) for name, part in found.references.items()},
-        "mesh_factors": dict(found.mesh_factors),
-        "answer": dataclasses.asdict(found.answer),
-    }
-    return write_entry(store, search_key(scene), FoundSettings(_cut(json.dumps(content))))
+    chosen, references = (
+        {name: _Settings.of(part) for name, part in parts.items()}
+        for parts in (found.chosen, found.references)
+    )
+    content = _SearchContent(chosen, references, dict(found.mesh_factors), found.answer)
+    return _write(scene, store, _StoredSearch, content)
 
 
 def recall_search(scene: Scene, store: Store) -> Remembered | None:
-    """What was found for a scene; None where nothing was, or other files or code lay behind it."""
-    if not scene.raw:
+    """Return what was found for a scene; None where nothing was, or other files or code lay behind it."""
+    content = _read(scene, store, _StoredSearch, [_SearchContent])
+    if not isinstance(content, _SearchContent):
         return None
-    entry = read_entry(store, search_key(scene), FoundSettings).value
-    if entry is None:
-        return None
-    content = json.loads("".join(entry.text))
     parts = scene.machine.components
     chosen, references = (
-        {name: _restore(parts[name], kept) for name, kept in content[kind].items()}
-        for kind in ("chosen", "references")
+        {name: settings.give(parts[name]) for name, settings in kept.items()}
+        for kept in (content.chosen, content.references)
     )
-    factors = content["mesh_factors"]
-    return Remembered(chosen, references, factors, _restore_answer(content["answer"]))
+    return Remembered(chosen, references, content.mesh_factors, content.answer)
 
 
-def remember_judged(scene: Scene, store: Store, judged: Judged) -> str | None:
+def remember_comparison(scene: Scene, store: Store, comparison: ModelComparison) -> str | None:
     """Keep what a comparison found; a warning where the store cannot be written."""
-    if not scene.raw:
-        return None
-    text = json.dumps(encode_value(judged))
-    return write_entry(store, search_key(scene), JudgedNumbers(_cut(text)))
+    return _write(scene, store, _StoredComparison, comparison)
 
 
-def recall_judged(scene: Scene, store: Store) -> Judged | None:
-    """What a comparison found; None where there was none, or other files or code lay behind it."""
+def recall_comparison(scene: Scene, store: Store) -> ModelComparison | None:
+    """Return what a comparison found; None where there was none, or other files or code lay behind it."""
+    found = _read(scene, store, _StoredComparison, [ModelComparison, *FOLLOWED])
+    return found if isinstance(found, ModelComparison) else None
+
+
+type _Stored = _StoredSearch | _StoredComparison
+
+
+def _write(scene: Scene, store: Store, kind: type[_Stored], content: object) -> str | None:
     if not scene.raw:
+        # made by a program: nothing says what it depends on
         return None
-    entry = read_entry(store, search_key(scene), JudgedNumbers).value
+    text = json.dumps(encode_value(content))
+    pieces = tuple(text[at : at + PIECE] for at in range(0, len(text), PIECE))
+    return write_entry(store, search_key(scene), kind(pieces))
+
+
+def _read(
+    scene: Scene, store: Store, kind: type[_Stored], classes: Sequence[type[Any]]
+) -> object | None:
+    entry = read_entry(store, search_key(scene), kind).value if scene.raw else None
     if entry is None:
         return None
-    classes = reachable_classes([Judged, *FOLLOWED])
-    found = decode_value(json.loads("".join(entry.text)), classes)
-    return found if isinstance(found, Judged) else None
-
-
-def _cut(text: str) -> tuple[str, ...]:
-    return tuple(text[at : at + PIECE] for at in range(0, len(text), PIECE))
-
-
-def _keep(component: Component) -> Coded:
-    shapes = {name: (item.coupling, item.flexible) for name, item in component.interfaces.items()}
-    return encode_value({**{name: getattr(component, name) for name in KEPT}, "shapes": shapes})
-
-
-def _restore(component: Component, coded: Coded) -> Component:
-    kept = decode_value(coded, SETTINGS)
-    interfaces = {
-        name: dataclasses.replace(
-            item, coupling=kept["shapes"][name][0], flexible=kept["shapes"][name][1]
-        )
-        for name, item in component.interfaces.items()
-    }
-    return dataclasses.replace(
-        component,
-        interfaces=interfaces,
-        **{name: kept[name] for name in KEPT},
-    )
-
-
-def _restore_answer(content: Mapping[str, Any]) -> AccuracyAnswer:
-    rounds = tuple(
-        AccuracyRound(**{**one, "owner": one["owner"] and tuple(one["owner"])})
-        for one in content["rounds"]
-    )
-    models = {name: BodyChoice(**body) for name, body in content["models"].items()}
-    own = content["responses"]
-    responses = None if own is None else ResponseAccuracy(**own)
-    known = {"rounds": rounds, "models": models, "responses": responses}
-    return AccuracyAnswer(**{**content, **known})
+    value: object = decode_value(json.loads("".join(entry.text)), reachable_classes(classes))
+    return value
 
 
 def write_sizes(folder: Path, components: Mapping[str, Component]) -> list[str]:
@@ -214,7 +223,10 @@ def list_values(components: Mapping[str, Component]) -> TomlTable:
         if part.fidelity in ("elastic", "polynomial") and (kept := _reduction_values(part)):
             values[f"{key}.reduction"] = kept
         values |= {
-            f"{key}.interfaces.{own}.coupling": _coupling_value(item)
+            f"{key}.interfaces.{own}.coupling": {
+                "flexible": item.flexible,
+                "form": "strong" if item.coupling == "rigid" else "weak",
+            }
             for own, item in part.interfaces.items()
             if item.flexible
         }
@@ -249,8 +261,3 @@ def _mesh_values(name: str, mesh: MeshSettings) -> TomlTable:
         for key, value in changed.items()
     }
     return written if mesh.sizes is None else {**written, "sizes": f"{file_stem(name)}{SUFFIX}"}
-
-
-def _coupling_value(interface: Interface) -> TomlValue:
-    form = "strong" if interface.coupling == "rigid" else "weak"
-    return {"flexible": interface.flexible, "form": form}

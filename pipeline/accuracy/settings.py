@@ -4,6 +4,7 @@ ones.
 
 import dataclasses
 import math
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,7 +80,7 @@ LEAST_DETAIL_RATIO = 0.1  # of the error by features left out: where less is wan
 
 
 @dataclass(frozen=True)
-class Grading:
+class _Grading:
     """Elements across imprints, growth from rims, and size at the rims of rigid interfaces as a
     share of the size elsewhere.
     """
@@ -90,8 +91,8 @@ class Grading:
 
 
 # for coarse accuracies, for finer ones, and where rims make the error
-COARSE_GRADING, START_GRADING = Grading(6, 0.5, 0.3), Grading(8, 0.45, 0.27)
-FINE_GRADING = Grading(12, 0.35, 0.2)
+COARSE_GRADING, START_GRADING = _Grading(6, 0.5, 0.3), _Grading(8, 0.45, 0.27)
+FINE_GRADING = _Grading(12, 0.35, 0.2)
 
 
 @dataclass(frozen=True)
@@ -106,14 +107,14 @@ class Trial:
 
 
 def is_chosen(component: Component) -> bool:
-    """Whether mesh and modes of a component are ours to choose."""
+    """Tell whether mesh and modes of a component are ours to choose."""
     return component.fidelity in ("elastic", "polynomial") and not isinstance(
         component.solid, SuperelementFile
     )
 
 
 def suits_polynomials(component: Component, highest_hz: float) -> bool:
-    """Whether polynomials are a cheap stand-in for the finite elements of a component: tubes, whose
+    """Tell whether polynomials are a cheap stand-in for the finite elements of a component: tubes, whose
     curved walls take many, held at whole faces and far from ovalizing.
 
     Args:
@@ -156,7 +157,7 @@ def start_component(
 
 
 def mode_margin(component: Component, accuracy: float) -> float:
-    """How many times the highest frequency wanted the modes of a component must reach so that they
+    """Return how many times the highest frequency wanted the modes of a component must reach so that they
     take their share of the error; without interfaces they are those of the machine itself.
     """
     if not component.interfaces:
@@ -181,7 +182,7 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
     step = float(
         np.clip(
             ratio
-            ** (1.0 / observed_rate(trials, RIM_RATE if _is_rough(component) else DEFAULT_RATE)),
+            ** (1.0 / _observed_rate(trials, RIM_RATE if _is_rough(component) else DEFAULT_RATE)),
             LARGEST_STEP,
             LEAST_STEP,
         )
@@ -194,7 +195,7 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
         isinstance(component.solid, Box)
         and mesh.cells == "hex"
         and len(trials) > 1
-        and observed_rate(trials) < RIM_RATE
+        and _observed_rate(trials) < RIM_RATE
     ):
         # what is left lies at the rims, where all hexahedra would have to be small
         size = min(mesh.size, WIDE * thinnest_feature(component.solid))
@@ -224,7 +225,7 @@ def _resolve_rails(component: Component, mesh: MeshSettings) -> MeshSettings:
 
 
 def follows_errors(component: Component) -> bool:
-    """Whether the sizes of a mesh follow the errors of its cells from place to place."""
+    """Tell whether the sizes of a mesh follow the errors of its cells from place to place."""
     meshed = component.fidelity == "elastic" and not isinstance(component.solid, MeshFile)
     return meshed and component.mesh.cells == "tet"
 
@@ -303,7 +304,7 @@ def refine_modes(
     return dataclasses.replace(component, reduction=settings)
 
 
-def observed_rate(trials: tuple[Trial, ...], expected: float = DEFAULT_RATE) -> float:
+def _observed_rate(trials: tuple[Trial, ...], expected: float = DEFAULT_RATE) -> float:
     """Power of the mesh size with which the error of the last two trials fell; what is expected of
     the first one alone.
 
@@ -317,10 +318,10 @@ def observed_rate(trials: tuple[Trial, ...], expected: float = DEFAULT_RATE) -> 
     return max(estimated, min(counted, expected))
 
 
-def _rate(finer: float, better: float) -> float:
-    if finer <= 1.0 or better <= 1.0:
+def _rate(finer: float, smaller: float) -> float:
+    if finer <= 1.0 or smaller <= 1.0:
         return SLOWEST_RATE
-    return float(np.clip(math.log(better) / math.log(finer), SLOWEST_RATE, FASTEST_RATE))
+    return float(np.clip(math.log(smaller) / math.log(finer), SLOWEST_RATE, FASTEST_RATE))
 
 
 def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
@@ -426,14 +427,16 @@ def _not_single(size: float, thinnest: float) -> float:
     return START_SHARE * thinnest if thinnest <= size < thinnest / STOUT else size
 
 
-def grade_mesh(component: Component, size: float, grading: Grading) -> MeshSettings:
+def grade_mesh(component: Component, size: float, grading: _Grading) -> MeshSettings:
     """Tets of a size that grow from the rims of patches and of rigid interfaces.
 
     Args:
         size: Of the elements elsewhere [m].
         grading: How they grow.
     """
-    imprinted, rigid = np.isfinite(_narrowest_patch(component)), _has_rigid_rims(component)
+    imprinted = np.isfinite(_narrowest_patch(component))
+    # stresses grow without limit at the rim of an area that is fixed rigidly
+    rigid = any(end.coupling == "rigid" for end in component.interfaces.values())
     if not imprinted and not rigid:
         return MeshSettings(size)
     across = grading.across if imprinted else MeshSettings().across_patches
@@ -460,17 +463,38 @@ def _narrowest_patch(component: Component) -> float:
     return min((min(patch.size) for patch in patches if patch.shape != "whole"), default=math.inf)
 
 
-def _has_rigid_rims(component: Component) -> bool:
-    """Whether an area is fixed rigidly, so that stresses grow without limit at its rim."""
-    return any(interface.coupling == "rigid" for interface in component.interfaces.values())
-
-
 def _round(value: float) -> float:
     return float(f"{value:.3g}")
 
 
+def group_equals(parts: Mapping[str, Component], *, apart: Container[str] = ()) -> list[list[str]]:
+    """Group components that are equal, in their order.
+
+    Args:
+        apart: Components that are equal to none.
+    """
+    groups: list[list[str]] = []
+    for name, part in parts.items():
+        alike = (
+            group
+            for group in groups
+            if not (name in apart or group[0] in apart) and are_equal(parts[group[0]], part)
+        )
+        group = next(alike, None)
+        if group is None:
+            groups.append([name])
+        else:
+            group.append(name)
+    return groups
+
+
+def list_equals(parts: Mapping[str, Component], name: str) -> list[str]:
+    """List the components that are equal to one of them, itself among them."""
+    return [other for other, part in parts.items() if are_equal(parts[name], part)]
+
+
 def are_equal(first: Component, second: Component) -> bool:
-    """Whether two components are equal but for their name and place, so that the store serves one
+    """Tell whether two components are equal but for their name and place, so that the store serves one
     with the superelement of the other.
     """
     return all(

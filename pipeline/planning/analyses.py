@@ -25,7 +25,7 @@ from headstock.pipeline.planning.budgets import (
     lobes_seconds,
     path_memory_mb,
     path_seconds,
-    plan_tool_march,
+    plan_tool_steps,
     pose_seconds,
     transient_seconds,
 )
@@ -62,7 +62,7 @@ MODE_MARGIN = 3.0
 # frequency_response`, a column with two rigid faces, loss factor 4 %).
 FRF_MARGIN = 12.0
 EXACT_MARGIN = 1.5
-ALONG_WAYS = {
+EFFECTS_ALONG_PATHS = {
     "friction": "friction",
     "torque_ripple": "torque ripple",
     "guide_errors": "errors of guides and drives",
@@ -182,7 +182,7 @@ def _describe_acting(scene: Scene, request: PathRequest | ContouringRequest) -> 
     nothing where only ideal motors move the machine.
     """
     controlled = [f"{', '.join(scene.drives)} under control"] if scene.drives else []
-    acting = [text for effect, text in ALONG_WAYS.items() if effect in scene.effects]
+    acting = [text for effect, text in EFFECTS_ALONG_PATHS.items() if effect in scene.effects]
     return request.describe() + "".join(f", {text}" for text in (*controlled, *acting))
 
 
@@ -251,7 +251,7 @@ def _plan_path(machine: PlannedMachine, path: PathRequest, what: str) -> Stage:
         )
     else:
         bodies = len(scene.machine.components)
-        march = plan_tool_march(
+        steps = plan_tool_steps(
             path,
             dofs=DOFS_OF_A_BODY * bodies if scene.is_lumped else dofs,
             deforms=not scene.is_lumped and dofs > DOFS_OF_A_BODY * bodies,
@@ -259,7 +259,7 @@ def _plan_path(machine: PlannedMachine, path: PathRequest, what: str) -> Stage:
             up_to_hz=MODE_MARGIN * path.band_hz,
             repeats=repeats,
         )
-        seconds, memory = march.seconds, memory + march.memory_mb
+        seconds, memory = steps.seconds, memory + steps.memory_mb
     return Stage(
         "path",
         None,

@@ -151,10 +151,10 @@ CONTROL_POINT_DOFS = 4
 # estimates are refused only where they exceed the limit by more than their own error; the run
 # itself stops at the limit
 TIME_MARGIN = 2.0
-# of a stage that goes a way, beyond which a slip of a key is likelier than patience; limits.time says
+# of a path or contour, beyond which a slip of a key is likelier than patience; limits.time says
 # otherwise [s]
-MOST_WAY_SECONDS = 4.0 * 3600.0
-WAY_KEYS = {
+MOST_PATH_SECONDS = 4.0 * 3600.0
+PATH_KEYS = {
     "path": "write a lower sampling, higher feeds, a shorter residual_time or a higher lowpass in [analyses.path]",
     "contour": "write a slower spindle, fewer steps_per_turn or a faster feed in [analyses.contouring]",
 }
@@ -197,7 +197,7 @@ def path_seconds(
     Args:
         friction: Guides of drives under control have friction.
         cut_steps: Of the forces of a cut with friction; none elsewhere.
-        follows_pose: It goes through the poses of the way, too.
+        follows_pose: It goes through the poses along the path, too.
     """
     start = PATH_START + SECONDS_PER_PATH_DOF * dofs
     # what is to be compared in that pose is computed in it, too
@@ -212,20 +212,20 @@ def path_seconds(
 
 
 @dataclass(frozen=True)
-class ToolMarch:
-    """Steps in time of a path of a mechanism's tool: in a frozen pose, in those of the way, and in a
+class _ToolSteps:
+    """Steps in time of a path of a mechanism's tool: in a frozen pose, in those along the path, and in a
     frozen one with modes up to twice the frequency.
 
     Attributes:
-        follows_pose: It goes through the poses of the way, too.
-        judged: Modes are left out, which is judged.
+        follows_pose: It goes through the poses along the path, too.
+        truncated: Modes are left out, whose share in the error is estimated.
         controlled: Its legs are under control.
     """
 
     steps: float
     modes: float
     follows_pose: bool
-    judged: bool
+    truncated: bool
     controlled: bool
     repeats: int
 
@@ -233,7 +233,7 @@ class ToolMarch:
     def seconds(self) -> float:
         """Processor time [s]."""
         found = (1.0 + self.follows_pose) * self.steps * _tool_step_seconds(self.modes)
-        if self.follows_pose and self.judged:
+        if self.follows_pose and self.truncated:
             found += 2.0 * self.steps * _tool_step_seconds(2.0 * self.modes)
         if self.repeats:
             again = self.repeats + self.follows_pose + RICHER
@@ -243,13 +243,13 @@ class ToolMarch:
     @property
     def memory_mb(self) -> float:
         """Peak memory, beside that of a path of axes [MB]."""
-        times = 4.0 if self.follows_pose and self.judged else 1.0
+        times = 4.0 if self.follows_pose and self.truncated else 1.0
         times *= KEPT_FOR_REPEATS if self.repeats else 1.0
         states = TOOL_KB_PER_STEP_AND_MODE * (1.0 + self.controlled)
         return 1e-3 * times * states * self.steps * self.modes
 
 
-def plan_tool_march(
+def plan_tool_steps(
     request: PathRequest,
     *,
     dofs: int,
@@ -257,8 +257,8 @@ def plan_tool_march(
     controlled: bool,
     up_to_hz: float,
     repeats: int,
-) -> ToolMarch:
-    """How far a path of a mechanism's tool goes in time.
+) -> _ToolSteps:
+    """Return how far a path of a mechanism's tool goes in time.
 
     Args:
         deforms: Bodies deform, so that more modes are there than are kept.
@@ -270,11 +270,11 @@ def plan_tool_march(
         rate = max(rate, PATH_STEPS_PER_TURN * request.cut.cut.spindle / (2.0 * math.pi))
     seconds = sum(move.duration + request.residual_time for move in request.moves)
     modes = min(float(dofs), dofs * up_to_hz / HZ_PER_MODE_AND_DOF)
-    return ToolMarch(
+    return _ToolSteps(
         steps=rate * seconds,
         modes=modes,
         follows_pose=request.follows_pose,
-        judged=deforms,
+        truncated=deforms,
         controlled=controlled,
         repeats=repeats,
     )
@@ -511,16 +511,16 @@ def check_time(stages: Sequence[Stage], limit_s: float | None) -> None:
     if limit_s is None:
         for stage in stages:
             seconds = stage.estimated_seconds or 0.0
-            if stage.kind in WAY_KEYS and seconds > TIME_MARGIN * MOST_WAY_SECONDS:
+            if stage.kind in PATH_KEYS and seconds > TIME_MARGIN * MOST_PATH_SECONDS:
                 raise BudgetError(
-                    f"stage {stage.kind} would take about {seconds:.2g} s, {seconds / 3600.0:.2g} hours; {WAY_KEYS[stage.kind]}, or allow"
+                    f"stage {stage.kind} would take about {seconds:.2g} s, {seconds / 3600.0:.2g} hours; {PATH_KEYS[stage.kind]}, or allow"
                     f' it by limits = {{ time = "{1.2 * seconds / 3600.0:.2g} h" }}'
                 )
         return
     if total > TIME_MARGIN * limit_s:
         longest = max(stages, key=lambda stage: stage.estimated_seconds or 0.0)
         what: str = longest.kind
-        remedy = WAY_KEYS.get(longest.kind)
+        remedy = PATH_KEYS.get(longest.kind)
         if longest.component is not None:
             what += f" of component {longest.component!r} with about {longest.estimated_dofs or 0:.3g} dofs"
         raise BudgetError(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine
-from headstock.geometry.parts.components import Component, CouplingKind, Interface
+from headstock.geometry.parts.components import Component, CouplingKind
 from headstock.geometry.parts.patches import patch_outline
 from headstock.geometry.parts.solids import SuperelementFile
 
@@ -18,7 +18,7 @@ CURVED = ("outer", "inner")
 
 
 def has_choice(component: Component) -> bool:
-    """Whether the coupling of an interface of this component is a choice: it is meshed, and not all
+    """Tell whether the coupling of an interface of this component is a choice: it is meshed, and not all
     its interfaces are rails.
     """
     meshed = component.fidelity == "elastic" and not isinstance(component.solid, SuperelementFile)
@@ -66,17 +66,13 @@ def _glued_end(components: Mapping[str, Component], end: JointEnd) -> tuple[str,
     if component is None or end.interface is None or not has_choice(component):
         return None
     interface = component.interfaces.get(end.interface)
-    if interface is None or interface.rail is not None or not _is_one_face(interface):
+    if interface is None or interface.rail is not None or len(interface.patches) != 1:
         return None
-    return component.name, interface.name
-
-
-def _is_one_face(interface: Interface) -> bool:
-    return len(interface.patches) == 1 and interface.patches[0].face not in CURVED
+    return None if interface.patches[0].face in CURVED else (component.name, interface.name)
 
 
 def find_reach(component: Component, name: str, area: float) -> float:
-    """How far the area of an interface reaches from its middle [m]; of areas on faces without a
+    """Return how far the area of an interface reaches from its middle [m]; of areas on faces without a
     known outline the radius of a circle, which is the least it can be.
 
     Args:

@@ -12,7 +12,7 @@ from typing import assert_never
 import numpy as np
 
 from headstock.geometry.machine.machine import Pose
-from headstock.geometry.parts.components import Component, Fidelity
+from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.components.meshing import MeshEstimate, estimate_mesh
 from headstock.pipeline.planning.analyses import (
@@ -84,36 +84,8 @@ def plan_scene(
     if coarse:
         raise SceneError(coarse)
     gravity = np.array(scene.machine.gravity) if GRAVITY in scene.effects else None
-    components: dict[str, Component] = {}
-    stages: list[Stage] = []
-    surveys: dict[str, MeshEstimate] = {}
-    equals: dict[Hashable, str] = {}  # what is reduced to the first component that needs it
-    dofs = 0  # of the coupled machine
-    supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
-    for name, component in scene.machine.components.items():
-        settings, reason = choose_reduction(component, scene.analyses)
-        components[name] = dataclasses.replace(
-            component, reduction=settings, fidelity=_fidelity(component, scene)
-        )
-        elastic = components[name]
-        estimate = None
-        if elastic.fidelity == "elastic" and not isinstance(
-            elastic.solid, MeshFile | SuperelementFile
-        ):
-            before = None if before_survey is None else functools.partial(before_survey, name)
-            estimate = estimate_mesh(
-                elastic, supports, loads, survey=survey, known=surveys, before_survey=before
-            )
-        choice = None if estimate is None else _choose_solver(elastic, scene, estimate)
-        if choice is not None and choice.method == "iterative":
-            settings = dataclasses.replace(elastic.reduction, solver="iterative")
-            elastic = components[name] = dataclasses.replace(elastic, reduction=settings)
-        own = _component_stages(elastic, reason, scene, estimate, choice)
-        first = equals.setdefault(_reduction_key(elastic, scene), name)
-        stages += own if first == name else [_share_stage(stage, first) for stage in own]
-        dofs += reduced_dofs(elastic, None if estimate is None else estimate.volume)
-    poses = choose_poses(scene)
-    machine = PlannedMachine(scene, components, dofs)
+    machine, stages = _plan_components(scene, survey=survey, before_survey=before_survey)
+    components, poses = dict(machine.components), choose_poses(scene)
     for pose in poses.values():
         stages.append(_place_machine(machine, pose))
         stages += filter(None, (record.plan_pose(machine, pose) for record in RECORDS))
@@ -142,8 +114,40 @@ def plan_scene(
     )
 
 
+def _plan_components(
+    scene: Scene, *, survey: bool, before_survey: Callable[[str], None] | None
+) -> tuple[PlannedMachine, list[Stage]]:
+    """Return the components as they are reduced, and the stages that make them."""
+    components: dict[str, Component] = {}
+    stages: list[Stage] = []
+    surveys: dict[str, MeshEstimate] = {}
+    equals: dict[Hashable, str] = {}  # what is reduced to the first component that needs it
+    dofs = 0  # of the coupled machine
+    supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
+    for name, component in scene.machine.components.items():
+        settings, reason = choose_reduction(component, scene.analyses)
+        fidelity = "rigid" if scene.is_lumped else component.fidelity
+        part = dataclasses.replace(component, reduction=settings, fidelity=fidelity)
+        estimate = choice = None
+        if part.fidelity == "elastic" and not isinstance(part.solid, MeshFile | SuperelementFile):
+            before = None if before_survey is None else functools.partial(before_survey, name)
+            estimate = estimate_mesh(
+                part, supports, loads, survey=survey, known=surveys, before_survey=before
+            )
+            choice = _choose_solver(part, scene, estimate)
+            if choice.method == "iterative":
+                settings = dataclasses.replace(part.reduction, solver="iterative")
+                part = dataclasses.replace(part, reduction=settings)
+        components[name] = part
+        made = _component_stages(part, reason, scene, estimate, choice)
+        first = equals.setdefault(_reduction_key(part, scene), name)
+        stages += made if first == name else [_share_stage(stage, first) for stage in made]
+        dofs += reduced_dofs(part, None if estimate is None else estimate.volume)
+    return PlannedMachine(scene, components, dofs), stages
+
+
 def is_simple(component: Component) -> bool:
-    """Whether a body is rigid or segmented, so that finite elements would show more of it."""
+    """Tell whether a body is rigid or segmented, so that finite elements would show more of it."""
     return component.fidelity in ("rigid", "segmented") and not isinstance(
         component.solid, SuperelementFile | PointMass
     )
@@ -213,11 +217,6 @@ def choose_poses(scene: Scene) -> dict[str, Pose]:
         return requested
     first = next(iter(scene.poses))
     return {first: scene.poses[first]}
-
-
-def _fidelity(component: Component, scene: Scene) -> Fidelity:
-    """As the scene says; every body of a lumped mechanism is rigid."""
-    return "rigid" if scene.is_lumped else component.fidelity
 
 
 def _reduction_key(component: Component, scene: Scene) -> Hashable:

@@ -7,7 +7,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import rail_pieces
-from headstock.geometry.parts.components import Component, Interface
+from headstock.geometry.parts.components import Component, Interface, Patch
 from headstock.geometry.parts.solids import Box, Imported
 from headstock.meshing.components.meshing import element_size, has_plane_faces_only, patch_groups
 from headstock.meshing.elements.hex_grid import grid_lines
@@ -39,7 +39,7 @@ def find_coarse_rails(scene: Scene) -> tuple[list[Problem], list[str]]:
     components = {} if chosen or scene.is_lumped else scene.machine.components
     for name, component in components.items():
         for rail in component.interfaces.values():
-            found = _judge(scene, component, rail)
+            found = _describe_fault(scene, component, rail)
             if found is None:
                 continue
             sure, words = found
@@ -55,8 +55,8 @@ def find_coarse_rails(scene: Scene) -> tuple[list[Problem], list[str]]:
     return problems, warnings
 
 
-def _judge(scene: Scene, component: Component, rail: Interface) -> tuple[bool, str] | None:
-    """Whether a rail will be refused for sure, and why; None where it will not, or nobody knows."""
+def _describe_fault(scene: Scene, component: Component, rail: Interface) -> tuple[bool, str] | None:
+    """Return whether a rail will be refused for sure, and why; None where it will not, or nobody knows."""
     mesh = component.mesh
     if rail.rail is None or component.fidelity != "elastic" or mesh.sizes is not None:
         return None
@@ -67,30 +67,37 @@ def _judge(scene: Scene, component: Component, rail: Interface) -> tuple[bool, s
     words = describe_coarse_rail(rail, pieces, order=mesh.order)
     if longest_elements(pieces, count, mesh.order) is None:
         return True, words
-    if isinstance(component.solid, Imported) and mesh.size is None:
-        return None
 
     def fails(lines: Sequence[FloatArray]) -> bool:
         return line_condition(lines, count, mesh.order) >= CONDITION_LIMIT
 
     if mesh.cells == "hex" and isinstance(component.solid, Box):
         lines = _cut_lines(scene, component, component.solid, "xyz".index(rail.rail.along))
-        if lines is None or not fails([_within(lines, *span) for span in pieces]):
-            return None
-        return True, words
-    size = mesh.size if isinstance(component.solid, Imported) else element_size(component)
-    imprints = [patch for patch in rail.patches if patch.shape != "whole"]
-    for patch in imprints:
-        size = min(size or math.inf, min(patch.size) / mesh.across_patches)
+        coarse = lines is not None and fails([_within(lines, *span) for span in pieces])
+        return (True, words) if coarse else None
+    size = _size_along(component, rail)
     if size is None or not fails(_rows(pieces, size / PERHAPS_LONGER)):
         return None
-    alone = all(
-        patch.shape == "whole"
-        for interface in component.interfaces.values()
-        for patch in interface.patches
-    )
-    plain = alone and has_plane_faces_only(component)  # curved faces have smaller elements
+    # curved faces have smaller elements
+    plain = not _list_imprints(*component.interfaces.values()) and has_plane_faces_only(component)
     return plain and fails(_rows(pieces, size / SURELY_LONGER)), words
+
+
+def _list_imprints(*interfaces: Interface) -> list[Patch]:
+    return [
+        patch for interface in interfaces for patch in interface.patches if patch.shape != "whole"
+    ]
+
+
+def _size_along(component: Component, rail: Interface) -> float | None:
+    """Return the size of elements along a rail [m]; None where nobody knows it before meshing."""
+    mesh = component.mesh
+    size = mesh.size if isinstance(component.solid, Imported) else element_size(component)
+    if isinstance(component.solid, Imported) and size is None:
+        return None
+    for patch in _list_imprints(rail):
+        size = min(size or math.inf, min(patch.size) / mesh.across_patches)
+    return size
 
 
 def _rows(pieces: Spans, size: float) -> list[FloatArray]:

@@ -3,7 +3,7 @@ factored or iterated, and which kernels of finite elements a first run compiles 
 
 A static analysis needs constraint modes and no eigenpairs; fixed-interface modes are kept as far as
 the scene says, else up to ``MODE_MARGIN`` times the highest wanted frequency (``FRF_MARGIN`` times
-that of a frequency response), else ``default_mode_count`` of them.
+that of a frequency response), else ``_default_mode_count`` of them.
 """
 
 import dataclasses
@@ -41,7 +41,7 @@ KINDS: dict[tuple[str, int], CellKind] = {
 }
 
 
-def default_mode_count(wanted: int) -> int:
+def _default_mode_count(wanted: int) -> int:
     """Fixed-interface modes kept per component when so many machine frequencies are wanted and no
     frequency is named.
     """
@@ -49,7 +49,7 @@ def default_mode_count(wanted: int) -> int:
 
 
 def choose_reduction(component: Component, analyses: Analyses) -> tuple[ReductionSettings, str]:
-    """Which fixed-interface modes of a component are kept, and why."""
+    """Choose the fixed-interface modes of a component that are kept, and say why."""
     written, modal = component.reduction, analyses.get(ModalRequest)
     if not is_dynamic(analyses):
         return ReductionSettings(
@@ -70,7 +70,7 @@ def choose_reduction(component: Component, analyses: Analyses) -> tuple[Reductio
         text = f"fixed-interface modes up to {limit:g} Hz, {MOST_DEFAULT_MODES} at most"
         return settings, f"{what} up to {reach:g} Hz: {text}"
     wanted = (modal.count if modal is not None else None) or 0
-    count = default_mode_count(wanted)
+    count = _default_mode_count(wanted)
     return dataclasses.replace(
         written, modes=count
     ), f"modal analysis of {wanted} frequencies: {count} fixed-interface modes"
@@ -98,7 +98,7 @@ def add_compiling(plan: Plan, scene: Scene) -> Plan:
     stages: list[Stage] = []
     counted: set[str] = set()
     for stage in plan.stages:
-        missing = list_missing(stage, plan, scene)
+        missing = list_missing_kernels(stage, plan, scene)
         stages.append(add_kernels(stage, [name for name in missing if name not in counted]))
         counted.update(missing)
     return dataclasses.replace(plan, stages=tuple(stages))
@@ -119,7 +119,21 @@ def add_kernels(stage: Stage, missing: Sequence[str]) -> Stage:
     )
 
 
-def list_missing(stage: Stage, plan: Plan, scene: Scene) -> list[str]:
+def _list_kernel_parts(component: Component, plan: Plan, scene: Scene) -> list[KernelPart]:
+    loads = [load for load in scene.machine.loads.values() if load.component == component.name]
+    request = ReductionRequest(
+        modes=mode_target(component) if plan.with_modes else None,
+        gravity=plan.gravity is not None,
+    )
+    parts: list[KernelPart] = ["stiffness"]
+    if needs_mass(component, loads, request):
+        parts.append("mass")
+    if component.reduction.solver == "iterative":
+        parts.append("corners")
+    return parts
+
+
+def list_missing_kernels(stage: Stage, plan: Plan, scene: Scene) -> list[str]:
     """Names of the kernels that a stage works with and that are not in the cache.
 
     Where only the mesh will tell which cells it has, those that are in the cache are taken to be
@@ -131,16 +145,7 @@ def list_missing(stage: Stage, plan: Plan, scene: Scene) -> list[str]:
     if stage.kind != "reduce":
         return []
     component = plan.components[str(stage.component)]
-    loads = [load for load in scene.machine.loads.values() if load.component == component.name]
-    request = ReductionRequest(
-        modes=mode_target(component) if plan.with_modes else None,
-        gravity=plan.gravity is not None,
-    )
-    parts: list[KernelPart] = ["stiffness"]
-    if needs_mass(component, loads, request):
-        parts.append("mass")
-    if component.reduction.solver == "iterative":
-        parts.append("corners")
+    parts = _list_kernel_parts(component, plan, scene)
     solid, order = component.solid, component.mesh.order
     known = KINDS[component.mesh.cells, order]
     kinds = tuple(KINDS.values()) if isinstance(solid, MeshFile) else (known,)

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from headstock.pipeline.planning.budgets import BASE_MB, WAY_KEYS, BudgetError
+from headstock.pipeline.planning.budgets import BASE_MB, PATH_KEYS, BudgetError
 from headstock.pipeline.planning.plan import Stage
 
 OWN_GROUP, GROUPS = Path("/proc/self/cgroup"), Path("/sys/fs/cgroup")
@@ -83,7 +83,7 @@ def node_memory_bytes(
     return min(limit for limit in limits if limit > 0.0)
 
 
-def memory_on_node(stage: Stage, held: RanksOnNodes, *, split: bool) -> float:
+def _memory_on_node(stage: Stage, held: RanksOnNodes, *, split: bool) -> float:
     """Peak memory [MB] of all ranks on a node while a component is meshed or reduced.
 
     Args:
@@ -119,7 +119,7 @@ def check_memory(
     for stage in stages:
         # meshing is rank 0's
         split = stage.kind == "reduce" and (stage.estimated_dofs or 0) > split_dofs
-        need_mb = memory_on_node(stage, held, split=split)
+        need_mb = _memory_on_node(stage, held, split=split)
         if stage.estimated_memory_mb is not None and need_mb > limit_mb:
             whose = "this machine has" if limit_bytes is None else "limits.memory allows"
             where, remedy = "", "write a larger mesh size or keep fewer modes"
@@ -129,7 +129,7 @@ def check_memory(
             whole = "component"
             if stage.component is None:
                 what, whole = "", stage.kind
-                remedy = WAY_KEYS.get(stage.kind, "write a lower sampling")
+                remedy = PATH_KEYS.get(stage.kind, "write a lower sampling")
             if held.ranks > 1:
                 how = f"that share the {whole}" if split else f"of which one has the {whole}"
                 where = f" on a node with {held.together} of {held.ranks} ranks, {how}"
@@ -140,7 +140,7 @@ def check_memory(
 
 
 @dataclass
-class PeakMemory:
+class _PeakMemory:
     """Most resident memory of this process while a piece of work went on; None where nobody could
     look [MB].
     """
@@ -149,13 +149,13 @@ class PeakMemory:
 
 
 @contextlib.contextmanager
-def watch_memory() -> Iterator[PeakMemory]:
+def watch_memory() -> Iterator[_PeakMemory]:
     """Watch the body of a ``with`` statement; what earlier work left behind is given back to the
     system before.
 
     Child processes are not counted.
     """
-    peak = PeakMemory()
+    peak = _PeakMemory()
     _give_back()
     watcher = _start_watcher()
     try:

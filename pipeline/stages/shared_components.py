@@ -12,7 +12,7 @@ from pathlib import Path
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.reductions import add_kernels, list_missing
+from headstock.pipeline.planning.reductions import add_kernels, list_missing_kernels
 from headstock.pipeline.planning.resources import (
     RanksOnNodes,
     check_memory,
@@ -111,7 +111,7 @@ def make_superelements(
     ]
 
     def forecast(stage: Stage) -> None:
-        announce(add_kernels(stage, list_missing(stage, state.plan, state.scene)))
+        announce(add_kernels(stage, list_missing_kernels(stage, state.plan, state.scene)))
 
     done = _share_components([state], [stages], forecast) if state.comm.size > 1 else {}
     for stage in stages:

@@ -296,12 +296,12 @@ def attach_interfaces(
     spans = {
         name: [patch_span(bar, patch) for patch in item.patches] for name, item in fixed.items()
     }
-    firm = [name for name, item in fixed.items() if _is_firm(item, spans[name])]
-    rigid_spans = [span for name in firm for span in spans[name]]
+    firm = {name: spans[name] for name, item in fixed.items() if _is_firm(item, spans[name])}
+    rigid_spans = list(itertools.chain(*firm.values()))
     chain = _lay_out_chain(bar, component.material, component.segments.count, rigid_spans)
-    nodes, names, ties = _hang_firmly(chain, {name: spans[name] for name in firm})
+    nodes, names, ties = _hang_firmly(chain, firm)
     means = [name for name in fixed if name not in nodes]
-    nodes |= {name: len(chain.places) + number for number, name in enumerate(means)}
+    nodes |= zip(means, itertools.count(len(chain.places)), strict=False)
     origins = {name: Frame(properties.patch_centroids[name]) for name in fixed}
     rows = [_tie_rows(chain, segment=segment, node=node) for segment, node in ties]
     rows += [_mean_rows(chain, solid, fixed[name], origins[name]) for name in means]

@@ -5,6 +5,7 @@ to miss, so that errors are what is left of the estimate, or refined, without on
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -18,6 +19,14 @@ from headstock.reduction.superelement import ProbeRows, Recovery, StaticLoad, Su
 
 ROUNDING = 1e-13  # of the largest direction, below which a dof moves nothing but the whole body
 
+# of the errors of a superelement, by its dofs
+MATRICES = (
+    "missing_energy",
+    "shape_stiffness",
+    "shape_mass",
+    "left_out_stiffness",
+    "left_out_mass",
+)
 LEAST_MODE = 1e-8  # of the largest share in the mass that modes left out take, one of them has
 
 
@@ -40,12 +49,12 @@ def correct_mesh(element: Superelement) -> Superelement:
         return element
     share, left = errors.mesh_truth
     return dataclasses.replace(
-        soften_element(element, share),
+        _soften_element(element, share),
         errors=dataclasses.replace(errors, mesh_safety=left, corrected=True),
     )
 
 
-def soften_element(element: Superelement, share: float) -> Superelement:
+def _soften_element(element: Superelement, share: float) -> Superelement:
     """Return the superelement with a share of the energy that its mesh misses taken out of its
     stiffness; itself where nothing is known of that.
 
@@ -102,14 +111,14 @@ def _add_missing(values: FloatArray, missing: FloatArray | None, share: float) -
     return values if missing is None else values + share * missing
 
 
-def with_finer_mesh(element: Superelement) -> Superelement:
+def _with_finer_mesh(element: Superelement) -> Superelement:
     """Return a superelement as soft as the ± of its mesh leaves possible; itself where nothing is
     known of that.
     """
-    return soften_element(element, element.errors.mesh_safety)
+    return _soften_element(element, element.errors.mesh_safety)
 
 
-def with_true_faces(element: Superelement) -> Superelement:
+def _with_true_faces(element: Superelement) -> Superelement:
     """Return a superelement with the curved faces and small features of the part; itself where its
     mesh cuts none short or nothing is known of that.
     """
@@ -127,7 +136,7 @@ def with_true_faces(element: Superelement) -> Superelement:
     return element
 
 
-def with_modes_left_out(element: Superelement) -> Superelement:
+def _with_modes_left_out(element: Superelement) -> Superelement:
     """Return a superelement with modal dofs for the fixed-interface modes that it leaves out, all
     at the lowest of them: the most that they can do at any frequency below it. Itself where it
     leaves out none.
@@ -149,6 +158,9 @@ def with_modes_left_out(element: Superelement) -> Superelement:
     mass[:boundary, dof_count:] = participations
     mass[dof_count:, :boundary] = participations.T
     errors = element.errors
+    widened: dict[str, Any] = {
+        name: _widen(getattr(errors, name), count, 0, 1) for name in MATRICES
+    }
     hz = np.sqrt(truncation.limit) / (2.0 * np.pi)
     return dataclasses.replace(
         element,
@@ -187,15 +199,7 @@ def with_modes_left_out(element: Superelement) -> Superelement:
             )
             for name, probe in element.probes.items()
         },
-        errors=dataclasses.replace(
-            errors,
-            truncation=None,
-            missing_energy=_widen(errors.missing_energy, count, 0, 1),
-            shape_stiffness=_widen(errors.shape_stiffness, count, 0, 1),
-            shape_mass=_widen(errors.shape_mass, count, 0, 1),
-            left_out_stiffness=_widen(errors.left_out_stiffness, count, 0, 1),
-            left_out_mass=_widen(errors.left_out_mass, count, 0, 1),
-        ),
+        errors=dataclasses.replace(errors, truncation=None, **widened),
     )
 
 
@@ -229,12 +233,12 @@ def _is_curved(part: Component) -> bool:
     return part.fidelity == "elastic" and not isinstance(part.solid, Box)
 
 
-FINER_MESH = Refinement(with_finer_mesh, _is_discrete, apart=True)
-TRUE_FACES = Refinement(with_true_faces, _is_curved)
-MORE_MODES = Refinement(with_modes_left_out, _is_discrete)
+FINER_MESH = Refinement(_with_finer_mesh, _is_discrete, apart=True)
+TRUE_FACES = Refinement(_with_true_faces, _is_curved)
+MORE_MODES = Refinement(_with_modes_left_out, _is_discrete)
 # meshes and reductions both make a machine too stiff
 FINER_WITH_MORE_MODES = Refinement(
-    lambda part: with_modes_left_out(with_finer_mesh(part)), _is_discrete
+    lambda part: _with_modes_left_out(_with_finer_mesh(part)), _is_discrete
 )
 SEPARATE_REFINEMENTS = (FINER_MESH, TRUE_FACES, MORE_MODES)
 COMBINED_REFINEMENTS = (FINER_WITH_MORE_MODES, TRUE_FACES)  # of long analyses

@@ -48,7 +48,7 @@ FindBorder = Callable[[SystemChange | None, BoolArray], Border]
 
 
 @dataclass(frozen=True, eq=False)
-class BorderChanges:
+class _BorderChanges:
     """Changes of a border by source, None where there is no such source.
 
     Attributes:
@@ -64,7 +64,7 @@ class BorderChanges:
 
 def find_border_changes(
     space: ResponseSpace, find: FindBorder, chatter: FloatArray
-) -> BorderChanges:
+) -> _BorderChanges:
     """Find how far limits may be off.
 
     Args:
@@ -92,7 +92,7 @@ def find_border_changes(
             )
     if space.sources.truncated:
         modes = _add_modes_at_chatter(space, find, chatter, plain)
-    return BorderChanges(mesh, faces, modes)
+    return _BorderChanges(mesh, faces, modes)
 
 
 def _add_modes_at_chatter(
@@ -117,7 +117,7 @@ def _add_modes_at_chatter(
 
 
 @dataclass(frozen=True, eq=False)
-class PeakErrors:
+class _PeakErrors:
     """Sizes of changes ``(n,)`` of peaks, then of levels, by component [m/N, ...]; NaN where nobody
     knows.
 
@@ -183,7 +183,7 @@ def find_peak_errors(
     respond: Respond,
     peaks: Sequence[ResponsePeak],
     levels: Sequence[ResponseLevel],
-) -> PeakErrors:
+) -> _PeakErrors:
     """Find what each source of error changes of the heights of peaks and of levels.
 
     Near a resonance ``|H| = phi_i phi_o / (2 zeta omega^2)`` and what other modes add, so that a peak
@@ -208,7 +208,7 @@ def find_peak_errors(
             return np.full(len(hz), np.nan)
         return np.abs(follower.measure(changed) - follower.before)
 
-    errors = PeakErrors()
+    errors = _PeakErrors()
     hz = np.array([*(peak.hz for peak in peaks), *(level.hz for level in levels)])
     for name, part in space.parts.items():
         silent = hz >= space.sources.meshed[name].reach_hz

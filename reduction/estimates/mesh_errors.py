@@ -29,7 +29,7 @@ FORCE_DOUBT, MOMENT_DOUBT = 0.04, 0.12
 
 
 @dataclass(frozen=True, eq=False)
-class PartChange:
+class _PartChange:
     """Changes of the matrices of a component where its mesh is not its part.
 
     Attributes:
@@ -66,8 +66,8 @@ class MeshedPart:
     rows: FloatArray
     silent: BoolArray
     reach_hz: float = np.inf
-    faces: PartChange | None = None
-    left_out: PartChange | None = None
+    faces: _PartChange | None = None
+    left_out: _PartChange | None = None
     corrected: bool = False
     rigid: FloatArray | None = None
 
@@ -83,12 +83,12 @@ class MeshedPart:
         return motions if self.rigid is None else motions - self.rigid @ (self.rigid.T @ motions)
 
     @property
-    def shape(self) -> PartChange | None:
+    def shape(self) -> _PartChange | None:
         """Return what faces and features change together; None where nothing is known of either."""
         changes = [change for change in (self.faces, self.left_out) if change is not None]
         if not changes:
             return None
-        return PartChange(
+        return _PartChange(
             np.sum([change.stiffness for change in changes], axis=0),
             np.sum([change.mass for change in changes], axis=0),
         )
@@ -126,10 +126,10 @@ def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
     return parts
 
 
-def _scale_change(stiffness: FloatArray | None, mass: FloatArray | None) -> PartChange | None:
+def _scale_change(stiffness: FloatArray | None, mass: FloatArray | None) -> _PartChange | None:
     if stiffness is None or mass is None:
         return None
-    return PartChange(SHAPE_SAFETY * stiffness, SHAPE_SAFETY * mass)
+    return _PartChange(SHAPE_SAFETY * stiffness, SHAPE_SAFETY * mass)
 
 
 def _missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str, FloatArray]:
@@ -213,7 +213,7 @@ def frequency_feature_errors(coupled: CoupledMachine, modes: ModalResult) -> dic
     }
 
 
-def _frequency_change(part: MeshedPart, change: PartChange, modes: ModalResult) -> FloatArray:
+def _frequency_change(part: MeshedPart, change: _PartChange, modes: ModalResult) -> FloatArray:
     elastic = np.arange(len(modes.frequencies_hz)) >= modes.rigid_count
     squares = np.where(elastic, (2.0 * np.pi * modes.frequencies_hz) ** 2, np.inf)
     stiffer, heavier = (
@@ -282,7 +282,7 @@ def product_errors(
 
 
 def _compliance_change(
-    part: MeshedPart, change: PartChange, displacements: FloatArray
+    part: MeshedPart, change: _PartChange, displacements: FloatArray
 ) -> FloatArray:
     strains = part.strain(displacements)
     return np.asarray(np.abs(np.einsum("im,ij,jm->m", strains, change.stiffness, strains)))

@@ -30,7 +30,7 @@ class WatchedModes:
 
 
 @dataclass(frozen=True, eq=False)
-class ModeChanges:
+class _ModeChanges:
     """The modes of a machine compared with those of the same machine with refined bodies.
 
     Attributes:
@@ -66,7 +66,7 @@ def watch_modes(
     )
 
 
-def compare_modes(plain: WatchedModes, refined: WatchedModes, *, count: int) -> ModeChanges:
+def compare_modes(plain: WatchedModes, refined: WatchedModes, *, count: int) -> _ModeChanges:
     """Return what refined bodies change of the first modes of a machine.
 
     Modes are one where their motions at places that stand for the mass of every body are, whatever
@@ -98,7 +98,7 @@ def compare_modes(plain: WatchedModes, refined: WatchedModes, *, count: int) -> 
         for index in range(refined.shapes.rigid_count, len(better_hz))
         if better_hz[index] < highest and index not in paired
     )
-    return ModeChanges(changes, tuple(partners), missing)
+    return _ModeChanges(changes, tuple(partners), missing)
 
 
 def split_change(size: float, singles: Mapping[str, float]) -> dict[str, float]:

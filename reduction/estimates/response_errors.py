@@ -65,7 +65,7 @@ class SystemChange:
 
 
 @dataclass(frozen=True, eq=False)
-class MeshChanges:
+class _MeshChanges:
     """Changes by the mesh of one component: by being finer, by its true curved faces, and by the
     small features that it lacks; None where nothing is known of those, or there are none.
     """
@@ -73,6 +73,11 @@ class MeshChanges:
     finer: SystemChange
     faces: SystemChange | None
     left_out: SystemChange | None
+
+    @property
+    def surfaces(self) -> list[SystemChange]:
+        """Changes by faces and by features, where anything is known of them."""
+        return [change for change in (self.faces, self.left_out) if change is not None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,59 +143,63 @@ class ResponseSpace:
             self._hysteretic[: self._rigid] = self._hysteretic[:, : self._rigid] = 0.0
         self._mass = space.T @ system.mass @ space
         self._damping = None if system.damping is None else space.T @ system.damping @ space
-        names = (*sources.truncated, *sources.meshed)
-        lossy = {name: 1.0 + 1j * sources.loss_factors.get(name, 0.0) for name in names}
-        rayleigh = {name: sources.rayleigh.get(name, RayleighDamping()) for name in names}
-        self._moments = {}
-        for name, part in sources.truncated.items():
-            moved, moments = part.rows @ space, part.truncation
-            first, second = moved.T @ moments.first @ moved, moved.T @ moments.second @ moved
-            self._moments[name] = _Moments(
-                first, second, moments.limit, lossy[name], rayleigh[name]
-            )
-        self.parts: dict[str, MeshChanges] = {}
-        finer, corrected, surfaces = (list[SystemChange]() for _ in range(3))
-        for name, meshed in sources.meshed.items():
-            moved, strained = meshed.rows @ space, meshed.strain(space)
-            strained[:, : self._rigid] = 0.0
-
-            def change(
-                stiffness: FloatArray,
-                mass: FloatArray,
-                loss: complex = lossy[name],
-                damped: RayleighDamping = rayleigh[name],
-            ) -> SystemChange:
-                # a component is damped by its own stiffness and mass
-                viscous = damped.alpha * mass + damped.beta * stiffness if damped else None
-                return SystemChange(loss * stiffness, mass, viscous)
-
-            softer = change(-strained.T @ meshed.energy @ strained, np.zeros_like(self._mass))
-            finer.append(softer)
-            if meshed.corrected:
-                corrected.append(softer)
-            others = [
-                None
-                if part_change is None
-                else change(
-                    strained.T @ part_change.stiffness @ strained,
-                    moved.T @ part_change.mass @ moved,
-                )
-                for part_change in (meshed.faces, meshed.left_out)
-            ]
-            surfaces += [part_change for part_change in others if part_change is not None]
-            self.parts[name] = MeshChanges(softer, *others)
-        self.finer = self._add_up(finer)
+        self._moments = {
+            name: self._project_moments(name, part, space)
+            for name, part in sources.truncated.items()
+        }
+        self.parts = {
+            name: self._project_changes(name, part, space) for name, part in sources.meshed.items()
+        }
+        self.finer = self._add_up([part.finer for part in self.parts.values()])
+        corrected = [
+            self.parts[name].finer for name, part in sources.meshed.items() if part.corrected
+        ]
         stiffer = self._add_up(corrected, -1.0)
         self.meshes: tuple[SystemChange, ...] = (
             (self.finer, stiffer) if stiffer.stiffness.any() else (self.finer,)
         )
         # finer meshes and true faces may act together or against each other
-        shape = self._add_up(surfaces)
+        shape = self._add_up([change for part in self.parts.values() for change in part.surfaces])
         self.faces: tuple[SystemChange, ...] = (
             (shape, self._add_up([shape, self.finer]))
             if shape.stiffness.any() or shape.mass.any()
             else ()
         )
+
+    def _project_moments(self, name: str, part: TruncatedPart, space: FloatArray) -> _Moments:
+        moved, moments = part.rows @ space, part.truncation
+        return _Moments(
+            moved.T @ moments.first @ moved,
+            moved.T @ moments.second @ moved,
+            moments.limit,
+            *self._damping_of(name),
+        )
+
+    def _project_changes(self, name: str, part: MeshedPart, space: FloatArray) -> _MeshChanges:
+        loss, damped = self._damping_of(name)
+        moved, strained = part.rows @ space, part.strain(space)
+        strained[:, : self._rigid] = 0.0
+
+        def change(stiffness: FloatArray, mass: FloatArray) -> SystemChange:
+            # a component is damped by its own stiffness and mass
+            viscous = damped.alpha * mass + damped.beta * stiffness if damped else None
+            return SystemChange(loss * stiffness, mass, viscous)
+
+        softer = change(-strained.T @ part.energy @ strained, np.zeros_like(self._mass))
+        faces, left_out = (
+            None
+            if shape is None
+            else change(strained.T @ shape.stiffness @ strained, moved.T @ shape.mass @ moved)
+            for shape in (part.faces, part.left_out)
+        )
+        return _MeshChanges(softer, faces, left_out)
+
+    def _damping_of(self, name: str) -> tuple[complex, RayleighDamping]:
+        """Return one and the structural loss factor of a component times i, and its damping by mass and
+        stiffness.
+        """
+        loss = 1.0 + 1j * self.sources.loss_factors.get(name, 0.0)
+        return loss, self.sources.rayleigh.get(name, RayleighDamping())
 
     def _add_up(self, changes: Sequence[SystemChange], factor: float = 1.0) -> SystemChange:
         """Return the sum of changes, times a factor."""

@@ -44,25 +44,31 @@ def block_lanczos_pairs(problem: EigenProblem, start: FloatArray, target: ModeTa
 
     Source: Grimes, Lewis and Simon (1994); residual bound: Parlett (1980), sec. 13.2.
     """
+    usual = 20 * (target.count or 40) + 200
+    most = MOST_VECTORS if target.up_to_hz is not None else max(usual, MOST_VECTORS)
     space = _KrylovSpace(problem, start)
     try:
-        return _search(space, problem.dimension, target)
+        return _search(space, problem.dimension, target, usual, min(problem.dimension, most))
     finally:
         space.close()
 
 
-def _search(space: "_KrylovSpace", dimension: int, target: ModeTarget) -> EigenPairs:
-    usual = 20 * (target.count or 40) + 200
-    limit = min(
-        dimension, MOST_VECTORS if target.up_to_hz is not None else max(usual, MOST_VECTORS)
-    )
+def _search(
+    space: "_KrylovSpace", dimension: int, target: ModeTarget, usual: int, limit: int
+) -> EigenPairs:
+    """Search until the target is reached, or the space is as large as its limit.
+
+    Args:
+        usual: Number of vectors by which the first pair of a count has converged, if ever.
+        limit: Largest number of vectors.
+    """
     while True:
         exhausted = not space.expand(limit)
         values, vectors, bounds = space.ritz_pairs()
         complete = exhausted and space.size >= dimension
         selected = select_pairs(values, bounds, target, complete)
         if selected is not None and (complete or _largest_cluster(values[:selected]) < space.width):
-            following = 1.0 / values[selected] if selected < len(values) else np.inf
+            following = next(iter(1.0 / values[selected : selected + 1]), np.inf)
             break
         # a mode that occurs as often as the start block is wide may occur once more, and an
         # invariant space may not be the whole: new directions must come in from outside

@@ -16,8 +16,8 @@ from headstock.scene.studies import Study
 from headstock.studies.parameters.runs import StudyJob, hash_scene, run_study
 from headstock.validation.refinement.points import (
     ModelKind,
-    RefinementError,
     RefinementPoint,
+    _RefinementError,
     collect_points,
     deviations,
     measure_beam,
@@ -204,5 +204,5 @@ def test_a_scene_that_is_not_the_beam_is_refused_with_what_it_should_be(tmp_path
     path.write_text(
         (MACHINES / "cantilever.toml").read_text().replace('"38 mm", "100 mm"', '"40 mm", "100 mm"')
     )
-    with pytest.raises(RefinementError, match="38 x 100 x 500 mm"):
+    with pytest.raises(_RefinementError, match="38 x 100 x 500 mm"):
         climb("cantilever", {"static_segmented": [2]}, tmp_path, path)

@@ -10,9 +10,9 @@ from headstock.validation.case_registry import (
     Case,
     SeedError,
     UnknownCaseError,
-    group_names,
+    _group_names,
+    _select_cases,
     run_validation,
-    select_cases,
 )
 from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT
 from headstock.validation.machines.axes_estimate_cases import HELD_OUT, LOOKED_AT, SEEDS
@@ -23,17 +23,17 @@ from headstock.validation.references.rows import ValidationRow, compare_bound
 def test_case_names_are_unique_and_differ_from_group_names() -> None:
     names = [case.name for case in CASES]
     assert len(set(names)) == len(names)
-    assert not set(names) & set(group_names())
+    assert not set(names) & set(_group_names())
 
 
 def test_no_name_selects_everything_and_a_group_its_cases() -> None:
-    assert select_cases([]) == [case for case in CASES if not case.on_request]
-    assert {case.group for case in select_cases(["beams"])} == {"beams"}
+    assert _select_cases([]) == [case for case in CASES if not case.on_request]
+    assert {case.group for case in _select_cases(["beams"])} == {"beams"}
 
 
 def test_a_case_named_twice_runs_once() -> None:
     assert [
-        case.name for case in select_cases(["torsion-constant", "beams", "Torsion-Constant"])
+        case.name for case in _select_cases(["torsion-constant", "beams", "Torsion-Constant"])
     ].count("torsion-constant") == 1
 
 

@@ -5,8 +5,7 @@ What stands behind ± on one part of the suite, beside the truth from a far fine
 """
 
 import dataclasses
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,29 +31,28 @@ from headstock.reduction.estimates.mesh_errors import (
     frequency_shape_errors,
     meshed_parts,
 )
-from headstock.reduction.estimates.response_errors import (
-    ErrorSources,
-    bound_response_errors,
-    project_response,
-)
+from headstock.reduction.estimates.response_errors import bound_response_errors
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, machine_field
 from headstock.reduction.motions.compliance_budget import PointBudget, point_budget
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.elastic.eigenpairs import ModeTarget
-from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
+from headstock.solvers.linear.frequency_response import evaluate_frf
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
-from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
+from headstock.solvers.second_order import ComplexArray
 from headstock.validation.coverage.coverage_case import (
+    COMPLIANCE,
     COVERED,
+    FREQUENCY,
     SURE,
     UNSURE,
     CoverageCase,
+    CoverageSuite,
+    compare_number,
     cover_lines,
-    keep_measured,
-    make_key,
+    prepare_responses,
 )
 from headstock.validation.coverage.parts import (
     FIRST_ADAPTED,
@@ -66,7 +64,7 @@ from headstock.validation.coverage.parts import (
 from headstock.validation.references.rows import ValidationRow, show
 
 if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
+    pass
 
 # modes of a judged mesh, and of the true one among which theirs are sought
 WATCHED, PARTNERS = (
@@ -76,7 +74,6 @@ WATCHED, PARTNERS = (
 JUDGED_MODES, TRUE_MODES = 24, 40  # fixed-interface modes kept
 LOSS_FACTOR = 0.03
 LINES = 150
-CHANNELS: tuple[Channel, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 # of ±: what may be unknown of a truth that is compared with a corrected mesh, whose ± is a third
 SURE_CORRECTED = 0.2
 # factors were fitted on the first parts; the others were drawn and kept apart before that, a
@@ -102,7 +99,7 @@ CLEAR = 1e-4  # true errors above which a ratio means something
 
 
 @dataclass(frozen=True, eq=False)
-class PartCoverage:
+class _PartCoverage:
     """Numbers of one part on its judged meshes.
 
     Attributes:
@@ -126,7 +123,7 @@ class PartCoverage:
     lines: FloatArray
     failure: str = ""
     sure: float = SURE
-    corrected: "PartCoverage | None" = None
+    corrected: "_PartCoverage | None" = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,32 +150,13 @@ class _Solved:
     motions: FloatArray
 
 
-def _cover_part(seed: int) -> PartCoverage:
-    """Return the numbers of a seed, from the store where they are there: a suite that was stopped
-    goes on.
-    """
-    return cover_seed(seed, measure_part, PartCoverage, Path(__file__))
-
-
-def cover_seed[Measured: "DataclassInstance"](
-    seed: int, measure: Callable[[CoveragePart], Measured], kind: type[Measured], code: Path
-) -> Measured:
-    """Return what is measured of the part of a seed, from the store where it is there.
-
-    Args:
-        code: The file of the measurement.
-    """
+def part_texts(code: str) -> Callable[[int], tuple[str, ...]]:
+    """Return what a seed's part and its measurement by a file are known by."""
     drawing = Path(__file__).with_name("parts.py")
-    key = make_key(code.read_text(), drawing.read_text(), str(seed))
-
-    def draw() -> Measured:
-        with tempfile.TemporaryDirectory(prefix="headstock-coverage-") as folder:
-            return measure(draw_part(seed, Path(folder)))
-
-    return keep_measured(key, kind, draw)
+    return lambda seed: (Path(code).read_text(), drawing.read_text(), str(seed))
 
 
-def measure_part(part: CoveragePart) -> PartCoverage:
+def _measure_part(part: CoveragePart) -> _PartCoverage:
     """Errors and estimates of a part on each of its meshes."""
     reference = _solve_reference(part)
     elastic = reference.modes.frequencies_hz[reference.modes.rigid_count :]
@@ -190,17 +168,18 @@ def measure_part(part: CoveragePart) -> PartCoverage:
     meshes, rounds = list(part.meshes), part.rounds
     while meshes:
         try:
-            judged = _solve(part, meshes.pop(0), JUDGED_MODES, WATCHED, reference.places)
-            for own, each in zip(evaluations, (judged, _correct(part, judged)), strict=True):
+            plain = _solve(part, meshes.pop(0), JUDGED_MODES, WATCHED, reference.places)
+            element = correct_mesh(plain.coupled.layout.superelements["part"])
+            corrected = _analyse(part, plain.body, plain.mesh, element, WATCHED, plain.places)
+            for own, each in zip(evaluations, (plain, corrected), strict=True):
                 own.tables.append(_compare(each, reference))
                 own.lines.append(_cover_lines(each.coupled, grid, right, doubt))
             if rounds and not meshes:
-                meshes, rounds = [_follow_errors(judged, ADAPTED_STEP)], rounds - 1
+                meshes, rounds = [_follow_errors(plain, ADAPTED_STEP)], rounds - 1
         except HeadstockError as error:
             failures.append(f"{type(error).__name__}: {error}")
-    plain, corrected = (own.conclude(part, "; ".join(failures)) for own in evaluations)
-    corrected = dataclasses.replace(corrected, sure=SURE_CORRECTED)
-    return dataclasses.replace(plain, corrected=corrected)
+    found, other = (own.conclude(part, "; ".join(failures)) for own in evaluations)
+    return dataclasses.replace(found, corrected=dataclasses.replace(other, sure=SURE_CORRECTED))
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,10 +191,10 @@ class _Evaluation:
     tables: list[FloatArray] = field(default_factory=list)
     lines: list[FloatArray] = field(default_factory=list)
 
-    def conclude(self, part: CoveragePart, failure: str) -> PartCoverage:
+    def conclude(self, part: CoveragePart, failure: str) -> _PartCoverage:
         rows = np.concatenate([np.zeros((4, 0)), *self.tables], axis=1)
         lines = np.concatenate([np.zeros(0), *self.lines])
-        return PartCoverage(
+        return _PartCoverage(
             part.seed, part.kind, rows[0], rows[1], rows[2], rows[3], lines, failure
         )
 
@@ -243,12 +222,6 @@ def _solve(
     mesh = mesh_component(body)
     element = reduce_elastic(body, mesh, comm=MPI.COMM_SELF, request=request)
     return _analyse(part, body, mesh, element, watched, places)
-
-
-def _correct(part: CoveragePart, judged: _Solved) -> _Solved:
-    """Return the same part on the same mesh, corrected by its estimate."""
-    element = correct_mesh(judged.coupled.layout.superelements["part"])
-    return _analyse(part, judged.body, judged.mesh, element, WATCHED, judged.places)
 
 
 def _analyse(
@@ -308,34 +281,21 @@ def _follow_errors(solved: _Solved, step: float) -> MeshSettings:
     return give_sizes(solved.body, sizes).mesh
 
 
-def _compare(judged: _Solved, reference: _Solved) -> FloatArray:
+def _compare(meshed: _Solved, reference: _Solved) -> FloatArray:
     """Rows ``(4, n)``: compliance or not, true error, estimate and what is not known of the truth,
     over the number.
     """
     columns = []
-    for pair in pair_modes(judged.modes, reference.modes):
-        if pair.first >= judged.modes.rigid_count:
-            value, plain = (
-                float(judged.modes.frequencies_hz[pair.first]),
-                float(reference.plain[0][pair.second]),
-            )
-            right = float(reference.modes.frequencies_hz[pair.second]) - plain
-            columns.append(
-                [
-                    0.0,
-                    abs(value - right) / value,
-                    judged.total[0][pair.first] / value,
-                    UNSURE * plain / value,
-                ]
-            )
-    for axis, value in enumerate(judged.compliances):
-        right, plain = (
-            reference.compliances[axis] + reference.plain[1][axis],
-            reference.plain[1][axis],
-        )
-        columns.append(
-            [1.0, abs(value - right) / value, judged.total[1][axis] / value, UNSURE * plain / value]
-        )
+    for pair in pair_modes(meshed.modes, reference.modes):
+        if pair.first >= meshed.modes.rigid_count:
+            value, left = meshed.modes.frequencies_hz[pair.first], reference.plain[0][pair.second]
+            truth = reference.modes.frequencies_hz[pair.second] - left
+            estimate = meshed.total[0][pair.first]
+            columns.append(compare_number(FREQUENCY, value, truth, estimate=estimate, left=left))
+    for value, true, left, estimate in zip(
+        meshed.compliances, reference.compliances, reference.plain[1], meshed.total[1], strict=True
+    ):
+        columns.append(compare_number(COMPLIANCE, value, true + left, estimate=estimate, left=left))
     return np.array(columns).T
 
 
@@ -357,27 +317,24 @@ def _respond(
     """Receptances along x, y and z ``(n, 3)``, as computed or as finer meshes would have them, and
     the ±.
     """
-    modes = solve_modal(coupled.system)
-    lossy = dataclasses.replace(
-        coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness
-    )
-    channels = (input_columns(lossy, CHANNELS), output_rows(lossy, CHANNELS))
     meshed = meshed_parts(coupled)
     if finer:  # as estimated, without what covers the doubt
         element = coupled.layout.superelements["part"]
-        plain = {
-            name: np.asarray(each.energy / element.errors.mesh_safety)
-            for name, each in meshed.items()
-        }
         meshed = {
-            name: dataclasses.replace(each, energy=plain[name]) for name, each in meshed.items()
+            name: dataclasses.replace(
+                part, energy=np.asarray(part.energy / element.errors.mesh_safety, dtype=float)
+            )
+            for name, part in meshed.items()
         }
-    sources = ErrorSources(truncated_parts(coupled), meshed, {"part": LOSS_FACTOR})
-    space = project_response(lossy, sources, modes, channels, float(grid.max()))
+    model, space = prepare_responses(
+        coupled,
+        solve_modal(coupled.system),
+        loss_factor=LOSS_FACTOR,
+        highest_hz=float(grid.max()),
+        meshed=meshed,
+    )
     errors = bound_response_errors(space, grid)
-    found = evaluate_frf(
-        prepare_frf(lossy, inputs=CHANNELS, outputs=CHANNELS, modes=modes), grid
-    ).receptance
+    found = evaluate_frf(model, grid).receptance
     total = errors.bounds
     for sizes in (errors.mesh_sizes, errors.face_sizes):
         total = total + (0.0 if sizes is None else sizes)
@@ -386,51 +343,40 @@ def _respond(
     return np.diagonal(found, axis1=1, axis2=2), np.diagonal(total, axis1=1, axis2=2)
 
 
-def check_coverage() -> list[ValidationRow]:
+def check_coverage() -> Iterator[ValidationRow]:
     """Coverage of frequencies, compliances and frequency responses on the parts that factors were
     fitted on, and on the others.
     """
-    return [
-        *_evaluate("fitted on", _cover(CALIBRATION)),
-        *_evaluate("held out", _cover(HOLD_OUT)),
-    ]
+    return SUITE.compare({"fitted on": CALIBRATION, "held out": HOLD_OUT})
 
 
-def check_hex_coverage() -> list[ValidationRow]:
+def check_hex_coverage() -> Iterator[ValidationRow]:
     """Check the same on coarse hexahedra between the edges of patches, as searches begin with."""
-    return [
-        *_evaluate("fitted on", _cover(HEX_CALIBRATION)),
-        *_evaluate("held out", _cover(HEX_HOLD_OUT)),
-    ]
+    return SUITE.compare({"fitted on": HEX_CALIBRATION, "held out": HEX_HOLD_OUT})
 
 
-def check_adapted_coverage() -> list[ValidationRow]:
+def check_adapted_coverage() -> Iterator[ValidationRow]:
     """Check the same on STEP parts whose meshes follow the errors of the one before; factors are
     those of even meshes.
     """
-    return _evaluate("held out", _cover(ADAPTED_PARTS))
+    return SUITE.compare({"held out": ADAPTED_PARTS})
 
 
-def cover_new_parts(first: int) -> list[ValidationRow]:
-    """Coverage on parts that nothing was fitted on or judged with before.
+def cover_new_parts(first: int) -> Iterator[ValidationRow]:
+    """Coverage on parts that nothing was fitted on or compared with before.
 
     Args:
         first: Seed of the first of them, ``FRESH`` at least.
     """
-    seeds = range(first, first + NEW_PARTS)
-    return _evaluate(f"new, seeds {seeds[0]} to {seeds[-1]}", _cover(seeds))
+    return SUITE.compare_seeds(range(first, first + NEW_PARTS))
 
 
-def check_coverage_smoke() -> list[ValidationRow]:
+def check_coverage_smoke() -> Iterator[ValidationRow]:
     """Check a tube and a sheet in the same way, in seconds."""
-    return _evaluate("two parts", _cover(SMOKE_PARTS))
+    return SUITE.compare({"two parts": SMOKE_PARTS})
 
 
-def _cover(seeds: Sequence[int]) -> list[PartCoverage]:
-    return [_cover_part(seed) for seed in seeds]
-
-
-def _evaluate(what: str, parts: Sequence[PartCoverage]) -> list[ValidationRow]:
+def _evaluate(what: str, parts: Sequence[_PartCoverage]) -> list[ValidationRow]:
     """Evaluate meshes as they are, then corrected by their estimates."""
     corrected = [part.corrected for part in parts if part.corrected is not None]
     plain = CoverageCase(CLEAR, LARGEST_MEDIAN)
@@ -441,7 +387,7 @@ def _evaluate(what: str, parts: Sequence[PartCoverage]) -> list[ValidationRow]:
 
 
 def _evaluate_meshes(
-    case: CoverageCase, what: str, parts: Sequence[PartCoverage]
+    case: CoverageCase, what: str, parts: Sequence[_PartCoverage]
 ) -> list[ValidationRow]:
     known = [part.unsure <= part.sure * part.estimates for part in parts]
     given, true, compliances = (
@@ -463,15 +409,11 @@ def _evaluate_meshes(
         *case.evaluate(what, np.concatenate(true), np.concatenate(given), note),
         show(
             f"{what}: coverage by part, mean",
-            float(shares.mean()),
+            shares.mean(),
             "-",
             f"least {shares.min():.2f}; {_by_kind(parts, covered)}",
         ),
-        show(
-            f"{what}: parts with 95 % of their numbers covered",
-            float((shares >= COVERED).mean()),
-            "-",
-        ),
+        show(f"{what}: parts with 95 % of their numbers covered", (shares >= COVERED).mean(), "-"),
         case.evaluate_responses(
             what,
             np.concatenate([part.lines for part in parts]),
@@ -480,7 +422,7 @@ def _evaluate_meshes(
     ]
 
 
-def _by_kind(parts: Sequence[PartCoverage], covered: Sequence[FloatArray]) -> str:
+def _by_kind(parts: Sequence[_PartCoverage], covered: Sequence[FloatArray]) -> str:
     """Share of covered numbers by kind of part."""
     found: dict[str, list[FloatArray]] = {}
     for part, own in zip(parts, covered, strict=True):
@@ -490,3 +432,11 @@ def _by_kind(parts: Sequence[PartCoverage], covered: Sequence[FloatArray]) -> st
         for kind, own in found.items()
         if len(np.concatenate(own))
     )
+
+
+SUITE = CoverageSuite(
+    lambda seed, scratch: _measure_part(draw_part(seed, scratch.folder)),
+    _PartCoverage,
+    part_texts(__file__),
+    _evaluate,
+)

@@ -2,12 +2,14 @@
 empty one, and rows of what is covered.
 """
 
+import contextlib
+import dataclasses
 import hashlib
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,13 +18,25 @@ import headstock.meshing
 import headstock.reduction
 import headstock.solvers
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.answer import Answer, find_answers
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.store import Store, default_store_root, read_entry, write_entry
+from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.estimates.frequency_errors import TruncatedPart, truncated_parts
+from headstock.reduction.estimates.mesh_errors import MeshedPart
+from headstock.reduction.estimates.response_errors import (
+    ErrorSources,
+    ResponseSpace,
+    project_response,
+)
+from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene
+from headstock.solvers.linear.frequency_response import FrfModel, prepare_frf
+from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.mpi import MPI
-from headstock.solvers.second_order import ComplexArray
+from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
 from headstock.validation.references.rows import ValidationRow, compare_bound
 
 if TYPE_CHECKING:
@@ -37,6 +51,25 @@ COVERED, COVERED_RESPONSES = 0.95, 0.9
 VISIBLE = 1e-2  # 40 dB below the highest peak
 # of the visible lines of a response: with fewer whose truth is sure enough it is set aside
 LINES_NEEDED = 0.5
+CHANNELS: tuple[Channel, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
+
+
+FREQUENCY, COMPLIANCE = 0.0, 1.0  # kinds of numbers
+
+
+def compare_number(
+    kind: float, value: float, truth: float, *, estimate: float | None, left: float
+) -> list[float]:
+    """Return a number beside its truth ``(4,)``: its kind; and over the number, its true error, its ± and
+    how well the truth is known.
+
+    Args:
+        truth: Corrected by what its own estimate says is left.
+        estimate: ±; None for none.
+        left: What the estimate of the truth says.
+    """
+    size = np.nan if estimate is None else estimate / value
+    return [kind, abs(value - truth) / value, size, UNSURE * left / value]
 
 
 @dataclass(frozen=True)
@@ -67,7 +100,6 @@ class CoverageCase:
             what: Beginning of the rows' names; empty for none.
             errors: ``(n,)`` true errors of numbers whose truth is sure enough.
             estimates: ``(n,)`` their ±.
-            note: On the numbers.
             uncovered: Numbers that count as not covered, beside these.
             sizes: ``(n,)`` of the numbers, where errors are not relative.
         """
@@ -85,7 +117,7 @@ class CoverageCase:
             ),
             compare_bound(
                 f"{start}± over true error, median",
-                float(middle),
+                middle,
                 self.largest_median,
                 f"10 .. 90 %: {low:.2f} .. {high:.2f}; {plain.sum()} errors above {self.clear:g}",
             ),
@@ -97,7 +129,6 @@ class CoverageCase:
         Args:
             what: Beginning of the row's name.
             shares: ``(m,)`` as :func:`cover_lines` gives them; NaN for responses that are set aside.
-            note: On the responses.
         """
         known = shares[~np.isnan(shares)]
         return compare_bound(
@@ -107,6 +138,82 @@ class CoverageCase:
             f"{len(known)} responses, {len(shares) - len(known)} more whose truth is not sure enough; lines within 40 dB of"
             f" the highest peak{note}",
         )
+
+
+@dataclass(frozen=True)
+class Scratch:
+    """A folder with a store of its own, in which scenes are run."""
+
+    folder: Path
+
+    def load(self, text: str, **settings: Any) -> Scene:
+        """Load the scene of a text.
+
+        Args:
+            settings: As of ``load_scene``.
+        """
+        path = self.folder / "machine.toml"
+        path.write_text(text)
+        return load_scene(path, **settings)
+
+    def run(self, scene: Scene, comm: MPI.Comm = MPI.COMM_SELF) -> Results:
+        """Run all stages of a scene."""
+        return run_scene(
+            scene, self.folder / "results", comm=comm, store=Store(self.folder / "store")
+        )
+
+    def answer[Found: Answer](self, scene: Scene, kind: type[Found]) -> Found:
+        """Run a scene and return its only answer of a kind."""
+        (answer,) = find_answers(self.run(scene).answers, kind)
+        return answer
+
+
+@contextlib.contextmanager
+def open_scratch() -> Iterator[Scratch]:
+    """Make a folder for the body of a ``with`` statement."""
+    with tempfile.TemporaryDirectory(prefix="headstock-") as name:
+        yield Scratch(Path(name))
+
+
+@dataclass(frozen=True, eq=False)
+class CoverageSuite[Item, Measured: "DataclassInstance"]:
+    """What is drawn, measured and compared with the truth. What was measured is kept in the store: a
+    suite that was stopped goes on.
+
+    Attributes:
+        measure: Draws an item in a folder, and measures its numbers and their truth.
+        kind: Type of what is measured.
+        texts: What an item is and how it is measured; with another text it is measured anew.
+        evaluate: Makes rows of what was measured of some items, whose names begin in one way.
+    """
+
+    measure: Callable[[Item, Scratch], Measured]
+    kind: type[Measured]
+    texts: Callable[[Item], Sequence[str]]
+    evaluate: Callable[[str, Sequence[Measured]], Iterable[ValidationRow]]
+
+    def compare(self, items: Mapping[str, Iterable[Item]]) -> Iterator[ValidationRow]:
+        """Return the rows of items.
+
+        Args:
+            items: By how the names of their rows begin.
+        """
+        for what, some in items.items():
+            yield from self.evaluate(what, [self._recall(item) for item in some])
+
+    def compare_seeds(
+        self: "CoverageSuite[int, Measured]", seeds: range
+    ) -> Iterator[ValidationRow]:
+        """Return the rows of seeds that nothing was fitted on or compared with before."""
+        measured = [self._recall(seed) for seed in seeds]
+        yield from self.evaluate(f"new, seeds {seeds[0]} to {seeds[-1]}", measured)
+
+    def _recall(self, item: Item) -> Measured:
+        def draw() -> Measured:
+            with open_scratch() as scratch:
+                return self.measure(item, scratch)
+
+        return keep_measured(measurement_key(*self.texts(item)), self.kind, draw)
 
 
 def cover_lines(
@@ -128,7 +235,39 @@ def cover_lines(
     return np.where(sure.sum(axis=0) >= LINES_NEEDED * visible.sum(axis=0), shares, np.nan)
 
 
-def make_key(*words: str) -> str:
+def prepare_responses(
+    coupled: CoupledMachine,
+    modes: ModalResult,
+    *,
+    loss_factor: float,
+    highest_hz: float,
+    truncated: Mapping[str, TruncatedPart] | None = None,
+    meshed: Mapping[str, MeshedPart] | None = None,
+) -> tuple[FrfModel, ResponseSpace]:
+    """Return a machine whose responses at its tool are to be evaluated, and in the space in which their
+    errors are estimated.
+
+    Args:
+        modes: Of the machine without damping.
+        loss_factor: Of all its components, in place of its damping.
+        highest_hz: Up to where it will be asked.
+        truncated: Components that leave modes out; None for those of the machine.
+        meshed: Components whose mesh has an estimate; None for none.
+    """
+    lossy = dataclasses.replace(
+        coupled.system, damping=None, hysteretic=loss_factor * coupled.system.stiffness
+    )
+    sources = ErrorSources(
+        truncated_parts(coupled) if truncated is None else truncated,
+        meshed or {},
+        dict.fromkeys(coupled.layout.superelements, loss_factor),
+    )
+    channels = (input_columns(lossy, CHANNELS), output_rows(lossy, CHANNELS))
+    space = project_response(lossy, sources, modes, channels, highest_hz)
+    return prepare_frf(lossy, inputs=CHANNELS, outputs=CHANNELS, modes=modes), space
+
+
+def measurement_key(*words: str) -> str:
     """Return the key of a measurement by the code of the program and by words."""
     code = (*map(code_fingerprint, LAYERS), Path(__file__).read_text(), *words)
     return hashlib.sha256("\0".join(code).encode()).hexdigest()
@@ -148,6 +287,5 @@ def keep_measured[Measured: "DataclassInstance"](
 
 def run_afresh(scene: Scene, comm: MPI.Comm = MPI.COMM_SELF) -> Results:
     """Run all stages of a scene with an empty store."""
-    with tempfile.TemporaryDirectory(prefix="headstock-fresh-") as name:
-        folder = Path(name)
-        return run_scene(scene, folder / "out", comm=comm, store=Store(folder / "store"))
+    with open_scratch() as scratch:
+        return scratch.run(scene, comm)

@@ -96,7 +96,9 @@ def draw_part(seed: int, folder: Path) -> CoveragePart:
         folder: Where STEP files are written.
     """
     random = np.random.default_rng([20240517, seed])
-    kinds = {PRODUCT_KIND: _product} if seed == PRODUCT else _kinds_from(seed)
+    kinds = KINDS if seed < FIRST_HEX else HEX_KINDS if seed < FIRST_ADAPTED else ADAPTED_KINDS
+    if seed == PRODUCT:
+        kinds = {PRODUCT_KIND: _product}
     kind = list(kinds)[seed % len(kinds)]
     drawn = kinds[kind](random, folder / f"part_{seed}.step")
     material = MATERIALS[random.integers(len(MATERIALS))]
@@ -139,12 +141,6 @@ def draw_part(seed: int, folder: Path) -> CoveragePart:
     fine = drawn.fine * drawn.extent
     reference = MeshSettings(size=fine, growth=0.3, rim_size=0.1 * fine, across_patches=10)
     return CoveragePart(seed, kind, machine, meshes, reference, drawn.rounds)
-
-
-def _kinds_from(seed: int) -> "dict[str, Callable[[Random, Path], _Drawn]]":
-    if seed >= FIRST_ADAPTED:
-        return ADAPTED_KINDS
-    return KINDS if seed < FIRST_HEX else HEX_KINDS
 
 
 def _diagonal(*sides: float) -> float:

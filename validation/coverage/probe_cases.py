@@ -5,7 +5,6 @@ stress at places inside and on parts of many kinds, under forces and under a bod
 import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -34,9 +33,15 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.mpi import MPI
 from headstock.solvers.stresses import largest_von_mises
-from headstock.validation.coverage.cases import CALIBRATION, CHANNELS, HOLD_OUT, cover_seed
-from headstock.validation.coverage.coverage_case import SURE, UNSURE, CoverageCase
-from headstock.validation.coverage.parts import CoveragePart
+from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT, part_texts
+from headstock.validation.coverage.coverage_case import (
+    CHANNELS,
+    SURE,
+    UNSURE,
+    CoverageCase,
+    CoverageSuite,
+)
+from headstock.validation.coverage.parts import CoveragePart, draw_part
 from headstock.validation.references.rows import ValidationRow, show
 
 SMOKE_PARTS = (14,)
@@ -48,8 +53,8 @@ LARGEST_MEDIAN = (3.0, 4.0, 3.0)  # of ± over the true error
 
 
 @dataclass(frozen=True, eq=False)
-class ProbeCoverage:
-    """Numbers at the probes of one part on its judged meshes, displacements over the largest one at
+class _ProbeCoverage:
+    """Numbers at the probes of one part on its meshes, displacements over the largest one at
     any of its probes under the same load, stresses over the equivalent stress.
 
     Attributes:
@@ -76,40 +81,42 @@ class _Seen:
     Attributes:
         values: ``(10, k)`` displacement, stress, equivalent stress.
         errors: ``(10, k)`` what stands behind ±.
-        better: ``(10, k)`` the values with the signed estimates of displacements, and with recovered
+        corrected: ``(10, k)`` the values with the signed estimates of displacements, and with recovered
             stresses.
         doubts: ``(10, k)`` how far these may be off.
     """
 
     values: FloatArray
     errors: FloatArray
-    better: FloatArray
+    corrected: FloatArray
     doubts: FloatArray
 
 
-def _measure_probes(part: CoveragePart) -> ProbeCoverage:
+def _measure_probes(part: CoveragePart) -> _ProbeCoverage:
     """Errors and estimates at the probes of a part on each of its meshes."""
     mesh = _mesh(part, part.reference)
-    probes = draw_probes(mesh, np.random.default_rng([20261125, part.seed]))
+    probes = _draw_places(mesh, np.random.default_rng([20261125, part.seed]))
     right = _solve(part, part.reference, mesh, probes)
-    largest = np.max([np.abs(seen.better[:MOVED]).max(axis=0) for seen in right.values()], axis=0)
+    largest = np.max(
+        [np.abs(seen.corrected[:MOVED]).max(axis=0) for seen in right.values()], axis=0
+    )
     tables, failures = [], []
     for settings in part.meshes:
         try:
-            judged = _solve(part, settings, _mesh(part, settings), probes)
+            solved = _solve(part, settings, _mesh(part, settings), probes)
         except HeadstockError as error:
             failures.append(f"{type(error).__name__}: {error}")
             continue
         tables += [
-            _compare(seen, right[name], largest) for name, seen in judged.items() if name in right
+            _compare(seen, right[name], largest) for name, seen in solved.items() if name in right
         ]
     rows = np.concatenate([np.zeros((4, 0)), *tables], axis=1)
-    return ProbeCoverage(
+    return _ProbeCoverage(
         part.seed, part.kind, rows[0], rows[1], rows[2], rows[3], "; ".join(failures)
     )
 
 
-def draw_probes(mesh: ComponentMesh, random: np.random.Generator) -> tuple[Probe, ...]:
+def _draw_places(mesh: ComponentMesh, random: np.random.Generator) -> tuple[Probe, ...]:
     """Places in random cells and on random facets of a mesh."""
     surface = extract_surface(mesh.cells, mesh.kind)
     chosen = [
@@ -172,13 +179,13 @@ def _measure_place(values: FloatArray, errors: RestErrors, safety: float) -> lis
     product = errors.products["part"].copy()
     product[:MOVED] /= safety
     recovered = values[MOVED:] + errors.local[0]
-    better = np.concatenate([(values + product)[:MOVED], recovered])
+    corrected = np.concatenate([(values + product)[:MOVED], recovered])
     around = np.linalg.norm(errors.local, axis=0)
     doubts = np.abs(product) + np.concatenate([np.full(MOVED, errors.moved), around])
     return [
         np.append(values, largest_von_mises(values[MOVED:])),
         np.append(total, mises),
-        np.append(better, largest_von_mises(recovered)),
+        np.append(corrected, largest_von_mises(recovered)),
         UNSURE * np.append(doubts, mises / WHOLE),
     ]
 
@@ -188,9 +195,9 @@ def _compare(seen: _Seen, right: _Seen, largest: FloatArray) -> FloatArray:
     largest displacement ``(k,)`` or the equivalent stress.
     """
     count = seen.values.shape[1]
-    scales = np.vstack([np.tile(largest, (MOVED, 1)), np.tile(right.better[-1], (SEEN - 2, 1))])
+    scales = np.vstack([np.tile(largest, (MOVED, 1)), np.tile(right.corrected[-1], (SEEN - 2, 1))])
     which = np.repeat([0.0, 1.0, 2.0], [MOVED, SEEN - MOVED, 1])
-    rows = (np.abs(seen.values - right.better), seen.errors, right.doubts)
+    rows = (np.abs(seen.values - right.corrected), seen.errors, right.doubts)
     return np.array([np.repeat(which, count), *((row / scales).ravel() for row in rows)])
 
 
@@ -202,26 +209,17 @@ def _holds(mesh: ComponentMesh, material: Material, probe: Probe) -> bool:
     return True
 
 
-def check_probes() -> list[ValidationRow]:
+def check_probe_coverage() -> Iterator[ValidationRow]:
     """Coverage at probes of the parts that factors were fitted on, and of the others."""
-    return [
-        *_evaluate("fitted on", CALIBRATION),
-        *_evaluate("held out", HOLD_OUT),
-    ]
+    return SUITE.compare({"fitted on": CALIBRATION, "held out": HOLD_OUT})
 
 
-def check_probes_smoke() -> list[ValidationRow]:
+def check_probe_smoke() -> Iterator[ValidationRow]:
     """Check one part in the same way, in seconds."""
-    return _evaluate("one part", SMOKE_PARTS)
+    return SUITE.compare({"one part": SMOKE_PARTS})
 
 
-def _cover_probes(seed: int) -> ProbeCoverage:
-    """Return the numbers of a seed, from the store where they are there."""
-    return cover_seed(seed, _measure_probes, ProbeCoverage, Path(__file__))
-
-
-def _evaluate(what: str, seeds: Sequence[int]) -> Iterator[ValidationRow]:
-    parts = [_cover_probes(seed) for seed in seeds]
+def _evaluate(what: str, parts: Sequence[_ProbeCoverage]) -> Iterator[ValidationRow]:
     for number, quantity in enumerate(QUANTITIES):
         errors, estimates, unsure = (
             np.concatenate([getattr(part, name)[part.quantities == number] for part in parts])
@@ -235,4 +233,12 @@ def _evaluate(what: str, seeds: Sequence[int]) -> Iterator[ValidationRow]:
         )
         suite = CoverageCase(CLEAR[number], LARGEST_MEDIAN[number])
         yield from suite.evaluate(f"{what}, {quantity}", errors[known], estimates[known], note)
-        yield show(f"{what}, {quantity}: true error, median", float(np.median(errors[known])), "-")
+        yield show(f"{what}, {quantity}: true error, median", np.median(errors[known]), "-")
+
+
+SUITE = CoverageSuite(
+    lambda seed, scratch: _measure_probes(draw_part(seed, scratch.folder)),
+    _ProbeCoverage,
+    part_texts(__file__),
+    _evaluate,
+)

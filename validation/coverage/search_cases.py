@@ -9,8 +9,7 @@ extrapolated from what they move by: neither tetrahedra nor an estimate of an er
 import dataclasses
 import functools
 import math
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,8 +32,10 @@ from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.mpi import MPI
 from headstock.validation.coverage.coverage_case import (
     CoverageCase,
+    CoverageSuite,
+    Scratch,
     keep_measured,
-    make_key,
+    measurement_key,
     run_afresh,
 )
 from headstock.validation.coverage.parts import write_step
@@ -53,7 +54,7 @@ ROUND = "elbow", "swan", "oval", "cone"  # kinds of solids whose section is a ri
 
 
 @dataclass(frozen=True)
-class SlenderPart:
+class _SlenderPart:
     """A part of the suite.
 
     Attributes:
@@ -69,34 +70,34 @@ class SlenderPart:
 
     @property
     def is_round(self) -> bool:
-        """Whether its section is a ring."""
+        """Its section is a ring."""
         return isinstance(self.solid, Tube) or self.solid[0] in ROUND
 
 
 PARTS = (
-    SlenderPart("thin ring", Tube(0.24, 0.216, 0.02), 6500.0, (3, 56, 3)),
-    SlenderPart("flat ring", Tube(0.2, 0.15, 0.012), 9000.0, (4, 56, 2)),
-    SlenderPart("stout ring", Tube(0.16, 0.1, 0.04), 14000.0, (3, 32, 4)),
-    SlenderPart("thick tube", Tube(0.1, 0.05, 0.14), 22000.0, (3, 32, 8)),
-    SlenderPart("thin tube", Tube(0.09, 0.08, 0.2), 6500.0, (2, 56, 14)),
-    SlenderPart("long tube", Tube(0.06, 0.03, 0.3), 14000.0, (3, 20, 18)),
-    SlenderPart("bush", Tube(0.04, 0.008, 0.3), 14000.0, (4, 20, 20)),
-    SlenderPart(
+    _SlenderPart("thin ring", Tube(0.24, 0.216, 0.02), 6500.0, (3, 56, 3)),
+    _SlenderPart("flat ring", Tube(0.2, 0.15, 0.012), 9000.0, (4, 56, 2)),
+    _SlenderPart("stout ring", Tube(0.16, 0.1, 0.04), 14000.0, (3, 32, 4)),
+    _SlenderPart("thick tube", Tube(0.1, 0.05, 0.14), 22000.0, (3, 32, 8)),
+    _SlenderPart("thin tube", Tube(0.09, 0.08, 0.2), 6500.0, (2, 56, 14)),
+    _SlenderPart("long tube", Tube(0.06, 0.03, 0.3), 14000.0, (3, 20, 18)),
+    _SlenderPart("bush", Tube(0.04, 0.008, 0.3), 14000.0, (4, 20, 20)),
+    _SlenderPart(
         "bow", ("bow", {"bend": 0.12, "wide": 0.02, "high": 0.03, "bow": 0.19}), 12000.0, (4, 6, 20)
     ),
-    SlenderPart(
+    _SlenderPart(
         "open ring",
         ("bow", {"bend": 0.08, "wide": 0.014, "high": 0.014, "bow": 0.42}),
         5500.0,
         (4, 4, 48),
     ),
-    SlenderPart(
+    _SlenderPart(
         "bent pipe", ("elbow", {"bend": 0.12, "radius": 0.02, "bore": 0.012}), 14000.0, (3, 24, 18)
     ),
-    SlenderPart(
+    _SlenderPart(
         "bent rod", ("elbow", {"bend": 0.1, "radius": 0.012, "bore": 0.004}), 14000.0, (3, 20, 20)
     ),
-    SlenderPart(
+    _SlenderPart(
         "hairpin",
         ("hairpin", {"bend": 0.04, "leg": 0.06, "wide": 0.014, "high": 0.02}),
         9000.0,
@@ -106,39 +107,39 @@ PARTS = (
 SMOKE_PARTS = (PARTS[0], PARTS[7])
 # drawn up before any of them was computed; of the rules only that of a second mesh is younger
 FRESH_PARTS = (
-    SlenderPart(
+    _SlenderPart(
         "elliptical ring",
         ("oval", {"long": 0.1, "short": 0.06, "wall": 0.01, "height": 0.02}),
         6000.0,
         (4, 48, 4),
     ),
-    SlenderPart(
+    _SlenderPart(
         "frustum",
         ("cone", {"radius": 0.05, "top": 0.04, "bore": 0.03, "height": 0.12}),
         14000.0,
         (4, 32, 10),
     ),
-    SlenderPart(
+    _SlenderPart(
         "S-bent pipe",
         ("swan", {"bend": 0.08, "radius": 0.016, "bore": 0.011}),
         9000.0,
         (3, 20, 28),
     ),
-    SlenderPart(
+    _SlenderPart(
         "slotted tube",
         ("bow", {"bend": 0.04, "wide": 0.006, "high": 0.1, "bow": 0.23}),
         5000.0,
         (3, 14, 36),
     ),
-    SlenderPart(
+    _SlenderPart(
         "U-bar",
         ("hairpin", {"bend": 0.05, "leg": 0.08, "wide": 0.035, "high": 0.04}),
         9000.0,
         (5, 6, 30),
     ),
-    SlenderPart("wheel", Tube(0.3, 0.24, 0.05), 6000.0, (4, 48, 5)),
-    SlenderPart("sleeve", Tube(0.08, 0.066, 0.1), 9000.0, (3, 48, 10)),
-    SlenderPart(
+    _SlenderPart("wheel", Tube(0.3, 0.24, 0.05), 6000.0, (4, 48, 5)),
+    _SlenderPart("sleeve", Tube(0.08, 0.066, 0.1), 9000.0, (3, 48, 10)),
+    _SlenderPart(
         "thin bent pipe",
         ("elbow", {"bend": 0.1, "radius": 0.02, "bore": 0.016}),
         9000.0,
@@ -148,7 +149,7 @@ FRESH_PARTS = (
 
 
 @dataclass(frozen=True, eq=False)
-class SlenderTruth:
+class _SlenderTruth:
     """What is true of a part.
 
     Attributes:
@@ -161,7 +162,7 @@ class SlenderTruth:
 
 
 @dataclass(frozen=True, eq=False)
-class SearchedPart:
+class _SearchedPart:
     """How a search ended.
 
     Attributes:
@@ -182,27 +183,23 @@ class SearchedPart:
     failure: str = ""
 
 
-def check_search() -> list[ValidationRow]:
+def check_search() -> Iterator[ValidationRow]:
     """Check whether what searches call met is met on the twelve parts, and ± covers their numbers."""
-    return evaluate_searches([_recall(part) for part in PARTS])
+    return SUITE.compare({"": PARTS})
 
 
-def check_fresh_search() -> list[ValidationRow]:
+def check_fresh_search() -> Iterator[ValidationRow]:
     """Check the eight fresh parts in the same way."""
-    return evaluate_searches([_recall(part) for part in FRESH_PARTS])
+    return SUITE.compare({"": FRESH_PARTS})
 
 
-def check_search_smoke() -> list[ValidationRow]:
+def check_search_smoke() -> Iterator[ValidationRow]:
     """Check two of them in the same way."""
-    return evaluate_searches([_recall(part) for part in SMOKE_PARTS])
+    return SUITE.compare({"": SMOKE_PARTS})
 
 
-def evaluate_searches(parts: Sequence[SearchedPart]) -> list[ValidationRow]:
-    """Rows of a suite.
-
-    Args:
-        parts: How the searches ended.
-    """
+def _evaluate_searches(what: str, parts: Sequence[_SearchedPart]) -> list[ValidationRow]:
+    """Compare how searches ended with the truth."""
     errors, given, unsure = (
         np.concatenate([getattr(part, name) for part in parts])
         for name in ("errors", "given", "unsure")
@@ -214,7 +211,7 @@ def evaluate_searches(parts: Sequence[SearchedPart]) -> list[ValidationRow]:
     return [
         compare_bound(
             f"parts that a search for {100.0 * ASKED:g} % does not reach, or calls met that are not",
-            float(len(short) + len(wrong)),
+            len(short) + len(wrong),
             0.0,
             f"{len(parts)} parts; {', '.join([*short, *wrong]) or 'none'}; furthest: {furthest.name},"
             f" {100.0 * furthest.errors.max(initial=0.0):.2g} %",
@@ -228,14 +225,14 @@ def evaluate_searches(parts: Sequence[SearchedPart]) -> list[ValidationRow]:
         ),
         show(
             "processor time of a search, median",
-            float(np.median([part.seconds for part in parts])),
+            np.median([part.seconds for part in parts]),
             "s",
             ", ".join(f"{part.name} {part.seconds:.2g}" for part in parts),
         ),
     ]
 
 
-def _by_part(parts: Sequence[SearchedPart]) -> str:
+def _by_part(parts: Sequence[_SearchedPart]) -> str:
     return ", ".join(
         f"{part.name} {np.mean(part.errors[sure] <= part.given[sure]):.2f}"
         for part in parts
@@ -243,17 +240,14 @@ def _by_part(parts: Sequence[SearchedPart]) -> str:
     )
 
 
-def _recall(part: SlenderPart) -> SearchedPart:
-    """Return a part from the store where it is there: a suite that was stopped goes on."""
-    key = make_key(repr(part), Path(__file__).read_text())
-    with tempfile.TemporaryDirectory(prefix="headstock-search-") as name:
-        scene = make_scene(part, Path(name))
-        truth = keep_measured(key, SlenderTruth, lambda: find_truth(part))
-        key = make_key(key, code_fingerprint(headstock.pipeline))
-        return keep_measured(key, SearchedPart, lambda: search_part(part, scene, truth))
+def _measure(part: _SlenderPart, scratch: Scratch) -> _SearchedPart:
+    """Search a part whose truth is kept on its own, as no search changes it."""
+    key = measurement_key(repr(part), Path(__file__).read_text())
+    truth = keep_measured(key, _SlenderTruth, lambda: _find_truth(part))
+    return _search_part(part, _make_scene(part, scratch.folder), truth)
 
 
-def make_scene(part: SlenderPart, folder: Path) -> Scene:
+def _make_scene(part: _SlenderPart, folder: Path) -> Scene:
     """Return a part alone, whose frequencies are asked for.
 
     Args:
@@ -280,7 +274,7 @@ def make_scene(part: SlenderPart, folder: Path) -> Scene:
     )
 
 
-def find_truth(part: SlenderPart) -> SlenderTruth:
+def _find_truth(part: _SlenderPart) -> _SlenderTruth:
     """Return the frequencies of a part from two swept grids."""
     coarse, fine = (
         _grid_frequencies(part, tuple(math.ceil(factor * count) for count in part.grid))
@@ -289,10 +283,10 @@ def find_truth(part: SlenderPart) -> SlenderTruth:
     count = min(len(coarse), len(fine))
     moved = coarse[:count] - fine[:count]
     left, most = (moved / (FINER**rate - 1.0) for rate in (RATE, SLOW_RATE))
-    return SlenderTruth(fine[:count] - left, np.abs(most - left))
+    return _SlenderTruth(fine[:count] - left, np.abs(most - left))
 
 
-def _grid_frequencies(part: SlenderPart, counts: tuple[int, ...]) -> FloatArray:
+def _grid_frequencies(part: _SlenderPart, counts: tuple[int, ...]) -> FloatArray:
     mesh = _sweep_grid(counts, functools.partial(_place_section, part.solid), part.is_round)
     body = Component("part", Tube(1.0, 0.5, 1.0), STEEL)  # its shape is that of the mesh
     target = ModeTarget(up_to_hz=1.1 * part.up_to_hz)
@@ -391,14 +385,14 @@ def _sweep_grid(
     return ComponentMesh(points, flat, "hex27", straight=False, patches={}, quality=quality)
 
 
-def search_part(part: SlenderPart, scene: Scene, truth: SlenderTruth) -> SearchedPart:
+def _search_part(part: _SlenderPart, scene: Scene, truth: _SlenderTruth) -> _SearchedPart:
     """Return how far a search for an accuracy is off."""
     goal = dataclasses.replace(scene, accuracy=AccuracyGoal(ASKED))
     try:
         results = run_afresh(goal)
     except HeadstockError as error:
         nothing = np.zeros(0)
-        return SearchedPart(part.name, False, nothing, nothing, nothing, 0.0, str(error))
+        return _SearchedPart(part.name, False, nothing, nothing, nothing, 0.0, str(error))
     (modes,) = results.modal
     values = np.asarray(modes.frequencies_hz[modes.rigid_count :])
     given = np.array(
@@ -409,7 +403,7 @@ def search_part(part: SlenderPart, scene: Scene, truth: SlenderTruth) -> Searche
     )
     count = min(len(values), len(truth.frequencies_hz))
     values, given = values[:count], given[:count]
-    return SearchedPart(
+    return _SearchedPart(
         part.name,
         not results.failures,
         np.abs(values - truth.frequencies_hz[:count]) / values,
@@ -417,3 +411,11 @@ def search_part(part: SlenderPart, scene: Scene, truth: SlenderTruth) -> Searche
         truth.doubt[:count] / values,
         sum(record.cpu_seconds or 0.0 for record in results.stages),
     )
+
+
+SUITE = CoverageSuite(
+    _measure,
+    _SearchedPart,
+    lambda part: (repr(part), Path(__file__).read_text(), code_fingerprint(headstock.pipeline)),
+    _evaluate_searches,
+)

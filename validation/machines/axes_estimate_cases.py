@@ -3,27 +3,21 @@ seed, beside the same machines of fine meshes with more modes.
 """
 
 import dataclasses
-import tempfile
-from collections.abc import Iterable
-from dataclasses import dataclass
-from pathlib import Path
+import functools
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.accuracy.rounds import replace_components
-from headstock.pipeline.answers.answer import Answer, find_answers
+from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.contouring import ContourAnswer
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.volumetric import VolumetricAnswer
 from headstock.pipeline.numbers.numbers import Number
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
-from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene, keep_analyses
-from headstock.solvers.mpi import MPI
-from headstock.validation.coverage.coverage_case import UNSURE, CoverageCase
-from headstock.validation.machines.drawn_axes import draw_axes
+from headstock.validation.coverage.coverage_case import UNSURE, CoverageCase, open_scratch
+from headstock.validation.machines.drawn_axes import draw_axes_scene
 from headstock.validation.references.rows import ValidationRow
 
 SEEDS, SMOKE_SEED = range(5), 0  # the factor of paths was fitted on the first three
@@ -39,6 +33,8 @@ PATHS = (
 PROBES = "stress and displacement at probes along both"
 CLEAR = 1e-3  # of a number: true errors above which a ratio means something
 LEAST = 1e-9  # [m, rad]: what varies less is no number of a map
+PATH_KINDS = ("path_deviation", "motor_torque", "position_error", "joint_force")
+PROBE_KINDS = ("peak_stress", "peak_displacement")
 
 LOOKED_AT, HELD_OUT, SMOKE_CONTOUR = 0, 3, 1
 FRESH_CONTOURS = 5  # first seed of no machine above, nor of those of axes
@@ -58,35 +54,28 @@ SMOKE_SETTINGS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class ComparedNumbers:
-    """Numbers of an analysis beside those of fine meshes, SI.
-
-    Attributes:
-        values: ``(n,)``.
-        errors: ``(n,)`` their ±; inf for ``± ?``.
-        truth: ``(n,)`` of fine meshes.
-        doubt: ``(n,)`` how well these are known.
-    """
-
-    values: FloatArray
-    errors: FloatArray
-    truth: FloatArray
-    doubt: FloatArray
+KINDS = {
+    "outward_gap": FACES,
+    "contour_gap": FACES,
+    "drive_force": FACES,
+    "drive_torque": FACES,
+    "profile": PROFILES,
+    "limit_depth": LIMITS,
+}
 
 
-def check_axes_estimates() -> list[ValidationRow]:
+def check_axes_estimates() -> Iterator[ValidationRow]:
     """± of the maps and paths of five machines."""
     return _evaluate_machines(list(SEEDS))
 
 
-def check_axes_smoke() -> list[ValidationRow]:
+def check_axes_smoke() -> Iterator[ValidationRow]:
     """Check one machine in the same way."""
     return _evaluate_machines([SMOKE_SEED])
 
 
-def compare_new_axes(first: int) -> list[ValidationRow]:
-    """Check the same of machines that nothing was chosen on or judged with before.
+def compare_new_axes(first: int) -> Iterator[ValidationRow]:
+    """Check the same of machines that nothing was chosen on or compared with before.
 
     Args:
         first: Seed of the first of them, ``FRESH`` at least.
@@ -94,69 +83,100 @@ def compare_new_axes(first: int) -> list[ValidationRow]:
     return _evaluate_machines(list(range(first, first + len(SEEDS))))
 
 
-def _evaluate_machines(seeds: list[int]) -> list[ValidationRow]:
-    found = [_compare_axes(seed) for seed in seeds]
-    machines = f"machines {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"machine {seeds[0]}"
-    return [
-        row
-        for kind in found[0]
-        for row in evaluate_numbers(f"{machines}, {kind}", [each[kind] for each in found])
-    ]
+def check_contour_estimates() -> Iterator[ValidationRow]:
+    """± of contours of the machine that was looked at, and of the one held out."""
+    yield from compare_new_contours(LOOKED_AT)
+    yield from compare_new_contours(HELD_OUT)
 
 
-def _compare_axes(seed: int) -> dict[str, ComparedNumbers]:
-    """Numbers of a machine by what they are, beside those of fine meshes with more modes: measures of
-    its map, errors in single poses, paths with motors that follow and with drives under control.
+def check_contour_smoke() -> list[ValidationRow]:
+    """Gap and forces of a short contour of one machine with one body that deforms."""
+    compared = _compare_contours(SMOKE_CONTOUR, SMOKE_SETTINGS, SMOKE_ACROSS)
+    return _evaluate_numbers(f"machine {SMOKE_CONTOUR}, {FACES}", [compared[FACES]])
+
+
+def compare_new_contours(seed: int) -> Iterator[ValidationRow]:
+    """± of the contour of a machine.
+
+    Args:
+        seed: Of it; ``FRESH_CONTOURS`` at least for one that nothing was chosen on or compared with.
     """
-    with tempfile.TemporaryDirectory(prefix="headstock-axes-") as name:
-        folder = Path(name)
-        path = folder / "machine.toml"
-        path.write_text(draw_axes(seed))
-        store = Store(folder / "store")
+    for kind, compared in _compare_contours(seed).items():
+        yield from _evaluate_numbers(f"machine {seed}, {kind}", [compared])
+
+
+def _evaluate_machines(seeds: list[int]) -> Iterator[ValidationRow]:
+    compared = [_compare_axes(seed) for seed in seeds]
+    machines = f"machines {seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"machine {seeds[0]}"
+    for kind in compared[0]:
+        yield from _evaluate_numbers(f"{machines}, {kind}", [own[kind] for own in compared])
+
+
+def _compare_axes(seed: int) -> dict[str, FloatArray]:
+    """Return numbers of a machine by what they are, compared with those of fine meshes with more modes:
+    measures of its map, errors in single poses, paths with motors that follow and with drives under
+    control.
+    """
+    with open_scratch() as scratch:
 
         def run[Found: Answer](
             variant: str | None, analysis: str, kind: type[Found]
         ) -> tuple[Found, Found]:
-            scene = keep_analyses(load_scene(path, variant=variant), (analysis,))
-            both = []
-            for one in (scene, refine_scene(scene)):
-                results = run_scene(one, folder / "results", comm=MPI.COMM_SELF, store=store)
-                (answer,) = find_answers(results.answers, kind)
-                both.append(answer)
-            return both[0], both[1]
+            scene = keep_analyses(scratch.load(draw_axes_scene(seed), variant=variant), (analysis,))
+            return scratch.answer(scene, kind), scratch.answer(_refine_scene(scene), kind)
 
-        coarse, fine = run(None, "volumetric", VolumetricAnswer)
-        paths = [run(variant, "path", PathResult) for variant in (None, "controlled")]
-    measures = pair_numbers(*map(_list_measures, (coarse, fine)), least=LEAST)
-    poses = ComparedNumbers(
-        *(each.ravel() for each in (coarse.total, coarse.grid_errors, fine.total, fine.grid_errors))
-    )
-    free, driven = (pair_numbers(*map(_list_path, both), least=0.0) for both in paths)
-    seen = [_list_probes([answers[place] for answers in paths]) for place in (0, 1)]
+        maps = run(None, "volumetric", VolumetricAnswer)
+        free, driven = (run(variant, "path", PathResult) for variant in (None, "controlled"))
+
+    def is_measure(number: Number) -> bool:
+        # the largest error is among the ranges
+        return number.key.kind != "volumetric_error"
+
+    def is_of_path(number: Number) -> bool:
+        return number.key.kind in PATH_KINDS and number.key.get("zone") != "cruising"
+
+    coarse, fine = maps
+    single = (coarse.total, coarse.grid_errors, fine.total, fine.grid_errors)
+    at_probes = [[*free[index].list_numbers(), *driven[index].list_numbers()] for index in (0, 1)]
     return {
-        "ranges, motions along axes and squareness": measures,
-        "errors in single poses": poses,
-        PATHS[0]: free,
-        PATHS[1]: driven,
-        PROBES: pair_numbers(*seen, least=0.0),
+        "ranges, motions along axes and squareness": _compare(
+            [answer.list_numbers() for answer in maps], is_measure, least=LEAST
+        ),
+        "errors in single poses": np.array([errors.ravel() for errors in single]),
+        PATHS[0]: _compare([answer.list_numbers() for answer in free], is_of_path),
+        PATHS[1]: _compare([answer.list_numbers() for answer in driven], is_of_path),
+        PROBES: _compare(at_probes, lambda number: number.key.kind in PROBE_KINDS),
     }
 
 
-def pair_numbers(
-    coarse: tuple[FloatArray, FloatArray], fine: tuple[FloatArray, FloatArray], *, least: float
-) -> ComparedNumbers:
-    """Numbers and their ±, beside those of fine meshes.
+def _compare_contours(
+    seed: int, settings: tuple[str, ...] = (), across: int = FINE_ACROSS
+) -> dict[str, FloatArray]:
+    """Return numbers of a contour by what they are, compared with those of fine meshes with more modes.
 
     Args:
-        coarse: ``(n,)`` each.
-        least: Numbers up to here are none.
+        settings: Keys of its scene that are others.
+        across: Elements across a patch of the fine meshes.
     """
-    (values, errors), (truth, doubt) = coarse, fine
-    kept = values > least
-    return ComparedNumbers(values[kept], errors[kept], truth[kept], doubt[kept])
+    with open_scratch() as scratch:
+        milling = scratch.load(draw_axes_scene(seed), variant="milling", overrides=settings)
+        scene = keep_analyses(milling, ("contouring",))
+        numbers = [
+            [*scratch.answer(one, ContourAnswer).list_numbers()]
+            for one in (scene, _refine_scene(scene, across))
+        ]
+    compared = {
+        what: _compare(numbers, functools.partial(_is_of, what))
+        for what in dict.fromkeys(KINDS.values())
+    }
+    return {what: found for what, found in compared.items() if found.size}
 
 
-def refine_scene(scene: Scene, across: int = FINE_ACROSS) -> Scene:
+def _is_of(what: str, number: Number) -> bool:
+    return KINDS.get(number.key.kind) == what
+
+
+def _refine_scene(scene: Scene, across: int = FINE_ACROSS) -> Scene:
     """Refine a machine: fine meshes, corrected, and more modes."""
     fine = dict(scene.machine.components)
     for name, part in fine.items():
@@ -168,61 +188,35 @@ def refine_scene(scene: Scene, across: int = FINE_ACROSS) -> Scene:
     return replace_components(scene, fine)
 
 
-def _list_measures(answer: VolumetricAnswer) -> tuple[FloatArray, FloatArray]:
-    """Return sizes ``(n,)`` of all that is measured of a map, and their ±; the largest error is among the
-    ranges.
+def _compare(
+    machines: Sequence[Iterable[Number]], wanted: Callable[[Number], bool], *, least: float = 0.0
+) -> FloatArray:
+    """Return rows ``(4, n)``: sizes of numbers and their ±, and the same of fine meshes; ± is infinite
+    without a bound.
+
+    Args:
+        machines: Numbers of the machine, and of that with fine meshes.
+        least: Those whose size is up to here are left out.
     """
-    return list_sizes(
-        number for number in answer.list_numbers() if number.key.kind != "volumetric_error"
+    rows = np.array([row for numbers in machines for row in _list_sizes(numbers, wanted)])
+    return np.asarray(rows[:, rows[0] > least])
+
+
+def _list_sizes(
+    numbers: Iterable[Number], wanted: Callable[[Number], bool]
+) -> tuple[list[float], list[float]]:
+    kept = [number for number in numbers if wanted(number)]
+    totals = [None if number.error is None else number.error.total for number in kept]
+    return (
+        [abs(number.value) for number in kept],
+        [np.inf if total is None else total for total in totals],
     )
 
 
-PATH_KINDS = ("path_deviation", "motor_torque", "position_error", "joint_force")
-PROBE_KINDS = ("peak_stress", "peak_displacement")
-
-
-def _list_path(answer: PathResult) -> tuple[FloatArray, FloatArray]:
-    """Return sizes ``(n,)`` of deviations on ramps, torques, position errors and forces of a path, and
-    their ±.
-    """
-    return list_sizes(
-        number
-        for number in answer.list_numbers()
-        if number.key.kind in PATH_KINDS and number.key.get("zone") != "cruising"
-    )
-
-
-def _list_probes(answers: list[PathResult]) -> tuple[FloatArray, FloatArray]:
-    """Return the largest equivalent stresses and displacements ``(n,)`` at probes, and their ±."""
-    return list_sizes(
-        number
-        for answer in answers
-        for number in answer.list_numbers()
-        if number.key.kind in PROBE_KINDS
-    )
-
-
-def list_sizes(numbers: Iterable[Number]) -> tuple[FloatArray, FloatArray]:
-    """Return sizes ``(n,)`` of numbers, and their ±, infinite without a bound."""
-    values: list[float] = []
-    errors: list[float] = []
-    for number in numbers:
-        total = None if number.error is None else number.error.total
-        values.append(abs(number.value))
-        errors.append(np.inf if total is None else total)
-    return np.array(values), np.array(errors)
-
-
-def evaluate_numbers(what: str, machines: list[ComparedNumbers]) -> list[ValidationRow]:
+def _evaluate_numbers(what: str, machines: Sequence[FloatArray]) -> list[ValidationRow]:
     """Check whether their ± covers the true errors, and how large it is compared with them."""
-    values, errors, truth, doubt = (
-        np.concatenate([np.abs(getattr(machine, field)) for machine in machines])
-        for field in ("values", "errors", "truth", "doubt")
-    )
-    signed, right = (
-        np.concatenate([getattr(machine, field) for machine in machines])
-        for field in ("values", "truth")
-    )
+    signed, _, right, _ = numbers = np.hstack(machines)
+    values, errors, truth, doubt = np.abs(numbers)
     missed = np.abs(signed - right)
     sure = np.isfinite(errors) & (UNSURE * doubt <= SURE * errors)
     clear = sure & (missed > CLEAR * values)
@@ -233,71 +227,3 @@ def evaluate_numbers(what: str, machines: list[ComparedNumbers]) -> list[Validat
     )
     suite = CoverageCase(CLEAR, LARGEST_MEDIAN)
     return suite.evaluate(what, missed[sure], errors[sure], note, sizes=values[sure])
-
-
-def check_contour_estimates() -> list[ValidationRow]:
-    """± of contours of the machine that was looked at, and of the one held out."""
-    return compare_new_contours(LOOKED_AT) + compare_new_contours(HELD_OUT)
-
-
-def check_contour_smoke() -> list[ValidationRow]:
-    """Gap and forces of a short contour of one machine with one body that deforms."""
-    found = _compare_contours(SMOKE_CONTOUR, SMOKE_SETTINGS, SMOKE_ACROSS)
-    return evaluate_numbers(f"machine {SMOKE_CONTOUR}, {FACES}", [found[FACES]])
-
-
-def compare_new_contours(seed: int) -> list[ValidationRow]:
-    """± of the contour of a machine.
-
-    Args:
-        seed: Of it; ``FRESH_CONTOURS`` at least for one that nothing was chosen on or judged with.
-    """
-    return [
-        row
-        for kind, found in _compare_contours(seed).items()
-        for row in evaluate_numbers(f"machine {seed}, {kind}", [found])
-    ]
-
-
-def _compare_contours(
-    seed: int, settings: tuple[str, ...] = (), across: int = FINE_ACROSS
-) -> dict[str, ComparedNumbers]:
-    """Numbers of a contour by what they are, beside those of fine meshes with more modes.
-
-    Args:
-        settings: Keys of its scene that are others.
-        across: Elements across a patch of the fine meshes.
-    """
-    with tempfile.TemporaryDirectory(prefix="headstock-contours-") as name:
-        folder = Path(name)
-        path = folder / "machine.toml"
-        path.write_text(draw_axes(seed))
-        scene = keep_analyses(
-            load_scene(path, variant="milling", overrides=settings), ("contouring",)
-        )
-        both = []
-        for one in (scene, refine_scene(scene, across)):
-            results = run_scene(
-                one, folder / "results", comm=MPI.COMM_SELF, store=Store(folder / "store")
-            )
-            (answer,) = find_answers(results.answers, ContourAnswer)
-            both.append([*answer.list_numbers()])
-    found = {}
-    for what in dict.fromkeys(KINDS.values()):
-        coarse, fine = (
-            list_sizes(number for number in numbers if KINDS.get(number.key.kind) == what)
-            for numbers in both
-        )
-        if len(coarse[0]):
-            found[what] = pair_numbers(coarse, fine, least=0.0)
-    return found
-
-
-KINDS = {
-    "outward_gap": FACES,
-    "contour_gap": FACES,
-    "drive_force": FACES,
-    "drive_torque": FACES,
-    "profile": PROFILES,
-    "limit_depth": LIMITS,
-}

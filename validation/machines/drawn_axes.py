@@ -150,25 +150,7 @@ saddle = {{ component = "saddle", at = ["{quarter_saddle} mm", "35 mm", "120 mm"
 [loads.process]
 at = "head.tool"
 force = ["{force} N", "{across} N", "200 N"]
-[drives.X]
-inertia = "2.6e-4 kg m^2"
-lead = "10 mm"
-kv = "50 1/s"
-velocity_gain = "8e4 N s/m"
-integral_time = "10 ms"
-[drives.Y]
-inertia = "2.6e-4 kg m^2"
-lead = "10 mm"
-kv = "50 1/s"
-velocity_gain = "8e4 N s/m"
-integral_time = "10 ms"
-[drives.Z]
-inertia = "2.6e-4 kg m^2"
-lead = "10 mm"
-kv = "50 1/s"
-velocity_gain = "8e4 N s/m"
-integral_time = "10 ms"
-[effects]
+{drives}[effects]
 gravity = true
 guide_errors = true
 damping = {{ modal = "2 %" }}
@@ -201,7 +183,41 @@ steps_per_turn = 120
 """
 
 
-def draw_axes(seed: int) -> str:
+DRIVE = """\
+[drives.{axis}]
+inertia = "2.6e-4 kg m^2"
+lead = "10 mm"
+kv = "50 1/s"
+velocity_gain = "8e4 N s/m"
+integral_time = "10 ms"
+"""
+# lowest and highest of what is drawn [mm], in the order of the draws
+SIZES = {
+    "bed_x": (820, 1000),
+    "bed_y": (520, 700),
+    "bed_z": (90, 200),
+    "wall": (60, 130),
+    "bridge_z": (480, 620),
+    "bridge_y": (430, 560),
+    "rail_y": (80, 160),
+    "saddle_x": (45, 80),
+}
+# likewise, stiffnesses [N/um], forces [N] and a mass [kg]
+PROPERTIES = {
+    "foot_off": (-80, 80),
+    "head_z": (220, 300),
+    "head_below": (110, 170),
+    "head_mass": (25, 70),
+    "mount": (150, 600),
+    "guide": (150, 500),
+    "screw": (80, 250),
+    "period": (150, 400),
+    "force": (-500, 500),
+    "across": (100, 500),
+}
+
+
+def draw_axes_scene(seed: int) -> str:
     """Return a scene with a volumetric map and a path, with motors that follow their set points
     and, as the variant ``controlled``, with drives under control, and as the variant ``milling``
     with a contour that is milled, as TOML.
@@ -215,55 +231,37 @@ def draw_axes(seed: int) -> str:
         return int(random.integers(low, high + 1))
 
     kinds, materials = ("rigid", "average"), ("steel", "iron")
-    bed_x, bed_y, bed_z = draw(820, 1000), draw(520, 700), draw(90, 200)
-    wall, bridge_z = draw(60, 130), draw(480, 620)
-    bridge_y = min(draw(430, 560), bed_y - 20)
-    rail_y, saddle_x = draw(80, 160), draw(45, 80)
-    post_x = 0.5 * bed_x - 0.5 * wall - 20
-    middle = bridge_z - 130
-    face = -post_x + 0.5 * wall
-    front = face + saddle_x + 20
+    drawn = {name: draw(*ends) for name, ends in SIZES.items()}
+    drawn["bridge_y"] = min(drawn["bridge_y"], drawn["bed_y"] - 20)
+    drawn |= {name: draw(*ends) for name, ends in PROPERTIES.items()}
+    post_x = 0.5 * drawn["bed_x"] - 0.5 * drawn["wall"] - 20
+    middle = drawn["bridge_z"] - 130
+    face = -post_x + 0.5 * drawn["wall"]
+    front = face + drawn["saddle_x"] + 20
     values: dict[str, float | str] = {
-        "bed_x": bed_x,
-        "bed_y": bed_y,
-        "bed_z": bed_z,
-        "wall": wall,
-        "bridge_y": bridge_y,
-        "bridge_z": bridge_z,
-        "rail_y": rail_y,
-        "rail_apart": 2 * rail_y,
-        "foot_x": 0.5 * bed_x - 60,
-        "foot_y": 0.5 * bed_y - 60,
-        "foot_off": draw(-80, 80),
+        "rail_apart": 2 * drawn["rail_y"],
+        "foot_x": 0.5 * drawn["bed_x"] - 60,
+        "foot_y": 0.5 * drawn["bed_y"] - 60,
         "post_x": post_x,
-        "half_rail": 0.5 * rail_y,
-        "half_bed": 0.5 * bed_z,
-        "quarter_wall": 0.25 * wall,
-        "low_bridge": 0.3 * bridge_z,
-        "quarter_saddle": 0.25 * saddle_x,
-        "table_y": 2 * rail_y + 80,
+        "half_rail": 0.5 * drawn["rail_y"],
+        "half_bed": 0.5 * drawn["bed_z"],
+        "quarter_wall": 0.25 * drawn["wall"],
+        "low_bridge": 0.3 * drawn["bridge_z"],
+        "quarter_saddle": 0.25 * drawn["saddle_x"],
+        "table_y": 2 * drawn["rail_y"] + 80,
         "high": middle + 70,
         "low": middle - 70,
         "middle": middle,
-        "bearing_y": 0.5 * bridge_y - 45,
-        "saddle_x": saddle_x,
-        "saddle_at": face + 20 + 0.5 * saddle_x,
+        "bearing_y": 0.5 * drawn["bridge_y"] - 45,
+        "saddle_at": face + 20 + 0.5 * drawn["saddle_x"],
         "saddle_z": middle - 130,
         "face": face,
         "front": front,
-        "head_z": draw(220, 300),
         "head_at": front + 30,
-        "head_low": middle - draw(110, 170),
-        "head_mass": draw(25, 70),
-        "mount": draw(150, 600),
-        "guide": draw(150, 500),
-        "screw": draw(80, 250),
-        "period": draw(150, 400),
-        "force": draw(-500, 500),
-        "across": draw(100, 500),
-        "bed_mesh": round(random.uniform(0.5, 1.1) * bed_z),
-        "bridge_mesh": round(random.uniform(0.6, 1.1) * wall),
-        "saddle_mesh": round(random.uniform(0.6, 1.0) * saddle_x),
+        "head_low": middle - drawn["head_below"],
+        "bed_mesh": round(random.uniform(0.5, 1.1) * drawn["bed_z"]),
+        "bridge_mesh": round(random.uniform(0.6, 1.1) * drawn["wall"]),
+        "saddle_mesh": round(random.uniform(0.6, 1.0) * drawn["saddle_x"]),
         "coupling": str(random.choice(kinds)),
         "modes": draw(4, 10),
         "cells": "hex" if seed % 3 else "tet",
@@ -272,5 +270,6 @@ def draw_axes(seed: int) -> str:
         "bridge_material": str(random.choice(materials)),
         "side": draw(24, 32),
         "spindle": draw(4000, 9000),
+        "drives": "".join(DRIVE.format(axis=axis) for axis in "XYZ"),
     }
-    return SCENE.format(seed=seed, **values)
+    return SCENE.format(seed=seed, **drawn, **values)

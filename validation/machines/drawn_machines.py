@@ -84,7 +84,7 @@ class _Body:
         )
 
 
-def draw_machine(seed: int) -> str:
+def draw_machine_scene(seed: int) -> str:
     """Return a scene with analyses, as TOML.
 
     Args:

@@ -116,7 +116,7 @@ def make_drive(
     return free_motors(locked_motor, [train]), train
 
 
-def characteristic(masses: TwoMasses, control: AxisControl) -> tuple[FloatArray, FloatArray]:
+def _characteristic(masses: TwoMasses, control: AxisControl) -> tuple[FloatArray, FloatArray]:
     """Two polynomials in s, lowest power first: the closed loop's is the first plus the second
     times ``exp(-s T)``.
     """
@@ -134,15 +134,15 @@ def characteristic(masses: TwoMasses, control: AxisControl) -> tuple[FloatArray,
     )
 
 
-def closed_loop_poles(masses: TwoMasses, control: AxisControl) -> ComplexArray:
+def _closed_loop_poles(masses: TwoMasses, control: AxisControl) -> ComplexArray:
     """Roots of the characteristic polynomial without dead time [rad/s]."""
-    plant, fed = characteristic(masses, control)
+    plant, fed = _characteristic(masses, control)
     return np.asarray(
         np.polynomial.polynomial.polyroots(np.polynomial.polynomial.polyadd(plant, fed)) + 0j
     )
 
 
-def delayed_pole(masses: TwoMasses, control: AxisControl, start: complex) -> complex:
+def _delayed_pole(masses: TwoMasses, control: AxisControl, start: complex) -> complex:
     """Return the exact pole with dead time next to a start, by Newton's method on the
     quasi-polynomial [rad/s].
 
@@ -152,7 +152,7 @@ def delayed_pole(masses: TwoMasses, control: AxisControl, start: complex) -> com
         start: Pole nearby, such as that of a Padé approximation [rad/s].
     """
     poly = np.polynomial.polynomial
-    plant, fed = characteristic(masses, control)
+    plant, fed = _characteristic(masses, control)
     slope, fed_slope = poly.polyder(plant), poly.polyder(fed)
     s, late = start, control.dead_time
     for _ in range(50):
@@ -173,7 +173,7 @@ def _set_point_response(masses: TwoMasses, control: AxisControl) -> tuple[FloatA
     dead time.
     """
     poly = np.polynomial.polynomial
-    plant, fed = characteristic(masses, control)
+    plant, fed = _characteristic(masses, control)
     ahead = poly.polymul(
         [1.0 / control.integral_time, 1.0], [control.position_gain, control.velocity_feed_forward]
     )
@@ -181,7 +181,7 @@ def _set_point_response(masses: TwoMasses, control: AxisControl) -> tuple[FloatA
     return np.asarray(numerator), np.asarray(poly.polyadd(plant, fed))
 
 
-def step_response(masses: TwoMasses, control: AxisControl, times: FloatArray) -> FloatArray:
+def _step_response(masses: TwoMasses, control: AxisControl, times: FloatArray) -> FloatArray:
     """Load position ``(n,)`` after a unit step of the set position, by residues at the poles.
 
     Args:
@@ -232,7 +232,7 @@ def check_two_masses(comm: MPI.Comm) -> Iterator[ValidationRow]:
     loads = np.zeros((5001, 3))
     loads[:, 0] = 1.0
     found = solve_time_response(loop.space, loads, 1e-4)
-    error = float(np.abs(found.outputs[:, 0] - step_response(MASSES, CONTROL, found.times)).max())
+    error = float(np.abs(found.outputs[:, 0] - _step_response(MASSES, CONTROL, found.times)).max())
     yield compare_bound("step response, largest error", error, EXACT, "residues at the poles")
     yield _evaluate_largest_gain()
 
@@ -325,10 +325,10 @@ def _evaluate_poles(name: str, control: AxisControl) -> ValidationRow:
     if control.dead_time:
         found = found[np.abs(found) * control.dead_time < 1.0]
         right: ComplexArray = np.array(
-            [delayed_pole(MASSES, control, complex(pole)) for pole in found]
+            [_delayed_pole(MASSES, control, complex(pole)) for pole in found]
         )
     else:
-        every = closed_loop_poles(MASSES, control)
+        every = _closed_loop_poles(MASSES, control)
         right = np.array([every[int(np.argmin(np.abs(every - pole)))] for pole in found])
     apart = float((np.abs(found - right) / np.abs(right)).max())
     return compare_bound(f"poles, {name}: largest distance over size", apart, EXACT)
@@ -386,9 +386,9 @@ def _pull(loop: ClosedLoop, speed: float, times: FloatArray) -> DrivenMotion:
 
     def given(instants: FloatArray) -> FloatArray:
         inside = np.minimum(instants, ramp)
-        way = 0.5 * speed / ramp * inside**2 + speed * np.maximum(instants - ramp, 0.0)
+        place = 0.5 * speed / ramp * inside**2 + speed * np.maximum(instants - ramp, 0.0)
         pull = np.where(instants < ramp, speed / ramp, 0.0)
-        return np.column_stack([way, speed * inside / ramp, pull])
+        return np.column_stack([place, speed * inside / ramp, pull])
 
     return solve_motion(loop, given, times, breaks=np.array([ramp]))
 

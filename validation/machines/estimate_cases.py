@@ -311,12 +311,12 @@ class ErrorPairs:
 
     @property
     def given(self) -> BoolArray:
-        """Which have an estimate."""
+        """Those with an estimate."""
         return np.isfinite(self.estimated)
 
     @property
     def clear(self) -> BoolArray:
-        """Which have one, and a true error well above the roundoff of both methods."""
+        """Those with one, and a true error well above the roundoff of both methods."""
         return np.asarray(self.given & (self.true > CLEAR))
 
 
@@ -327,7 +327,7 @@ def check_frequency_estimates() -> Iterator[ValidationRow]:
     found = []
     for make in SPECIMENS:
         specimen = make()
-        pairs = compare_frequencies(
+        pairs = _compare_frequencies(
             specimen, monolithic_frequencies(unreduced(specimen), WATCHED, shift_hz=SHIFT_HZ)
         )
         yield report_coverage(specimen.name, pairs)
@@ -348,12 +348,12 @@ def check_step_estimates() -> Iterator[ValidationRow]:
     whole = full_model(
         mesh, part.material, comm=MPI.COMM_SELF, fixed=fixed_by(mesh, tuple(supports.values()))
     )
-    pairs = compare_frequencies(specimen, full_modes(whole, WATCHED).frequencies_hz)
+    pairs = _compare_frequencies(specimen, full_modes(whole, WATCHED).frequencies_hz)
     yield report_coverage(specimen.name, pairs)
     yield from evaluate_pairs(specimen.name, pairs)
 
 
-def compare_frequencies(specimen: Specimen, exact: FloatArray) -> ErrorPairs:
+def _compare_frequencies(specimen: Specimen, exact: FloatArray) -> ErrorPairs:
     """True and estimated errors of the lowest elastic frequencies of a machine for every number of
     modes.
     """

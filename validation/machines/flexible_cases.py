@@ -53,7 +53,7 @@ SHAFT = (0.1, 0.1, 0.24)
 
 
 @dataclass(frozen=True)
-class Bar:
+class _Bar:
     """A box between two corners ``(3,)`` [m]."""
 
     low: tuple[float, float, float]
@@ -71,7 +71,7 @@ class Bar:
 
 
 @dataclass(frozen=True)
-class SplitBody:
+class _SplitBody:
     """A free body of boxes that meet in planes, each box a part.
 
     Attributes:
@@ -85,17 +85,17 @@ class SplitBody:
 
     name: str
     grid: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]
-    bars: tuple[Bar, ...]
+    bars: tuple[_Bar, ...]
     axis: int
     finer: tuple[int, ...] = ()
     round: bool = False
 
-    def find_patch(self, number: int) -> Bar:
+    def find_patch(self, number: int) -> _Bar:
         """Return the rectangle in which a part meets the next one, as a box without thickness."""
         one, next_one = self.bars[number], self.bars[number + 1]
         low = [max(pair) for pair in zip(one.low, next_one.low, strict=True)]
         high = [min(pair) for pair in zip(one.high, next_one.high, strict=True)]
-        return Bar(_triple(low), _triple(high))
+        return _Bar(_triple(low), _triple(high))
 
     def bend(self, lattice: FloatArray) -> FloatArray:
         """Return where points ``(..., 3)`` of the boxes lie in the body: a square becomes a disk."""
@@ -115,7 +115,7 @@ def divide(length: float, count: int) -> tuple[float, ...]:
     return tuple(length * step / count for step in range(count + 1))
 
 
-def cut_box(
+def _cut_box(
     name: str,
     size: tuple[float, float, float],
     counts: tuple[int, int, int],
@@ -124,7 +124,7 @@ def cut_box(
     parts: int,
     finer: tuple[int, ...] = (),
     round_section: bool = False,
-) -> SplitBody:
+) -> _SplitBody:
     """Cut a box of equal elements into equal parts across an axis.
 
     Args:
@@ -139,12 +139,12 @@ def cut_box(
     for start, end in itertools.pairwise(corners):
         low, high = [0.0, 0.0, 0.0], list(size)
         low[axis], high[axis] = start, end
-        bars.append(Bar(_triple(low), _triple(high)))
+        bars.append(_Bar(_triple(low), _triple(high)))
     x, y, z = (divide(length, count) for length, count in zip(size, counts, strict=True))
-    return SplitBody(name, (x, y, z), tuple(bars), axis, finer, round_section)
+    return _SplitBody(name, (x, y, z), tuple(bars), axis, finer, round_section)
 
 
-def find_whole_frequencies(body: SplitBody, count: int) -> FloatArray:
+def _find_whole_frequencies(body: _SplitBody, count: int) -> FloatArray:
     """Elastic natural frequencies [Hz] ``(count,)`` of the body as one mesh."""
     mesh = lattice_mesh(body.bend(_lattice(body.grid)), "hex27", straight=not body.round)
     centers = mesh.points[mesh.cells[:, :8]].mean(axis=1)
@@ -159,7 +159,7 @@ def find_whole_frequencies(body: SplitBody, count: int) -> FloatArray:
     return _reduce(component, one, ModeTarget(count=count)).modal_frequencies_hz[:count]
 
 
-def join_parts(body: SplitBody, form: Form, flexible: int, modes: int) -> CoupledMachine:
+def _join_parts(body: _SplitBody, form: Form, flexible: int, modes: int) -> CoupledMachine:
     """Join parts to a body with rigid joints between their interfaces.
 
     Args:
@@ -180,7 +180,7 @@ def join_parts(body: SplitBody, form: Form, flexible: int, modes: int) -> Couple
     return couple({element.name: element for _, element in made}, machine, Pose("home"))
 
 
-def find_joined_frequencies(coupled: CoupledMachine, count: int) -> FloatArray:
+def _find_joined_frequencies(coupled: CoupledMachine, count: int) -> FloatArray:
     """Return the first elastic natural frequencies [Hz] ``(count,)``; infinite where there are
     fewer.
     """
@@ -190,7 +190,7 @@ def find_joined_frequencies(coupled: CoupledMachine, count: int) -> FloatArray:
     )
 
 
-def count_shapes(coupled: CoupledMachine) -> int:
+def _count_shapes(coupled: CoupledMachine) -> int:
     """Return the most shapes that an interface of a machine keeps."""
     maps = [
         entry
@@ -201,7 +201,7 @@ def count_shapes(coupled: CoupledMachine) -> int:
 
 
 def _make_part(
-    body: SplitBody, number: int, form: Form, flexible: int, modes: int
+    body: _SplitBody, number: int, form: Form, flexible: int, modes: int
 ) -> tuple[Component, Superelement]:
     bar = body.bars[number]
     sides = {"end": body.find_patch(number)} if number + 1 < len(body.bars) else {}
@@ -241,7 +241,7 @@ def _make_part(
     return component, _reduce(component, mesh, ModeTarget(count=modes))
 
 
-def _add_element(corners: list[float], patches: Sequence[Bar], axis: int) -> list[float]:
+def _add_element(corners: list[float], patches: Sequence[_Bar], axis: int) -> list[float]:
     """Corners of one more element between the outermost ones within the patches, evenly."""
     low = min(patch.low[axis] for patch in patches) - ON_PLANE
     high = max(patch.high[axis] for patch in patches) + ON_PLANE
@@ -267,15 +267,17 @@ def _reduce(component: Component, mesh: ComponentMesh, modes: ModeTarget) -> Sup
 
 # parts meet over a whole section: stresses there are those of a smooth body
 CUTS = (
-    cut_box("beam, 2 parts", BEAM, (20, 4, 4), axis=0, parts=2),
-    cut_box("beam, 5 parts, other meshes", BEAM, (20, 4, 4), axis=0, parts=5, finer=(1, 3)),
-    cut_box("plate across, 2 parts", PLATE, (16, 12, 2), axis=0, parts=2),
-    cut_box("plate across, 4 parts, other meshes", PLATE, (16, 12, 2), axis=0, parts=4, finer=(1,)),
-    cut_box("block, 2 parts", BLOCK, (6, 5, 8), axis=2, parts=2),
-    cut_box("block, 2 parts, other meshes", BLOCK, (6, 5, 8), axis=2, parts=2, finer=(1,)),
-    cut_box("block, 4 parts", BLOCK, (6, 5, 8), axis=2, parts=4),
-    cut_box("shaft, 2 parts", SHAFT, (4, 4, 10), axis=2, parts=2, round_section=True),
-    cut_box(
+    _cut_box("beam, 2 parts", BEAM, (20, 4, 4), axis=0, parts=2),
+    _cut_box("beam, 5 parts, other meshes", BEAM, (20, 4, 4), axis=0, parts=5, finer=(1, 3)),
+    _cut_box("plate across, 2 parts", PLATE, (16, 12, 2), axis=0, parts=2),
+    _cut_box(
+        "plate across, 4 parts, other meshes", PLATE, (16, 12, 2), axis=0, parts=4, finer=(1,)
+    ),
+    _cut_box("block, 2 parts", BLOCK, (6, 5, 8), axis=2, parts=2),
+    _cut_box("block, 2 parts, other meshes", BLOCK, (6, 5, 8), axis=2, parts=2, finer=(1,)),
+    _cut_box("block, 4 parts", BLOCK, (6, 5, 8), axis=2, parts=4),
+    _cut_box("shaft, 2 parts", SHAFT, (4, 4, 10), axis=2, parts=2, round_section=True),
+    _cut_box(
         "shaft, 3 parts, other meshes",
         SHAFT,
         (4, 4, 12),
@@ -287,21 +289,21 @@ CUTS = (
 )
 # one part ends on the face of the other: stresses grow without limit along the rim of the joint
 STEPS = (
-    SplitBody(
+    _SplitBody(
         "plates overlapping",
         (divide(0.36, 18), divide(0.12, 6), divide(0.04, 4)),
-        (Bar((0.0, 0.0, 0.0), (0.24, 0.12, 0.02)), Bar((0.12, 0.0, 0.02), (0.36, 0.12, 0.04))),
+        (_Bar((0.0, 0.0, 0.0), (0.24, 0.12, 0.02)), _Bar((0.12, 0.0, 0.02), (0.36, 0.12, 0.04))),
         2,
     ),
-    SplitBody(
+    _SplitBody(
         "post on a plate",
         (divide(0.3, 12), divide(0.2, 10), divide(0.18, 9)),
-        (Bar((0.0, 0.0, 0.0), (0.3, 0.2, 0.04)), Bar((0.1, 0.06, 0.04), (0.2, 0.14, 0.18))),
+        (_Bar((0.0, 0.0, 0.0), (0.3, 0.2, 0.04)), _Bar((0.1, 0.06, 0.04), (0.2, 0.14, 0.18))),
         2,
     ),
 )
-SMOKE_BEAM = cut_box("beam, 2 parts", BEAM, (14, 3, 3), axis=0, parts=2)
-LAYERS = cut_box("plate of 2 layers", (0.3, 0.2, 0.02), (16, 12, 4), axis=2, parts=2)
+SMOKE_BEAM = _cut_box("beam, 2 parts", BEAM, (14, 3, 3), axis=0, parts=2)
+LAYERS = _cut_box("plate of 2 layers", (0.3, 0.2, 0.02), (16, 12, 4), axis=2, parts=2)
 
 
 def check_flexible_interfaces() -> Iterator[ValidationRow]:
@@ -313,20 +315,20 @@ def check_flexible_interfaces() -> Iterator[ValidationRow]:
     yield from _evaluate(LAYERS, None, (*SHAPES, MANY_SHAPES))
 
 
-def check_flexible_smoke() -> list[ValidationRow]:
+def check_flexible_smoke() -> Iterator[ValidationRow]:
     """Check a beam in the same way."""
     return _evaluate(SMOKE_BEAM, "weak", (0, 12, 30), modes=SMOKE_MODES)
 
 
 def _evaluate(
-    body: SplitBody,
+    body: _SplitBody,
     required: Form | None,
     shapes: tuple[int, ...],
     *,
     modes: int = MODES,
 ) -> Iterator[ValidationRow]:
     """Compare a body cut and joined with the whole one; one form of it has to reach the goal."""
-    whole = find_whole_frequencies(body, WATCHED)
+    whole = _find_whole_frequencies(body, WATCHED)
     finest = {}
     for form in FORMS:
         found, counts = _series(body, form, shapes, modes)
@@ -360,12 +362,12 @@ def _evaluate(
 
 
 def _series(
-    body: SplitBody, form: Form, shapes: tuple[int, ...], modes: int
+    body: _SplitBody, form: Form, shapes: tuple[int, ...], modes: int
 ) -> tuple[FloatArray, list[int]]:
     """Frequencies ``(k, 10)`` [Hz] with so many shapes, and how many there are of them."""
-    machines = [join_parts(body, form, most, modes) for most in shapes]
-    found = [find_joined_frequencies(machine, WATCHED) for machine in machines]
-    return np.array(found), [count_shapes(machine) for machine in machines]
+    machines = [_join_parts(body, form, most, modes) for most in shapes]
+    found = [_find_joined_frequencies(machine, WATCHED) for machine in machines]
+    return np.array(found), [_count_shapes(machine) for machine in machines]
 
 
 def _find_wrong_step(errors: FloatArray, form: Form) -> float:

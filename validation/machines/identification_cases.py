@@ -71,7 +71,7 @@ prior_sigma = 0.002
 """
 
 
-def write_parameters(names: Mapping[str, float] | None = None) -> str:
+def _write_parameters(names: Mapping[str, float] | None = None) -> str:
     """Write the eight stiffnesses as parameters of a target file, or those named."""
     chosen = STIFFNESSES if names is None else {name: STIFFNESSES[name] for name in names}
     return "".join(
@@ -85,7 +85,7 @@ def write_frequencies(values_hz: FloatArray) -> str:
     return "[" + ", ".join(f'"{value:.15g} Hz"' for value in values_hz) + "]"
 
 
-def prepare_text(folder: Path, targets: str) -> FitProblem:
+def _prepare_text(folder: Path, targets: str) -> FitProblem:
     """Prepare the machine and the text of a target file, written into a folder and ready to be
     computed.
     """
@@ -95,14 +95,14 @@ def prepare_text(folder: Path, targets: str) -> FitProblem:
     return prepare_problem(load_targets(path, scene), Store(folder / "store"), MPI.COMM_SELF)
 
 
-def solve_truth(problem: FitProblem, truth: Mapping[str, float]) -> FitPoint:
+def _solve_truth(problem: FitProblem, truth: Mapping[str, float]) -> FitPoint:
     """Solve the machine with true values, SI, by parameter."""
     return evaluate(
         problem, problem.coordinates([truth[parameter.name] for parameter in problem.parameters])
     )
 
 
-def true_values() -> dict[str, float]:
+def _true_values() -> dict[str, float]:
     """True stiffnesses, SI."""
     return {
         name: parse_quantity(f"{value!r} {unit}", *DIMENSIONS).value
@@ -116,10 +116,10 @@ def _solve_measured(folder: Path) -> FitPoint:
         [np.asarray(np.arange(10.0, 10.0 + FREQUENCIES))] * len(MEASURED),
         [np.full(3, 1e-9)] * len(MEASURED),
     )
-    return solve_truth(prepare_text(folder, blank + write_parameters()), true_values())
+    return _solve_truth(_prepare_text(folder, blank + _write_parameters()), _true_values())
 
 
-def measure(truth: FitPoint, seed: int, noise: float) -> str:
+def _write_measured(truth: FitPoint, seed: int, noise: float) -> str:
     """Cases of a target file with relative noise on every frequency and compliance.
 
     Args:
@@ -160,14 +160,14 @@ def check_identification(comm: MPI.Comm) -> list[ValidationRow]:
     if comm.rank > 0:
         return []
     with tempfile.TemporaryDirectory() as name:
-        return [*evaluate_seeds(Path(name), range(SEEDS)), *evaluate_blindness(Path(name))]
+        return [*_evaluate_seeds(Path(name), range(SEEDS)), *_evaluate_blindness(Path(name))]
 
 
-def evaluate_seeds(folder: Path, seeds: Sequence[int]) -> list[ValidationRow]:
+def _evaluate_seeds(folder: Path, seeds: Sequence[int]) -> list[ValidationRow]:
     """Errors and intervals over noise seeds."""
     errors, inside, evaluations, noise = [], [], 0, []
-    for found in fit_seeds(folder, seeds):
-        truth = true_values()
+    for found in _fit_seeds(folder, seeds):
+        truth = _true_values()
         errors.append([item.value / truth[item.parameter.name] - 1.0 for item in found.parameters])
         inside.append(
             [item.low <= truth[item.parameter.name] <= item.high for item in found.parameters]
@@ -178,47 +178,51 @@ def evaluate_seeds(folder: Path, seeds: Sequence[int]) -> list[ValidationRow]:
     covered = np.array(inside, dtype=float)
     count = f"{size.shape[1]} stiffnesses, {len(size)} seeds"
     return [
-        compare_bound(f"{count}: largest error", float(size.max()), ERROR_LIMIT, "1 % noise"),
-        show(f"{count}: root mean square of the errors", float(np.sqrt((size**2).mean())), "-"),
+        compare_bound(f"{count}: largest error", size.max(), ERROR_LIMIT, "1 % noise"),
+        show(f"{count}: root mean square of the errors", np.sqrt((size**2).mean()), "-"),
         compare_value(
             f"{count}: share of 95 % intervals that hold the truth",
-            float(covered.mean()),
+            covered.mean(),
             COVERAGE,
             "at least 0.90",
         ),
         compare_value(
             f"{count}: the same for the parameter that fares worst",
-            float(covered.mean(axis=0).min()),
+            covered.mean(axis=0).min(),
             COVERAGE,
         ),
         compare_value(
-            "noise found over noise put in, mean",
-            float(np.mean(noise)),
-            Target(1.0, "-", 0.1, "identity"),
+            "noise found over noise put in, mean", np.mean(noise), Target(1.0, "-", 0.1, "identity")
         ),
         show("evaluations of the machine per fit", evaluations / len(size), "-"),
     ]
 
 
-def fit_seeds(folder: Path, seeds: Sequence[int]) -> list[Identification]:
+def _fit_seeds(folder: Path, seeds: Sequence[int]) -> list[Identification]:
     """Fit the eight stiffnesses to data with the noise of each seed; components are
     reduced once.
     """
     truth = _solve_measured(folder)
-    problem = prepare_text(folder, measure(truth, 0, NOISE) + write_parameters())
+    problem = _prepare_text(folder, _write_measured(truth, 0, NOISE) + _write_parameters())
     return [
-        fit_parameters(_with_data(folder, problem, measure(truth, seed, NOISE)), f"seed {seed}")
+        fit_parameters(
+            _with_data(folder, problem, _write_measured(truth, seed, NOISE)), f"seed {seed}"
+        )
         for seed in seeds
     ]
 
 
-def evaluate_blindness(folder: Path) -> list[ValidationRow]:
+def _evaluate_blindness(folder: Path) -> list[ValidationRow]:
     """Two springs of which only the sum is felt, and a place that hardly matters: both are
     named.
     """
-    others = {name: value for name, value in true_values().items() if name != "feet_z"}
-    text = measure(_solve_measured(folder), 0, NOISE) + write_parameters(others) + UNIDENTIFIABLE
-    found = fit_parameters(prepare_text(folder, text), "blind")
+    others = {name: value for name, value in _true_values().items() if name != "feet_z"}
+    text = (
+        _write_measured(_solve_measured(folder), 0, NOISE)
+        + _write_parameters(others)
+        + UNIDENTIFIABLE
+    )
+    found = fit_parameters(_prepare_text(folder, text), "blind")
     unidentifiable = {
         name: abs(share)
         for direction in found.statistics.unidentifiable
@@ -260,7 +264,7 @@ def evaluate_blindness(folder: Path) -> list[ValidationRow]:
 def _with_data(folder: Path, problem: FitProblem, cases: str) -> FitProblem:
     """Return the same problem with other data."""
     path = folder / "targets.toml"
-    path.write_text(cases + write_parameters())
+    path.write_text(cases + _write_parameters())
     task = load_targets(path, folder / "machine.toml").task
     models = [
         dataclasses.replace(model, case=case)

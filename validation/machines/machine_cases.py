@@ -68,7 +68,7 @@ def check_three_axis_machine(comm: MPI.Comm) -> Iterator[ValidationRow]:
         {name: mesh_component(part) for name, part in elastic.items()} if comm.rank == 0 else None,
         root=0,
     )
-    reduced = reduce_parts(machine, meshes, comm)
+    reduced = _reduce_parts(machine, meshes, comm)
     for pose in scene.poses.values():
         coupled = couple(reduced, machine, pose)
         channels = [("tcp", dof) for dof in DOF_NAMES]
@@ -108,14 +108,14 @@ def check_guideway() -> list[ValidationRow]:
     """
     machine = load_scene(SCENE).machine
     mesh = mesh_component(machine.components["bed"])
-    parts = reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
+    parts = _reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
     ripple = compare_bound(
-        "ripple of ten frequencies over the control points", find_ripple(machine, parts), RIPPLE
+        "ripple of ten frequencies over the control points", _find_ripple(machine, parts), RIPPLE
     )
     return [*_compare_meshes(machine, mesh, parts), ripple, *_measure_cost(machine, parts)]
 
 
-def reduce_parts(
+def _reduce_parts(
     machine: Machine, meshes: Mapping[str, ComponentMesh], comm: MPI.Comm
 ) -> dict[str, Superelement]:
     """Superelements of meshed components, and of the others from their mass properties; collective."""
@@ -127,7 +127,7 @@ def reduce_parts(
     }
 
 
-def answer_reduced(machine: Machine, parts: dict[str, Superelement], place: float) -> Answer:
+def _answer_reduced(machine: Machine, parts: dict[str, Superelement], place: float) -> Answer:
     """Compliances along x, y and z at the TCP [m/N] and lowest frequencies [Hz] of the coupled
     superelements.
 
@@ -141,7 +141,7 @@ def answer_reduced(machine: Machine, parts: dict[str, Superelement], place: floa
     return np.diag(compliance)[:3], solve_modal(system, count=COUNT).frequencies_hz
 
 
-def answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> Answer:
+def _answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> Answer:
     """Answer the same from the unreduced model on the mesh that was reduced, its carriages weighted
     alike.
 
@@ -155,7 +155,7 @@ def answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> Ans
     return _answer_unreduced(model)
 
 
-def answer_fresh_mesh(machine: Machine, place: float) -> Answer:
+def _answer_fresh_mesh(machine: Machine, place: float) -> Answer:
     """Answer the same on a mesh of its own, with an evenly averaging patch imprinted under every
     carriage.
     """
@@ -170,12 +170,12 @@ def _answer_unreduced(model: MonolithicMachine) -> Answer:
     return np.diag(monolithic_compliance(model, "tcp"))[:3], frequencies
 
 
-def relative_errors(found: Answer, expected: Answer) -> FloatArray:
+def _relative_deviations(found: Answer, expected: Answer) -> FloatArray:
     """Of the three compliances and of the frequencies ``(13,)``."""
     return np.concatenate([np.abs(a / b - 1.0) for a, b in zip(found, expected, strict=True)])
 
 
-def find_ripple(machine: Machine, parts: dict[str, Superelement], samples: int = 41) -> float:
+def _find_ripple(machine: Machine, parts: dict[str, Superelement], samples: int = 41) -> float:
     """Return the largest relative departure of a frequency from a quartic in the position, over two
     spline intervals around the middle [-].
 
@@ -184,7 +184,7 @@ def find_ripple(machine: Machine, parts: dict[str, Superelement], samples: int =
     """
     spacing = next(iter(parts["bed"].rails.values())).blur
     places = np.linspace(-spacing, spacing, samples)
-    frequencies = np.array([answer_reduced(machine, parts, float(place))[1] for place in places])
+    frequencies = np.array([_answer_reduced(machine, parts, float(place))[1] for place in places])
     smooth = np.polynomial.chebyshev.chebvander(places / spacing, 4)
     rest = frequencies - smooth @ np.linalg.lstsq(smooth, frequencies, rcond=None)[0]
     return float(np.abs(rest / frequencies).max())
@@ -196,39 +196,36 @@ def _compare_meshes(
     fresh, same, apart = [], [], []
     for index, place in enumerate(np.linspace(-REACH, REACH, POSITIONS)):
         found, expected = (
-            answer_reduced(machine, parts, float(place)),
-            answer_fresh_mesh(machine, float(place)),
+            _answer_reduced(machine, parts, float(place)),
+            _answer_fresh_mesh(machine, float(place)),
         )
-        fresh.append(relative_errors(found, expected))
+        fresh.append(_relative_deviations(found, expected))
         if index % (POSITIONS // SAME_MESH_POSITIONS) == 0:
-            alike = answer_same_mesh(machine, mesh, float(place))
-            same.append(relative_errors(found, alike))
-            apart.append(relative_errors(alike, expected))
+            alike = _answer_same_mesh(machine, mesh, float(place))
+            same.append(_relative_deviations(found, alike))
+            apart.append(_relative_deviations(alike, expected))
     for name, errors in (
         ("same mesh, same weight", np.array(same)),
         ("fresh mesh, even patch", np.array(fresh)),
     ):
         for what, part in (("compliance", errors[:, :3]), ("frequencies", errors[:, 3:])):
             note = f"{len(errors)} places"
-            yield compare_bound(f"{what}, {name}: largest", float(part.max()), LARGEST, note)
-            yield compare_bound(f"{what}, {name}: median", float(np.median(part)), MEDIAN, note)
+            yield compare_bound(f"{what}, {name}: largest", part.max(), LARGEST, note)
+            yield compare_bound(f"{what}, {name}: median", np.median(part), MEDIAN, note)
     yield show(
-        "between the two unreduced models: largest",
-        float(np.max(apart)),
-        "-",
-        "what mesh and weight make",
+        "between the two unreduced models: largest", np.max(apart), "-", "what mesh and weight make"
     )
 
 
 def _measure_cost(machine: Machine, parts: dict[str, Superelement]) -> list[ValidationRow]:
     places = np.linspace(-REACH, REACH, 20)
-    answer_reduced(machine, parts, 0.0)
+    _answer_reduced(machine, parts, 0.0)
     start = time.process_time()
     for place in places:
-        answer_reduced(machine, parts, float(place))
+        _answer_reduced(machine, parts, float(place))
     seconds = 1000.0 * (time.process_time() - start) / len(places)
     return [
-        show("reduced dofs", float(sum(len(part.labels) for part in parts.values())), "-"),
+        show("reduced dofs", sum(len(part.labels) for part in parts.values()), "-"),
         show(
             "1000 poses: couple, compliance, ten modes",
             seconds,

@@ -4,8 +4,7 @@ fraction of what was asked, and the same with models and meshes that somebody wo
 """
 
 import dataclasses
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,9 +32,14 @@ from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import AccuracyGoal, Analyses, Scene
-from headstock.validation.coverage.coverage_case import keep_measured, make_key, run_afresh
+from headstock.validation.coverage.coverage_case import (
+    CoverageSuite,
+    keep_measured,
+    measurement_key,
+    run_afresh,
+)
 from headstock.validation.coverage.parts import draw_part
-from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine
+from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine_scene
 from headstock.validation.references.rows import ValidationRow, compare_bound
 
 # no margin of a search was chosen on these machines
@@ -55,7 +59,7 @@ KEPT, TIMES, CHEAP = 0.95, 2.0, 0.75
 
 
 @dataclass(frozen=True, eq=False)
-class ReferenceScenes:
+class _ReferenceScenes:
     """What a machine or part with a stated accuracy is compared with.
 
     Attributes:
@@ -70,7 +74,7 @@ class ReferenceScenes:
 
 
 @dataclass(frozen=True, eq=False)
-class ChosenScene:
+class _ChosenScene:
     """A machine or part with a stated accuracy.
 
     Attributes:
@@ -91,54 +95,62 @@ class ChosenScene:
     by_hand: dict[str, tuple[float, float]]
 
 
-def check_model_choice() -> list[ValidationRow]:
+def check_model_choice() -> Iterator[ValidationRow]:
     """Check whether the errors of the machines are within what was asked, and what that costs."""
-    return _evaluate("machine", [_recall(seed, load_drawn) for seed in MACHINES])
+    return MACHINE_SUITE.compare({"machine": MACHINES})
 
 
-def check_model_choice_smoke() -> list[ValidationRow]:
+def check_model_choice_smoke() -> Iterator[ValidationRow]:
     """Check one machine of three bodies in the same way."""
-    return _evaluate("machine", [_recall(seed, load_drawn) for seed in SMOKE_MACHINES])
+    return MACHINE_SUITE.compare({"machine": SMOKE_MACHINES})
 
 
-def check_part_choice() -> list[ValidationRow]:
+def check_part_choice() -> Iterator[ValidationRow]:
     """Check parts alone in the same way, whose only lever is the mesh."""
-    return _evaluate("part", [_recall(seed, load_part) for seed in PARTS])
+    return PART_SUITE.compare({"part": PARTS})
 
 
-def _recall(seed: int, load: Callable[[int, Path], Scene]) -> ChosenScene:
-    """Return a machine or part from the store where it is there: what was stopped goes on."""
-    with tempfile.TemporaryDirectory(prefix="headstock-choice-") as name:
-        folder = Path(name)
-        scene = load(seed, folder)
-        text = repr(scene.machine).replace(name, "")
-        # how settings are searched changes nothing of what is true
-        models = {
-            name: {
-                body: (part.fidelity, part.segments.count, part.mesh, part.reduction)
-                for body, part in parts.items()
-            }
-            for name, parts in _tried_by_hand(scene)
+def _measure(seed: int, scene: Scene, folder: Path) -> _ChosenScene:
+    """Choose the models of a machine or part, whose truth is kept on its own: how settings are searched
+    changes nothing of it.
+    """
+    text = repr(scene.machine).replace(str(folder), "")
+    models = {
+        name: {
+            body: (part.fidelity, part.segments.count, part.mesh, part.reduction)
+            for body, part in parts.items()
         }
-        asked = ASKED[seed % len(ASKED)]
-        key = make_key(text, repr(models), repr((TRUE_SHARE, TRUE_MEMORY, asked)), "names")
-        reference = keep_measured(key, ReferenceScenes, lambda: measure_reference(scene, asked))
-        key = make_key(key, code_fingerprint(headstock.pipeline), Path(__file__).read_text())
-        return keep_measured(
-            key, ChosenScene, lambda: measure_choice(seed, asked, scene, reference)
-        )
+        for name, parts in _tried_by_hand(scene)
+    }
+    asked = ASKED[seed % len(ASKED)]
+    key = measurement_key(text, repr(models), repr((TRUE_SHARE, TRUE_MEMORY, asked)), "names")
+    reference = keep_measured(key, _ReferenceScenes, lambda: _measure_reference(scene, asked))
+    return _measure_choice(seed, asked, scene, reference)
 
 
-def load_drawn(seed: int, folder: Path) -> Scene:
+def _make_suite(load: Callable[[int, Path], Scene]) -> CoverageSuite[int, _ChosenScene]:
+    def list_texts(seed: int) -> tuple[str, ...]:
+        code = code_fingerprint(headstock.pipeline), Path(__file__).read_text()
+        return (*code, load.__name__, str(seed))
+
+    return CoverageSuite(
+        lambda seed, scratch: _measure(seed, load(seed, scratch.folder), scratch.folder),
+        _ChosenScene,
+        list_texts,
+        _evaluate,
+    )
+
+
+def _load_drawn(seed: int, folder: Path) -> Scene:
     """Return the machine of a seed, of which frequencies and compliances are asked for."""
     path = folder / "machine.toml"
-    path.write_text(draw_machine(seed))
+    path.write_text(draw_machine_scene(seed))
     scene = load_scene(path)
     analyses = scene.analyses.drop(["frf"])
     return dataclasses.replace(scene, analyses=analyses, model_errors=False)
 
 
-def load_part(seed: int, folder: Path) -> Scene:
+def _load_part(seed: int, folder: Path) -> Scene:
     """Return the part of a seed of `coverage`, held at its foot, of which six frequencies and the
     compliances of its tip are asked for.
     """
@@ -156,7 +168,7 @@ def load_part(seed: int, folder: Path) -> Scene:
     )
 
 
-def measure_reference(scene: Scene, asked: float) -> ReferenceScenes:
+def _measure_reference(scene: Scene, asked: float) -> _ReferenceScenes:
     """Return what is true of a machine, and what somebody would try.
 
     Args:
@@ -178,12 +190,14 @@ def measure_reference(scene: Scene, asked: float) -> ReferenceScenes:
             continue
         off = float(_deviate(_list_values(results), truth).max())
         by_hand[name] = off, _cpu(results)
-    return ReferenceScenes(truth, np.inf if search.estimated is None else search.estimated, by_hand)
+    return _ReferenceScenes(
+        truth, np.inf if search.estimated is None else search.estimated, by_hand
+    )
 
 
-def measure_choice(
-    seed: int, asked: float, scene: Scene, reference: ReferenceScenes
-) -> ChosenScene:
+def _measure_choice(
+    seed: int, asked: float, scene: Scene, reference: _ReferenceScenes
+) -> _ChosenScene:
     """Errors and cost of a machine with a stated accuracy.
 
     Args:
@@ -193,7 +207,7 @@ def measure_choice(
     chosen = run_afresh(goal)
     errors = _deviate(_list_values(chosen), reference.truth)
     met = not chosen.failures
-    return ChosenScene(seed, asked, met, reference.doubt, errors, _cpu(chosen), reference.by_hand)
+    return _ChosenScene(seed, asked, met, reference.doubt, errors, _cpu(chosen), reference.by_hand)
 
 
 def _tried_by_hand(scene: Scene) -> Iterator[tuple[str, dict[str, Component]]]:
@@ -259,7 +273,7 @@ def _deviate(found: Mapping[str, float], truth: Mapping[str, float]) -> FloatArr
     return np.array([abs(found.get(name, np.inf) / exact - 1.0) for name, exact in truth.items()])
 
 
-def _evaluate(what: str, scenes: list[ChosenScene]) -> list[ValidationRow]:
+def _evaluate(what: str, scenes: Sequence[_ChosenScene]) -> list[ValidationRow]:
     certain = [scene for scene in scenes if scene.doubt <= DOUBTFUL_SHARE * scene.asked]
     met = [scene for scene in certain if scene.met]
     kept = np.concatenate([scene.errors <= scene.asked for scene in met])
@@ -273,7 +287,7 @@ def _evaluate(what: str, scenes: list[ChosenScene]) -> list[ValidationRow]:
     return [
         compare_bound(
             "share of numbers that are further off than asked",
-            float(1.0 - kept.mean()),
+            1.0 - kept.mean(),
             1.0 - KEPT,
             f"{len(kept)} numbers of {len(met)} {what}s, {len(certain) - len(met)} more were refused,"
             f" {len(scenes) - len(certain)} have no truth that is certain enough; furthest: {what} {furthest.seed},"
@@ -281,9 +295,12 @@ def _evaluate(what: str, scenes: list[ChosenScene]) -> list[ValidationRow]:
         ),
         compare_bound(
             f"share of {what}s that take more than {TIMES:g} times the cheapest of what was tried",
-            float(np.mean(np.array(ratios) > TIMES)),
+            np.mean(np.array(ratios) > TIMES),
             1.0 - CHEAP,
             f"times the cheapest: median {np.median(ratios):.2f}, most {ratios[worst]:.2g} ({what} {met[worst].seed});"
             f" {ratios.count(0.0)} {what}s where nothing that was tried is good enough",
         ),
     ]
+
+
+MACHINE_SUITE, PART_SUITE = _make_suite(_load_drawn), _make_suite(_load_part)

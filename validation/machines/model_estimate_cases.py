@@ -3,7 +3,6 @@ machines: beside each stands the same machine of fine finite elements.
 """
 
 import dataclasses
-import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,19 +25,21 @@ from headstock.pipeline.storage.content_keys import code_fingerprint
 from headstock.pipeline.storage.store import Store
 from headstock.reduction.estimates.model_errors import WatchedModes, compare_modes, watch_modes
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, place_motion
-from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene
 from headstock.solvers.linear.frequency_response import evaluate_frf
 from headstock.solvers.mpi import MPI
 from headstock.validation.coverage.coverage_case import (
+    COMPLIANCE,
+    FREQUENCY,
     SURE,
     UNSURE,
     CoverageCase,
+    CoverageSuite,
+    Scratch,
+    compare_number,
     cover_lines,
-    keep_measured,
-    make_key,
 )
-from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine
+from headstock.validation.machines.drawn_machines import HIGHEST_HZ, draw_machine_scene
 from headstock.validation.references.rows import ValidationRow, show
 
 # the margins of the stage were chosen on the first machines; the others were drawn for the held-out
@@ -52,7 +53,7 @@ CLEAR, LARGEST_MEDIAN = 1e-3, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class MachineNumbers:
+class _MachineNumbers:
     """Numbers of a machine of rigid and segmented bodies beside those of fine finite elements.
 
     Attributes:
@@ -75,21 +76,7 @@ class MachineNumbers:
     named: tuple[int, int]
 
 
-def compare_machine(seed: int) -> MachineNumbers:
-    """Return the numbers of a seed, from the store where they are there: what was stopped goes on."""
-    text = draw_machine(seed)
-    key = make_key(code_fingerprint(headstock.pipeline), Path(__file__).read_text(), text)
-
-    def draw() -> MachineNumbers:
-        with tempfile.TemporaryDirectory(prefix="headstock-models-") as folder:
-            path = Path(folder) / "machine.toml"
-            path.write_text(text)
-            return measure_machine(seed, load_scene(path), Store(Path(folder) / "store"))
-
-    return keep_measured(key, MachineNumbers, draw)
-
-
-def measure_machine(seed: int, scene: Scene, store: Store) -> MachineNumbers:
+def _measure_machine(seed: int, scene: Scene, store: Store) -> _MachineNumbers:
     """Errors and estimates of a machine of rigid and segmented bodies.
 
     Args:
@@ -110,7 +97,7 @@ def measure_machine(seed: int, scene: Scene, store: Store) -> MachineNumbers:
     rows += _compare_compliances(plain, true)
     table = np.array(rows).T
     lines = _cover_lines(plain, machines[1])
-    return MachineNumbers(seed, table[0], table[1], table[2], table[3], lines, named)
+    return _MachineNumbers(seed, table[0], table[1], table[2], table[3], lines, named)
 
 
 def _compare_modes(
@@ -126,14 +113,11 @@ def _compare_modes(
     rows = []
     for index in range(modes.rigid_count, count):
         hz, error = float(modes.frequencies_hz[index]), modes.list_errors()[index].total
-        estimate = np.nan if error is None else error / hz
-        partner = found.partners[index]
-        if partner < 0:
-            rows.append([0.0, np.nan, estimate, 0.0])
-            continue
-        left = _expected_error(true, estimates[partner])
-        right = float(watched[1].modes.frequencies_hz[partner]) - left
-        rows.append([0.0, abs(hz - right) / hz, estimate, UNSURE * left / hz])
+        partner, left, truth = found.partners[index], 0.0, np.nan
+        if partner >= 0:
+            left = _expected_error(true, estimates[partner])
+            truth = float(watched[1].modes.frequencies_hz[partner]) - left
+        rows.append(compare_number(FREQUENCY, hz, truth, estimate=error, left=left))
     words = " ".join(warning for warning in plain.warnings if "lacks" in warning)
     named = words.count(" Hz (")
     return rows, (min(named, len(found.missing)), len(found.missing))
@@ -160,11 +144,12 @@ def _compare_compliances(plain: RunState, true: RunState) -> list[list[float]]:
     right_numbers = exact.numbers
     for number in list_followed(found):
         if number.error is not None:
-            value, there = number.value, right_numbers[number.key]
+            there, estimate = right_numbers[number.key], number.error.total
             left = _expected_error(true, there.error or Estimate())
-            right = there.value + left
-            estimate = np.nan if number.error.total is None else number.error.total / value
-            rows.append([1.0, abs(value - right) / value, estimate, UNSURE * left / value])
+            truth = there.value + left
+            rows.append(
+                compare_number(COMPLIANCE, number.value, truth, estimate=estimate, left=left)
+            )
     return rows
 
 
@@ -188,31 +173,26 @@ def _cover_lines(plain: RunState, true: CoupledPose) -> FloatArray:
     return cover_lines(found, right, total=total, doubt=doubt)
 
 
-def check_model_estimates() -> list[ValidationRow]:
+def check_model_estimates() -> Iterator[ValidationRow]:
     """Coverage on the machines that margins were chosen on, and on the others."""
-    return [
-        *_evaluate("chosen on", [compare_machine(seed) for seed in CALIBRATION]),
-        *_evaluate("held out", [compare_machine(seed) for seed in HOLD_OUT]),
-    ]
+    return SUITE.compare({"chosen on": CALIBRATION, "held out": HOLD_OUT})
 
 
-def compare_new_machines(first: int) -> list[ValidationRow]:
-    """Coverage on machines that nothing was chosen on or judged with before.
+def compare_new_machines(first: int) -> Iterator[ValidationRow]:
+    """Coverage on machines that nothing was chosen on or compared with before.
 
     Args:
         first: Seed of the first of them, ``FRESH`` at least.
     """
-    seeds = range(first, first + len(HOLD_OUT))
-    machines = [compare_machine(seed) for seed in seeds]
-    return _evaluate(f"new, seeds {seeds[0]} to {seeds[-1]}", machines)
+    return SUITE.compare_seeds(range(first, first + len(HOLD_OUT)))
 
 
-def check_model_estimates_smoke() -> list[ValidationRow]:
+def check_model_estimates_smoke() -> Iterator[ValidationRow]:
     """Check one machine of three bodies in the same way."""
-    return _evaluate("one machine", [compare_machine(seed) for seed in SMOKE_MACHINES])
+    return SUITE.compare({"one machine": SMOKE_MACHINES})
 
 
-def _evaluate(what: str, machines: Sequence[MachineNumbers]) -> Iterator[ValidationRow]:
+def _evaluate(what: str, machines: Sequence[_MachineNumbers]) -> Iterator[ValidationRow]:
     known = [
         (machine.unsure <= SURE * machine.estimates) & np.isfinite(machine.errors)
         for machine in machines
@@ -242,3 +222,16 @@ def _evaluate(what: str, machines: Sequence[MachineNumbers]) -> Iterator[Validat
     lines = np.concatenate([machine.lines for machine in machines])
     if np.isfinite(lines).any():
         yield suite.evaluate_responses(what, lines)
+
+
+def _measure_seed(seed: int, scratch: Scratch) -> _MachineNumbers:
+    scene = scratch.load(draw_machine_scene(seed))
+    return _measure_machine(seed, scene, Store(scratch.folder / "store"))
+
+
+def _texts_of(seed: int) -> tuple[str, ...]:
+    code = code_fingerprint(headstock.pipeline), Path(__file__).read_text()
+    return (*code, draw_machine_scene(seed))
+
+
+SUITE = CoverageSuite(_measure_seed, _MachineNumbers, _texts_of, _evaluate)

@@ -50,7 +50,7 @@ class BodyModel:
 
 
 @dataclass(frozen=True, eq=False)
-class InterfaceView:
+class _InterfaceView:
     """What an interface sees of a mesh: its motion ``(6, 3 n_points)`` and its origin ``(3,)``,
     component frame.
     """
@@ -76,7 +76,7 @@ def monolithic_machine(
     meshes: Mapping[str, ComponentMesh],
     pose: Pose,
     *,
-    views: Mapping[str, InterfaceView] | None = None,
+    views: Mapping[str, _InterfaceView] | None = None,
 ) -> MonolithicMachine:
     """Assemble a machine whose elastic components have the given meshes; supports are not treated.
 
@@ -235,7 +235,7 @@ def _rigid_body(component: Component) -> BodyModel:
 
 
 def _elastic_body(
-    component: Component, mesh: ComponentMesh, views: Mapping[str, InterfaceView]
+    component: Component, mesh: ComponentMesh, views: Mapping[str, _InterfaceView]
 ) -> BodyModel:
     operators = assemble_elasticity(
         mesh, scaled_material(component, mesh), comm=MPI.COMM_SELF, with_mass=True
@@ -328,7 +328,7 @@ def fix_carriages(machine: Machine, pose: Pose) -> Machine:
 
 def view_carriages(
     machine: Machine, meshes: Mapping[str, ComponentMesh], pose: Pose
-) -> dict[str, InterfaceView]:
+) -> dict[str, _InterfaceView]:
     """Motion that every carriage takes from a mesh on which only the rails are patches, weighted as
     in the reduced model.
 
@@ -350,7 +350,7 @@ def view_carriages(
         )
         origin = np.array(fit.center)
         origin[fit.axis] = carriage.place
-        views[f"{component.name}.{carriage.joint}"] = InterfaceView(csr_matrix(rows), origin)
+        views[f"{component.name}.{carriage.joint}"] = _InterfaceView(csr_matrix(rows), origin)
     return views
 
 

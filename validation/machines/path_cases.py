@@ -9,10 +9,8 @@ the line in z.
 """
 
 import itertools
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -26,11 +24,8 @@ from headstock.geometry.machine.machine import (
     travel_directions,
 )
 from headstock.meshing.components.meshing import describe_component
-from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
-from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.provenance import PROJECT
-from headstock.pipeline.storage.store import Store
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.channels import point_rows
 from headstock.reduction.coupling.coupling import couple
@@ -50,8 +45,8 @@ from headstock.solvers.motion.exact import PathModel, solve_path, solve_varying_
 from headstock.solvers.motion.plant import PosedModes
 from headstock.solvers.motion.sampling import sample_system
 from headstock.solvers.motion.set_points import Ramp, SetPoint, list_breaks, sample_move
-from headstock.solvers.mpi import MPI
 from headstock.solvers.second_order import Channel
+from headstock.validation.coverage.coverage_case import open_scratch
 from headstock.validation.references.rows import ValidationRow, compare_bound, show
 
 SCENE = PROJECT / "machines" / "three_axis.toml"
@@ -72,7 +67,7 @@ METHODS_TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class AbsoluteMachine:
+class _AbsoluteMachine:
     """A machine on its path in absolute displacements from where the path begins; undamped.
 
     Attributes:
@@ -109,7 +104,7 @@ def _place_absolutely(
     path: MachinePath,
     outputs: tuple[Channel, ...],
     places: FloatArray,
-) -> AbsoluteMachine:
+) -> _AbsoluteMachine:
     """Couple a machine anew at every place; fixed motions must be the same all along the path.
 
     Raises:
@@ -157,7 +152,7 @@ def _place_absolutely(
         pulls.append(basis.T @ stacked @ travel)
         rows.append(seen @ basis)
         drift.append(seen @ travel)
-    return AbsoluteMachine(
+    return _AbsoluteMachine(
         mass,
         places,
         np.array(stiffnesses),
@@ -168,7 +163,7 @@ def _place_absolutely(
 
 
 def _integrate_absolutely(
-    machine: AbsoluteMachine, move: SetPoint, times: FloatArray, tolerance: float
+    machine: _AbsoluteMachine, move: SetPoint, times: FloatArray, tolerance: float
 ) -> FloatArray:
     """Deviation ``(n, p)`` at times [s] by Dormand and Prince's method of order 8 (SciPy), from
     break to break.
@@ -195,7 +190,7 @@ def _integrate_absolutely(
 
 
 def _deviate(
-    machine: AbsoluteMachine, move: SetPoint, times: FloatArray, displacements: FloatArray
+    machine: _AbsoluteMachine, move: SetPoint, times: FloatArray, displacements: FloatArray
 ) -> FloatArray:
     """Return what the outputs see of absolute displacements ``(n, m)``, less the travel itself."""
     places = [_stand(move, float(time)) for time in times]
@@ -228,7 +223,7 @@ def check_path_test() -> list[ValidationRow]:
     return [
         row
         for name, variant in VARIANTS.items()
-        for row in _evaluate_variant(name, run_path(variant))
+        for row in _evaluate_variant(name, _run_path(variant))
     ]
 
 
@@ -236,7 +231,7 @@ def check_path_methods() -> list[ValidationRow]:
     """Variant BE over its first ramp: parallel-transported modes and exact steps against absolute coordinates
     coupled anew and another integrator.
     """
-    first, second, frozen = compare_methods()
+    first, second, frozen = _compare_methods()
     apart, kept = (
         float(np.abs(other - second).max() / np.abs(second).max()) for other in (first, frozen)
     )
@@ -246,15 +241,11 @@ def check_path_methods() -> list[ValidationRow]:
     ]
 
 
-def run_path(variant: str) -> PathResult:
+def _run_path(variant: str) -> PathResult:
     """Run the path analysis of the shipped scene in a variant."""
     scene = keep_analyses(load_scene(SCENE, variant=variant), ["path"])
-    with tempfile.TemporaryDirectory() as folder:
-        results = run_scene(
-            scene, Path(folder) / "results", comm=MPI.COMM_SELF, store=Store(Path(folder) / "store")
-        )
-    (found,) = find_answers(results.answers, PathResult)
-    return found
+    with open_scratch() as scratch:
+        return scratch.answer(scene, PathResult)
 
 
 def _evaluate_variant(name: str, found: PathResult) -> Iterator[ValidationRow]:
@@ -265,10 +256,7 @@ def _evaluate_variant(name: str, found: PathResult) -> Iterator[ValidationRow]:
         / np.abs(fast.curves.frozen[:count]).max()
     )
     yield compare_bound(
-        f"{name}: 3000 less five times 600 mm/min, pose kept",
-        float(kept),
-        1e-6,
-        "linear: 0 to 0.4 s",
+        f"{name}: 3000 less five times 600 mm/min, pose kept", kept, 1e-6, "linear: 0 to 0.4 s"
     )
     for number, zone in enumerate(("accelerating", "decelerating")):
         figures = fast.figures[0][number]
@@ -294,7 +282,7 @@ def _evaluate_variant(name: str, found: PathResult) -> Iterator[ValidationRow]:
         yield compare_bound(f"{name}: modes left out", found.poses.truncation, 1e-5)
 
 
-def compare_methods() -> tuple[FloatArray, FloatArray, FloatArray]:
+def _compare_methods() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Deviation in z ``(n,)`` over the first ramp, undamped: by this program, by the second method,
     and in the pose of the start.
     """

@@ -5,9 +5,7 @@ meshes.
 
 import dataclasses
 import functools
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 
 import numpy as np
 
@@ -20,18 +18,15 @@ from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.numbers.numbers import Key, Number
 from headstock.pipeline.planning.analyses import FRF_MARGIN
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import AccuracyGoal, Scene
-from headstock.solvers.mpi import MPI
-from headstock.validation.coverage.coverage_case import CoverageCase
+from headstock.validation.coverage.coverage_case import CoverageCase, Scratch, open_scratch
 from headstock.validation.machines.axis_kit_cases import SCENE
-from headstock.validation.machines.drawn_machines import draw_machine
+from headstock.validation.machines.drawn_machines import draw_machine_scene
 from headstock.validation.references.rows import ValidationRow, compare_bound, show
 
-Load = Callable[[Path], Scene]
+Load = Callable[[Scratch], Scene]
 SEEDS, SMOKE_SEED = (1, 2), 2
 ASKED = 0.03
 TRUE_ACCURACY = 0.002  # with which the meshes of the true machine begin
@@ -40,27 +35,25 @@ CLEAR, LARGEST_MEDIAN = 1e-3, 3.0
 
 def check_peaks() -> list[ValidationRow]:
     """Check the three-axis machine and two drawn ones."""
-    drawn = {f"machine {seed}": functools.partial(load_drawn, seed) for seed in SEEDS}
+    drawn = {f"machine {seed}": functools.partial(_load_drawn, seed) for seed in SEEDS}
     loads: dict[str, Load] = {"three-axis machine": _load_three_axis, **drawn}
     return [row for what, load in loads.items() for row in _compare(what, load, searched=True)]
 
 
-def check_peaks_smoke() -> list[ValidationRow]:
+def check_peaks_smoke() -> Iterator[ValidationRow]:
     """± alone, of one drawn machine."""
-    load = functools.partial(load_drawn, SMOKE_SEED)
+    load = functools.partial(_load_drawn, SMOKE_SEED)
     return _compare(f"machine {SMOKE_SEED}", load, searched=False)
 
 
-def _load_three_axis(_folder: Path) -> Scene:
+def _load_three_axis(_scratch: Scratch) -> Scene:
     """Return the machine of the reference study with a response at its tool."""
     return load_scene(SCENE, variant="frf")
 
 
-def load_drawn(seed: int, folder: Path) -> Scene:
+def _load_drawn(seed: int, scratch: Scratch) -> Scene:
     """Return the machine of a seed, all bodies of which are finite elements."""
-    path = folder / "machine.toml"
-    path.write_text(draw_machine(seed))
-    scene = load_scene(path)
+    scene = scratch.load(draw_machine_scene(seed))
     bodies = {
         name: dataclasses.replace(part, fidelity="elastic")
         for name, part in scene.machine.components.items()
@@ -69,20 +62,14 @@ def load_drawn(seed: int, folder: Path) -> Scene:
 
 
 def _compare(what: str, load: Load, *, searched: bool) -> Iterator[ValidationRow]:
-    with tempfile.TemporaryDirectory(prefix="headstock-peaks-") as name:
-        folder = Path(name)
-        scene = load(folder)
-        store = Store(folder / "store")
-
-        def run(one: Scene) -> Results:
-            return run_scene(one, folder / "results", comm=MPI.COMM_SELF, store=store)
-
-        truth = _list_heights(run(_refine(scene)))
-        true, estimated = _pair(_list_heights(run(scene)), truth)
+    with open_scratch() as scratch:
+        scene = load(scratch)
+        truth = _list_heights(scratch.run(_refine(scene)))
+        true, estimated = _pair(_list_heights(scratch.run(scene)), truth)
         note = f"{len(true)} peaks and levels, up to {true.max():.2g} off"
         yield from CoverageCase(CLEAR, LARGEST_MEDIAN).evaluate(what, true, estimated, note)
         if searched:
-            found = run(dataclasses.replace(scene, accuracy=AccuracyGoal(ASKED)))
+            found = scratch.run(dataclasses.replace(scene, accuracy=AccuracyGoal(ASKED)))
             yield from _evaluate_search(what, found, truth)
 
 
@@ -130,7 +117,7 @@ def _evaluate_search(
     return [
         compare_bound(
             f"{what}: largest true error of a peak or level, {100.0 * ASKED:g} % asked",
-            float(true.max()),
+            true.max(),
             ASKED,
             "said to be met" if said else "said not to be met",
         ),

@@ -21,20 +21,16 @@ from headstock.pipeline.numbers.estimates import DISCRETISATION
 from headstock.pipeline.stages.frf import ResponseEstimate, estimate_figures
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.estimates.frequency_errors import truncated_parts
 from headstock.reduction.estimates.mesh_errors import meshed_parts
-from headstock.reduction.estimates.response_errors import (
-    ErrorSources,
-    bound_response_errors,
-    project_response,
-)
+from headstock.reduction.estimates.response_errors import bound_response_errors
 from headstock.reduction.requests import ReductionRequest
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.elastic.eigenpairs import ModeTarget
-from headstock.solvers.linear.frequency_response import FrequencyResponse, evaluate_frf, prepare_frf
+from headstock.solvers.linear.frequency_response import FrequencyResponse, evaluate_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.mpi import MPI
-from headstock.solvers.second_order import Channel, ComplexArray, input_columns, output_rows
+from headstock.solvers.second_order import ComplexArray
+from headstock.validation.coverage.coverage_case import CHANNELS, prepare_responses
 from headstock.validation.machines.accuracy_cases import CANTILEVER, LARGEST_FACTOR, LEAST_RANK
 from headstock.validation.machines.estimate_cases import (
     CLAMP,
@@ -67,7 +63,6 @@ WATCHED = 10
 # (place among the elastic frequencies, share of the way to the next): beside, on and between
 # resonances
 LINES = ((0, -0.5), (0, 0.0), (0, 0.02), (1, 0.5), (2, -0.03), (3, 0.01), (4, 0.4))
-CHANNELS: tuple[Channel, ...] = (("tcp", "x"), ("tcp", "y"), ("tcp", "z"))
 SPECIMENS = (clamped_beam, free_pair, patched_column, ribbed_plate, guideway)
 MODES = 40
 GRID = 600  # lines over which the most negative real part is sought
@@ -104,13 +99,13 @@ def check_response_estimates() -> Iterator[ValidationRow]:
     found = []
     for make in SPECIMENS:
         specimen = make()
-        pairs = compare_responses(specimen, LINES)
+        pairs = _compare_responses(specimen, LINES)
         yield report_coverage(specimen.name, pairs)
         found.append(pairs)
     yield from evaluate_pairs("all lines", join_pairs(found))
 
 
-def compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...]) -> ErrorPairs:
+def _compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...]) -> ErrorPairs:
     """True and estimated errors of nine entries per line, over the largest entry of the line, for
     every number of modes.
     """
@@ -124,7 +119,7 @@ def compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...]) 
         ]
     )
     whole = reduce_specimen(specimen, max(MODE_COUNTS))
-    right = np.array([direct_response(model, hz) for hz in places])
+    right = np.array([_direct_response(model, hz) for hz in places])
     sizes = np.abs(right).max(axis=(1, 2), keepdims=True)
     pairs = []
     for count in MODE_COUNTS:
@@ -133,26 +128,18 @@ def compare_responses(specimen: Specimen, lines: tuple[tuple[int, float], ...]) 
         } | specimen.rigid
         coupled = couple(parts, specimen.machine, specimen.pose)
         modes = solve_modal(coupled.system)
-        lossy = dataclasses.replace(
-            coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness
+        prepared, space = prepare_responses(
+            coupled, modes, loss_factor=LOSS_FACTOR, highest_hz=float(places.max())
         )
-        found = evaluate_frf(
-            prepare_frf(lossy, inputs=CHANNELS, outputs=CHANNELS, modes=modes), places
-        ).receptance
-        channels = (input_columns(lossy, CHANNELS), output_rows(lossy, CHANNELS))
-        sources = ErrorSources(
-            truncated_parts(coupled), loss_factors=dict.fromkeys(parts, LOSS_FACTOR)
-        )
-        errors = bound_response_errors(
-            project_response(lossy, sources, modes, channels, float(places.max())), places
-        )
+        found = evaluate_frf(prepared, places).receptance
+        errors = bound_response_errors(space, places)
         pairs.append(
             ErrorPairs((np.abs(found - right) / sizes).ravel(), (errors.bounds / sizes).ravel())
         )
     return join_pairs(pairs)
 
 
-def direct_response(model: MonolithicMachine, hz: float) -> ComplexArray:
+def _direct_response(model: MonolithicMachine, hz: float) -> ComplexArray:
     """Receptance ``(3, 3)`` at the tool by one sparse factorisation, one loss factor throughout."""
     rows: FloatArray = model.points["tcp"].toarray()[:3]
     dynamic = (1.0 + 1j * LOSS_FACTOR) * model.stiffness - (2.0 * np.pi * hz) ** 2 * model.mass
@@ -188,14 +175,14 @@ def check_mesh_response_estimates() -> Iterator[ValidationRow]:
         _hollow_column(),
     ):
         fine, meshes = MESHES[machine.name]
-        parts.append(compare_meshes(machine, fine, meshes))
+        parts.append(_compare_meshes(machine, fine, meshes))
     for name, found in zip(MESHES, parts, strict=True):
         yield from [_report(f"{name}, {what}", pairs) for what, pairs in found.items()]
     for what in parts[0]:
         yield from _evaluate(what, join_pairs([found[what] for found in parts]))
 
 
-def compare_meshes(
+def _compare_meshes(
     machine: Machine, fine: MeshSettings, meshes: Sequence[MeshSettings]
 ) -> dict[str, ErrorPairs]:
     """True and estimated errors of lines, over the largest entry of a line, and of most negative
@@ -272,14 +259,14 @@ def _reduced(machine: Machine, settings: MeshSettings) -> CoupledMachine:
 
 
 def _respond(coupled: CoupledMachine, places: FloatArray) -> _Found:
-    modes = solve_modal(coupled.system)
-    lossy = dataclasses.replace(
-        coupled.system, damping=None, hysteretic=LOSS_FACTOR * coupled.system.stiffness
+    model, space = prepare_responses(
+        coupled,
+        solve_modal(coupled.system),
+        loss_factor=LOSS_FACTOR,
+        highest_hz=REACH * float(places.max()),
+        truncated={},
+        meshed=meshed_parts(coupled),
     )
-    model = prepare_frf(lossy, inputs=CHANNELS, outputs=CHANNELS, modes=modes)
-    channels = (input_columns(lossy, CHANNELS), output_rows(lossy, CHANNELS))
-    sources = ErrorSources(meshed=meshed_parts(coupled), loss_factors={"column": LOSS_FACTOR})
-    space = project_response(lossy, sources, modes, channels, REACH * places.max())
     lines, grid = (
         evaluate_frf(model, hz) for hz in (places, np.linspace(0.0, REACH * places.max(), GRID))
     )
@@ -334,4 +321,4 @@ def _report(name: str, pairs: ErrorPairs) -> ValidationRow:
     clear = pairs.clear
     low, middle, high = np.quantile(pairs.estimated[clear] / pairs.true[clear], [0.1, 0.5, 0.9])
     note = f"10 .. 90 %: {low:.2f} .. {high:.2f}; {clear.sum()} of {len(clear)} errors, up to {pairs.true.max():.2g}"
-    return show(f"{name}: effectivity, median", float(middle), "-", note)
+    return show(f"{name}: effectivity, median", middle, "-", note)

@@ -36,7 +36,7 @@ BODY_NAMES = (
 PLATFORM, WRIST, SPINDLE = 6, 7, 8
 
 
-def fixed_local(vector: Sequence[float]) -> Local:
+def _fixed_local(vector: Sequence[float]) -> Local:
     """Return a vector that does not move in its body."""
     value = np.array(vector, dtype=float)
     return lambda time: (value, np.zeros(3), np.zeros(3))
@@ -51,7 +51,7 @@ class Vector:
 
 
 @dataclass(frozen=True, eq=False)
-class PointToPoint:
+class _PointToPoint:
     """From a point of one body to a point of another; points are given from the centres of mass."""
 
     start: Vector
@@ -59,23 +59,23 @@ class PointToPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class DotProduct:
+class _DotProduct:
     """``x . y = c(t)`` as a constraint; as a spring, its length; ``value`` gives c with its two
     derivatives.
     """
 
-    first: Vector | PointToPoint
+    first: Vector | _PointToPoint
     second: Vector
     value: Callable[[float], tuple[float, float, float]] = lambda time: (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Spring:
+class _Spring:
     """A linear spring along a product, its stiffness [N/m] a function of time, with a viscous
     damper [N s/m].
     """
 
-    product: DotProduct
+    product: _DotProduct
     stiffness: Callable[[float], float]
     damping: float = 0.0
 
@@ -94,8 +94,8 @@ class AbsoluteSystem:
 
     mass: FloatArray
     inertia: FloatArray
-    constraints: tuple[DotProduct, ...]
-    springs: tuple[Spring, ...]
+    constraints: tuple[_DotProduct, ...]
+    springs: tuple[_Spring, ...]
     gravity: FloatArray
     load: Vector
 
@@ -122,7 +122,7 @@ class Motion:
     jacobian: FloatArray
 
 
-class ScalarMotion(NamedTuple):
+class _ScalarMotion(NamedTuple):
     """A number in motion: value, rate, bias acceleration and Jacobian ``(6 b,)`` by all
     velocities.
     """
@@ -134,7 +134,7 @@ class ScalarMotion(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class AbsoluteSolution:
+class _AbsoluteSolution:
     """Accelerations and constraint forces at an instant.
 
     Attributes:
@@ -161,10 +161,12 @@ class _Vectors:
     state: AbsoluteState
     known: dict[int, Motion] = field(default_factory=dict)
 
-    def of(self, item: Vector | PointToPoint) -> Motion:
+    def of(self, item: Vector | _PointToPoint) -> Motion:
         if id(item) not in self.known:
             self.known[id(item)] = (
-                self._point_to_point(item) if isinstance(item, PointToPoint) else self._vector(item)
+                self._point_to_point(item)
+                if isinstance(item, _PointToPoint)
+                else self._vector(item)
             )
         return self.known[id(item)]
 
@@ -190,7 +192,7 @@ class _Vectors:
         place, velocity = self.state.place[item.body], self.state.velocity[item.body]
         return Motion(place + arm.value, velocity + arm.rate, arm.bias, jacobian)
 
-    def _point_to_point(self, item: PointToPoint) -> Motion:
+    def _point_to_point(self, item: _PointToPoint) -> Motion:
         end, start = self.point(item.end), self.point(item.start)
         return Motion(
             end.value - start.value,
@@ -199,17 +201,17 @@ class _Vectors:
             end.jacobian - start.jacobian,
         )
 
-    def product(self, item: DotProduct) -> ScalarMotion:
+    def product(self, item: _DotProduct) -> _ScalarMotion:
         """Motion of a scalar product."""
         x, y = self.of(item.first), self.of(item.second)
         value, rate = float(x.value @ y.value), float(x.rate @ y.value + x.value @ y.rate)
         bias = float(x.bias @ y.value + 2.0 * x.rate @ y.rate + x.value @ y.bias)
-        return ScalarMotion(value, rate, bias, y.value @ x.jacobian + x.value @ y.jacobian)
+        return _ScalarMotion(value, rate, bias, y.value @ x.jacobian + x.value @ y.jacobian)
 
 
 def solve_instant(
     system: AbsoluteSystem, time: float, state: AbsoluteState, force: FloatArray
-) -> AbsoluteSolution:
+) -> _AbsoluteSolution:
     """Accelerations and multipliers at an instant.
 
     Args:
@@ -231,7 +233,7 @@ def solve_instant(
     matrix = np.block([[mass, jacobian.T], [jacobian, np.zeros((count, count))]])
     found = np.linalg.solve(matrix, np.concatenate([applied, right]))
     motion = found[: len(mass)].reshape(-1, 6)
-    return AbsoluteSolution(
+    return _AbsoluteSolution(
         acceleration=motion[:, :3],
         spin_rate=motion[:, 3:],
         multipliers=found[len(mass) :],
@@ -315,8 +317,8 @@ def absolute_exechon(
     for leg in range(3):
         across, along = builder.leg_springs(leg)
         springs += [
-            Spring(across, lambda time: legs.across),
-            Spring(along, _axial(legs, drive, leg)),
+            _Spring(across, lambda time: legs.across),
+            _Spring(along, _axial(legs, drive, leg)),
         ]
     return AbsoluteSystem(
         mass=np.array([body.mass for body in ordered]),
@@ -340,54 +342,54 @@ class _Builder:
 
     def point(self, body: int, place: tuple[float, float, float]) -> Vector:
         """Return a point of a body, given in its own frame."""
-        return Vector(body, fixed_local(tuple(np.array(place) - self.centers[body])))
+        return Vector(body, _fixed_local(tuple(np.array(place) - self.centers[body])))
 
-    def leg_joints(self) -> list[DotProduct]:
+    def leg_joints(self) -> list[_DotProduct]:
         """Base joints, telescopes and platform joints; the redundant two of leg 2 are left out."""
-        found: list[DotProduct] = []
+        found: list[_DotProduct] = []
         for leg in range(3):
             sleeve, beam = leg, 3 + leg
             center = self.point(sleeve, (0.0, 0.0, -self._offset(leg)))
-            base = Vector(None, fixed_local(self._base(leg)))
+            base = Vector(None, _fixed_local(self._base(leg)))
             found += [
-                DotProduct(PointToPoint(base, center), Vector(None, fixed_local(axis)))
+                _DotProduct(_PointToPoint(base, center), Vector(None, _fixed_local(axis)))
                 for axis in (X, Y, Z)
             ]
             if leg < 2:
                 # universal joint: the second axis stays square to the common one; the offset turns
                 # with the first axis only
-                found.append(DotProduct(vector(sleeve, X), vector(None, Y)))
+                found.append(_DotProduct(vector(sleeve, X), vector(None, Y)))
             found += self._telescope(sleeve, beam, leg)
         found += self._platform_joint(0, X, ("position", "y", "z"))
         found += self._platform_joint(1, X, ("z",))
         found += self._platform_joint(2, Y, ("position", "x", "z"))
         return found
 
-    def leg_springs(self, leg: int) -> tuple[DotProduct, DotProduct]:
+    def leg_springs(self, leg: int) -> tuple[_DotProduct, _DotProduct]:
         """Across the leg in its plane of motion, and along it."""
-        reach = PointToPoint(self.point(3 + leg, (0.0, 0.0, 0.0)), self._platform_point(leg))
-        return DotProduct(reach, vector(3 + leg, Y if leg < 2 else X)), DotProduct(
+        reach = _PointToPoint(self.point(3 + leg, (0.0, 0.0, 0.0)), self._platform_point(leg))
+        return _DotProduct(reach, vector(3 + leg, Y if leg < 2 else X)), _DotProduct(
             reach, vector(3 + leg, Z)
         )
 
-    def wrist_joints(self) -> list[DotProduct]:
+    def wrist_joints(self) -> list[_DotProduct]:
         """Wrist on the platform, spindle on the wrist, at prescribed angles."""
         x, z = self.dimensions.wrist
         center = self.point(PLATFORM, (x, 0.0, z))
         found = self._weld(center, self.point(WRIST, (0.0, 0.0, 0.0)))
         found += [
-            DotProduct(vector(WRIST, Z), vector(PLATFORM, X)),
-            DotProduct(vector(WRIST, Z), vector(PLATFORM, Y)),
-            DotProduct(vector(WRIST, X), Vector(PLATFORM, self._turning(3, (0, 1)))),
+            _DotProduct(vector(WRIST, Z), vector(PLATFORM, X)),
+            _DotProduct(vector(WRIST, Z), vector(PLATFORM, Y)),
+            _DotProduct(vector(WRIST, X), Vector(PLATFORM, self._turning(3, (0, 1)))),
         ]
         found += self._weld(
             self.point(WRIST, (0.0, 0.0, 0.0)), self.point(SPINDLE, (0.0, 0.0, 0.0))
         )
         return [
             *found,
-            DotProduct(vector(SPINDLE, Y), vector(WRIST, X)),
-            DotProduct(vector(SPINDLE, Y), vector(WRIST, Z)),
-            DotProduct(vector(SPINDLE, Z), Vector(WRIST, self._turning(4, (2, 0)))),
+            _DotProduct(vector(SPINDLE, Y), vector(WRIST, X)),
+            _DotProduct(vector(SPINDLE, Y), vector(WRIST, Z)),
+            _DotProduct(vector(SPINDLE, Z), Vector(WRIST, self._turning(4, (2, 0)))),
         ]
 
     def _offset(self, leg: int) -> float:
@@ -404,8 +406,10 @@ class _Builder:
         height = self.dimensions.platform_heights[leg] if leg < 2 else 0.0
         return self.point(PLATFORM, (0.0, place, height) if leg < 2 else (place, 0.0, 0.0))
 
-    def _telescope(self, sleeve: int, beam: int, leg: int) -> list[DotProduct]:
-        reach = PointToPoint(self.point(sleeve, (0.0, 0.0, 0.0)), self.point(beam, (0.0, 0.0, 0.0)))
+    def _telescope(self, sleeve: int, beam: int, leg: int) -> list[_DotProduct]:
+        reach = _PointToPoint(
+            self.point(sleeve, (0.0, 0.0, 0.0)), self.point(beam, (0.0, 0.0, 0.0))
+        )
 
         def length(time: float) -> tuple[float, float, float]:
             drive = self.drive(time)
@@ -416,30 +420,30 @@ class _Builder:
             )
 
         return [
-            DotProduct(vector(beam, X), vector(sleeve, Y)),
-            DotProduct(vector(beam, X), vector(sleeve, Z)),
-            DotProduct(vector(beam, Y), vector(sleeve, Z)),
-            DotProduct(reach, vector(sleeve, X)),
-            DotProduct(reach, vector(sleeve, Y)),
+            _DotProduct(vector(beam, X), vector(sleeve, Y)),
+            _DotProduct(vector(beam, X), vector(sleeve, Z)),
+            _DotProduct(vector(beam, Y), vector(sleeve, Z)),
+            _DotProduct(reach, vector(sleeve, X)),
+            _DotProduct(reach, vector(sleeve, Y)),
             # last, so that its multiplier is easily found
-            DotProduct(reach, vector(sleeve, Z), length),
+            _DotProduct(reach, vector(sleeve, Z), length),
         ]
 
     def _platform_joint(
         self, leg: int, axis: tuple[float, float, float], fixed: tuple[str, ...]
-    ) -> list[DotProduct]:
-        reach = PointToPoint(self.point(3 + leg, (0.0, 0.0, 0.0)), self._platform_point(leg))
+    ) -> list[_DotProduct]:
+        reach = _PointToPoint(self.point(3 + leg, (0.0, 0.0, 0.0)), self._platform_point(leg))
         directions = {"x": X, "y": Y, "z": Z}
         return [
-            DotProduct(reach, vector(3 + leg, axis))
+            _DotProduct(reach, vector(3 + leg, axis))
             if name == "position"
-            else DotProduct(vector(PLATFORM, axis), vector(3 + leg, directions[name]))
+            else _DotProduct(vector(PLATFORM, axis), vector(3 + leg, directions[name]))
             for name in fixed
         ]
 
-    def _weld(self, first: Vector, second: Vector) -> list[DotProduct]:
+    def _weld(self, first: Vector, second: Vector) -> list[_DotProduct]:
         return [
-            DotProduct(PointToPoint(first, second), Vector(None, fixed_local(axis)))
+            _DotProduct(_PointToPoint(first, second), Vector(None, _fixed_local(axis)))
             for axis in (X, Y, Z)
         ]
 
@@ -465,4 +469,4 @@ class _Builder:
 
 def vector(body: int | None, local: tuple[float, float, float]) -> Vector:
     """Return a direction fixed in a body or in space."""
-    return Vector(body, fixed_local(local))
+    return Vector(body, _fixed_local(local))

@@ -271,7 +271,7 @@ def _damping_rows() -> Iterator[ValidationRow]:
         )
 
 
-def vary_contour() -> Iterator[tuple[str, ContouringRequest]]:
+def _vary_contour() -> Iterator[tuple[str, ContouringRequest]]:
     """Return the paper's block, and what is changed of it: a name and a contour each."""
     straight = contour_request("al7075-t6")
     yield "straight into face 1", straight
@@ -324,7 +324,7 @@ def check_marks(comm: MPI.Comm) -> Iterator[ValidationRow]:
     location error; and limits of stability of the faces at the lowest and the highest x.
     """
     tripteor = load_tripteor()
-    for name, request in vary_contour():
+    for name, request in _vary_contour():
         run = run_lumped_contour(tripteor.scene, tripteor.model, request)
         faces, _ = mill_faces(request, run)
         for face in faces:

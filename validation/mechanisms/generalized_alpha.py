@@ -79,8 +79,8 @@ class _ConstrainedProblem(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class _March:
-    """Where a march stands: what the next step starts from, and how it is cut.
+class _Progress:
+    """Where an integration stands: what the next step starts from, and how it is cut.
 
     Attributes:
         auxiliary: ``(n,)`` averaged acceleration.
@@ -99,7 +99,7 @@ class _March:
 
 @dataclass(frozen=True)
 class _Rules:
-    """How a march is carried out: scheme, tolerance of Newton's method, and the local error
+    """How an integration is carried out: scheme, tolerance of Newton's method, and the local error
     allowed.
     """
 
@@ -114,12 +114,12 @@ def integrate_constrained(
     step: float,
     count: int,
     *,
-    observe: Callable[[MotionState], None],
+    observe: Callable[[MotionState], None] = lambda state: None,
     scheme: AlphaScheme | None = None,
     tolerance: float = 1e-13,
     accuracy: float = LOCAL_ERROR,
 ) -> MotionState:
-    """March from a consistent start; the state at the end of every step is shown to an observer.
+    """Integrate from a consistent start; the state at the end of every step is shown to an observer.
 
     A step is halved, and its halves again, where Newton's method does not converge, where the local
     error is larger than allowed, or where velocities jump near a singular pose; sub-steps grow
@@ -131,7 +131,7 @@ def integrate_constrained(
         observe: Called after every step, not after its sub-steps.
         tolerance: Newton's last correction of a position, in the unit of positions.
         accuracy: Largest local error of a position over ``1 + `` the largest position. The default
-            only catches steps that lose their way; a smaller one makes the march adaptive.
+            only catches steps that lose their way; a smaller one makes the steps adaptive.
 
     Returns:
         The last state.
@@ -143,46 +143,46 @@ def integrate_constrained(
     Source: Zienkiewicz and Xie (1991) (local error from the change of accelerations).
     """
     rules = _Rules(scheme or AlphaScheme(), tolerance, accuracy)
-    march = _March(start, start.acceleration, step, WHOLE, np.inf)
+    progress = _Progress(start, start.acceleration, step, WHOLE, np.inf)
     for number in range(count):
         if number % MEASURE_EVERY == 0:
-            march = replace(march, shrinking=np.inf)
-        march = _take_step(
+            progress = replace(progress, shrinking=np.inf)
+        progress = _take_step(
             problem,
-            march,
+            progress,
             rules,
             begin=start.time + number * step,
             end=start.time + (number + 1) * step,
         )
-        observe(march.state)
-    return march.state
+        observe(progress.state)
+    return progress.state
 
 
 def _take_step(
-    problem: _ConstrainedProblem, march: _March, rules: _Rules, *, begin: float, end: float
-) -> _March:
+    problem: _ConstrainedProblem, progress: _Progress, rules: _Rules, *, begin: float, end: float
+) -> _Progress:
     """One whole step, in one or in as many sub-steps as it takes."""
     done = 0
     while done < WHOLE:
-        share = march.share
+        share = progress.share
         time = end if done + share == WHOLE else begin + (done + share) / WHOLE * (end - begin)
         length = share / WHOLE * (end - begin)
         try:
-            tried, error = _try_step(problem, march, rules, time=time, length=length)
+            tried, error = _try_step(problem, progress, rules, time=time, length=length)
         except ConvergenceError as failure:
             if share == 1:
-                raise ConvergenceError(_explain(problem, march.state, failure)) from failure
-            march = replace(march, share=share // 2, shrinking=np.inf)
+                raise ConvergenceError(_explain(problem, progress.state, failure)) from failure
+            progress = replace(progress, share=share // 2, shrinking=np.inf)
             continue
         done += share
         grows = share < WHOLE and error < rules.accuracy / GROW and done % (2 * share) == 0
-        march = replace(tried, share=2 * share, shrinking=np.inf) if grows else tried
-    return march
+        progress = replace(tried, share=2 * share, shrinking=np.inf) if grows else tried
+    return progress
 
 
 def _try_step(
-    problem: _ConstrainedProblem, march: _March, rules: _Rules, *, time: float, length: float
-) -> tuple[_March, float]:
+    problem: _ConstrainedProblem, progress: _Progress, rules: _Rules, *, time: float, length: float
+) -> tuple[_Progress, float]:
     """A sub-step of a length [s] that ends at a time [s], and its local error over the size of
     positions.
 
@@ -190,10 +190,10 @@ def _try_step(
         ConvergenceError: Newton's method fails with a matrix for each correction too, or the step
             is too coarse.
     """
-    old = march.state
+    old = progress.state
     # the auxiliary acceleration lies a share of the last step beside the state
-    auxiliary = old.acceleration + length / march.step * (march.auxiliary - old.acceleration)
-    known = march.shrinking
+    auxiliary = old.acceleration + length / progress.step * (progress.auxiliary - old.acceleration)
+    known = progress.shrinking
     try:
         new, averaged, shrinking = _advance(
             problem, old, auxiliary, rules, time=time, length=length, shrinking=known
@@ -217,7 +217,7 @@ def _try_step(
     fastest = max(float(np.abs(state.velocity).max(initial=0.0)) for state in (old, new))
     if length * change > LARGEST_JUMP * fastest and _dependence(problem, new) < NEAR_SINGULAR:
         raise ConvergenceError(f"the velocities jump in the step to t = {time:.6g} s")
-    return _March(new, averaged, length, march.share, shrinking), error
+    return _Progress(new, averaged, length, progress.share, shrinking), error
 
 
 def _dependence(problem: _ConstrainedProblem, state: MotionState) -> float:
@@ -229,7 +229,7 @@ def _dependence(problem: _ConstrainedProblem, state: MotionState) -> float:
 
 
 def _explain(problem: _ConstrainedProblem, state: MotionState, failure: ConvergenceError) -> str:
-    """Why a march ends, by what the constraints are like where it does."""
+    """Why an integration ends, by what the constraints are like where it does."""
     ratio = _dependence(problem, state)
     parts = f"{failure}; steps were halved down to 1/{WHOLE} of the step asked for"
     if ratio < NEAR_SINGULAR:
@@ -242,7 +242,7 @@ def _explain(problem: _ConstrainedProblem, state: MotionState, failure: Converge
 
 class _Advanced(NamedTuple):
     """State and averaged acceleration ``(n,)`` after a sub-step, and by how much corrections got
-    smaller; see :class:`_March`.
+    smaller; see :class:`_Progress`.
     """
 
     state: MotionState

@@ -119,9 +119,7 @@ def check_inverse_kinematics(comm: MPI.Comm) -> Iterator[ValidationRow]:
             printed = reference.values[f"{signs} {place}"]
             unit = 1e-4 if printed < 1.0 else 1e-3
             yield compare_value(
-                f"{signs} {place} leg",
-                float(value),
-                Target(printed, "m", unit / printed, "published"),
+                f"{signs} {place} leg", value, Target(printed, "m", unit / printed, "published")
             )
 
 
@@ -141,9 +139,7 @@ def check_mirror_symmetry(comm: MPI.Comm) -> list[ValidationRow]:
     flip = np.diag([1.0, -1.0, 1.0])
     stiff, mirrored = (tool_compliance(tripteor.model, motion)[..., :3, :3] for motion in motions)
     return [
-        compare_bound(
-            "frequencies in 50 poses, relative", float(np.abs(left / right - 1.0).max()), 1e-9
-        ),
+        compare_bound("frequencies in 50 poses, relative", np.abs(left / right - 1.0).max(), 1e-9),
         compare_bound(
             "compliance in 50 poses, relative", _relative(stiff, flip @ mirrored @ flip), 1e-9
         ),

@@ -206,7 +206,7 @@ class ConstrainedMotion:
         )
 
     def evaluate(self, state: MotionState) -> _EvaluatedMotion:
-        """What the equations of motion hold at a state of motion."""
+        """Evaluate the equations of motion at a state of motion."""
         drive = self.drive(state.time)
         coordinates = np.concatenate([drive.position, state.position])
         rates = np.concatenate([drive.speed, state.velocity])

@@ -64,17 +64,17 @@ SINGULAR_LOOK_EVERY = 4  # steps
 
 
 @dataclass(frozen=True)
-class Run:
+class _Run:
     """A time span [s] and the numbers of steps it is cut into, each twice the one before."""
 
     span: float
     steps: tuple[int, ...]
 
 
-FULL_RUN = Run(0.01, (100, 200, 400, 800))
+FULL_RUN = _Run(0.01, (100, 200, 400, 800))
 
 
-def check_energy_balance(comm: MPI.Comm, run: Run = FULL_RUN) -> Iterator[ValidationRow]:
+def check_energy_balance(comm: MPI.Comm, run: _Run = FULL_RUN) -> Iterator[ValidationRow]:
     """Energy gained is work put in, by a Runge-Kutta method of order 8 to its tolerance and by
     generalised-α to order 2.
     """
@@ -82,22 +82,26 @@ def check_energy_balance(comm: MPI.Comm, run: Run = FULL_RUN) -> Iterator[Valida
     reference = _reference(motion, start, run.span)
     gained = motion.energy(run.span, reference[:6], reference[6:12]) - motion.energy(0.0, *start)
     yield show("energy gained", gained, "J", "moving legs, force on the tool, gravity, damping")
-    yield compare_value(
-        "work put in, DOP853", float(reference[12]), Target(gained, "J", 1e-9, "identity")
-    )
+    yield compare_value("work put in, DOP853", reference[12], Target(gained, "J", 1e-9, "identity"))
     errors = [_energy_error(motion, start, run.span, count) for count in run.steps]
     yield from _order_rows("energy mismatch, generalised-α", run, errors)
 
 
-def check_integration_orders(comm: MPI.Comm, run: Run = FULL_RUN) -> Iterator[ValidationRow]:
+def check_integration_orders(comm: MPI.Comm, run: _Run = FULL_RUN) -> Iterator[ValidationRow]:
     """Reduced ODE and index-3 DAE by generalised-α, both against the reduced ODE by a Runge-Kutta
     method of order 8.
     """
     (motion, start) = _moving()
     reference = _reference(motion, start, run.span)[:6]
     scale = float(np.abs(reference).max())
-    for name, integrate in (("reduced ODE", _integrate_reduced), ("index-3 DAE", _integrate_full)):
-        ends = [integrate(motion, start, run.span / count, count) for count in run.steps]
+    problems: dict[str, tuple[PartitionedMotion | ConstrainedMotion, MotionState]] = {
+        "reduced ODE": (motion, motion.start(0.0, *start)),
+        "index-3 DAE": _full_problem(motion, start),
+    }
+    for name, (problem, first) in problems.items():
+        ends = [
+            integrate_constrained(problem, first, run.span / count, count) for count in run.steps
+        ]
         errors = [float(np.abs(end.position[-6:] - reference).max()) / scale for end in ends]
         yield from _order_rows(name, run, errors)
 
@@ -121,7 +125,7 @@ def check_constraint_drift(comm: MPI.Comm, count: int = 10_000) -> list[Validati
     position, velocity = np.array(seen).T
     return [
         compare_bound(
-            f"largest position violation in {count} steps [m, rad]", float(position.max()), 1e-12
+            f"largest position violation in {count} steps [m, rad]", position.max(), 1e-12
         ),
         compare_bound(
             "its mean in the second half over the first, less one",
@@ -130,7 +134,7 @@ def check_constraint_drift(comm: MPI.Comm, count: int = 10_000) -> list[Validati
             "no growth",
         ),
         compare_bound(
-            f"largest velocity violation in {count} steps [m/s, rad/s]", float(velocity.max()), 1e-5
+            f"largest velocity violation in {count} steps [m/s, rad/s]", velocity.max(), 1e-5
         ),
         compare_bound(
             "its mean in the second half over the first, less one",
@@ -164,9 +168,10 @@ def check_common_path(comm: MPI.Comm) -> list[ValidationRow]:
     place = np.array([0.0, 0.0, tripteor.scene.mounted.dimensions.tool_length]) - spindle.center
     reached = found.place[8] + found.rotation[8] @ place
     stretch = solve_instant(system, span, found, np.zeros(3)).stretch
+    off = np.abs(stretch - reference[:6]).max() / np.abs(reference[:6]).max()
     return [
-        compare_bound("tool point after 10 ms [m]", float(np.abs(reached - tool).max()), 1e-10),
-        compare_bound("compliances after 10 ms, relative", _relative(stretch, reference[:6]), 1e-8),
+        compare_bound("tool point after 10 ms [m]", np.abs(reached - tool).max(), 1e-10),
+        compare_bound("compliances after 10 ms, relative", off, 1e-8),
     ]
 
 
@@ -195,21 +200,6 @@ def _reference(
     first = np.concatenate([*start, [0.0]])
     done = scipy.integrate.solve_ivp(motion.state_rates, (0.0, span), first, **EXACT)
     return np.asarray(done.y[:, -1])
-
-
-def _integrate_reduced(
-    motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int
-) -> MotionState:
-    return integrate_constrained(
-        motion, motion.start(0.0, *start), step, count, observe=lambda state: None
-    )
-
-
-def _integrate_full(
-    motion: PartitionedMotion, start: tuple[FloatArray, FloatArray], step: float, count: int
-) -> MotionState:
-    full, first = _full_problem(motion, start)
-    return integrate_constrained(full, first, step, count, observe=lambda state: None)
 
 
 def _full_problem(
@@ -244,7 +234,7 @@ def _energy_error(
     return abs(float(np.trapezoid(powers, dx=span / count)) - gained) / abs(gained)
 
 
-def _order_rows(what: str, run: Run, errors: list[float]) -> Iterator[ValidationRow]:
+def _order_rows(what: str, run: _Run, errors: list[float]) -> Iterator[ValidationRow]:
     for count, error in zip(run.steps, errors, strict=True):
         yield show(f"{what}, {count} steps in {1e3 * run.span:g} ms", error, "-", "relative")
     yield compare_order(f"{what}, order", errors, 2.0, within=0.1)
@@ -293,12 +283,8 @@ def _integrate_absolute(system: AbsoluteSystem, start: AbsoluteState, span: floa
     )
 
 
-def _relative(value: FloatArray, right: FloatArray) -> float:
-    return float(np.abs(value - right).max() / np.abs(right).max())
-
-
 @dataclass(frozen=True, eq=False)
-class Passage:
+class _Passage:
     """A swing through the singular pose.
 
     Attributes:
@@ -313,7 +299,7 @@ class Passage:
     report: StartReport
 
 
-def planar_machine(stiffness: float) -> CompliantMechanism:
+def _planar_machine(stiffness: float) -> CompliantMechanism:
     """Return a heavy platform on three springs, singular where it is not turned."""
     springs = LumpedSprings(
         np.full(3, 1.0 / stiffness),
@@ -322,15 +308,15 @@ def planar_machine(stiffness: float) -> CompliantMechanism:
         ("leg_1", "leg_2", "leg_3"),
     )
     body = MechanismBody("platform", "platform_1", MASS, inertia=np.diag([0.0, 0.0, INERTIA]))
-    return CompliantMechanism(planar_mechanism(), (body,), springs, tool="platform_1")
+    return CompliantMechanism(_planar_mechanism(), (body,), springs, tool="platform_1")
 
 
-def planar_mechanism() -> Mechanism:
+def _planar_mechanism() -> Mechanism:
     """Return the 3-RPR of the case."""
     return planar_3rpr(BASE, PLATFORM)
 
 
-def leg_length(angle: float) -> float:
+def _leg_length(angle: float) -> float:
     """Of each leg at an angle of the platform in the middle [m]."""
     return float(np.sqrt(OUTER**2 + INNER**2 - 2.0 * OUTER * INNER * np.cos(angle)))
 
@@ -339,22 +325,20 @@ def check_singular_passage(comm: MPI.Comm, span: float = 20.0) -> list[Validatio
     """Twenty seconds in steps of a millisecond, to and fro over the pose in which the legs do not
     hold the platform.
     """
-    found = swing_through(span)
+    found = _swing_through(span)
     crossings = float((np.diff(np.sign(found.angles)) != 0).sum())
     off = float(np.abs(found.energies / found.energies[0] - 1.0).max())
     return [
         show("passages of the singular pose", crossings, "-", f"in {span:g} s"),
         compare_bound(f"energy off its start in {span:g} s, relative", off, 1e-3),
-        compare_bound(
-            "largest violation of the closures [m, rad]", float(found.violations.max()), 1e-12
-        ),
+        compare_bound("largest violation of the closures [m, rad]", found.violations.max(), 1e-12),
     ]
 
 
-def swing_through(span: float) -> Passage:
+def _swing_through(span: float) -> _Passage:
     """Integrate the full equations with multipliers, generalised-α without numerical damping."""
-    model, mechanism = planar_machine(SOFT), planar_mechanism()
-    lengths = np.full(3, leg_length(WELL))
+    model, mechanism = _planar_machine(SOFT), _planar_mechanism()
+    lengths = np.full(3, _leg_length(WELL))
     problem = ConstrainedMotion(
         model, lambda time: Drive(lengths, np.zeros(3), np.zeros(3)), lambda time: np.zeros(3)
     )
@@ -391,4 +375,4 @@ def swing_through(span: float) -> Passage:
         problem, start, STEP, round(span / STEP), observe=observe, scheme=AlphaScheme(1.0)
     )
     angles, energies, violations = np.array(seen).T
-    return Passage(angles, energies, violations, report)
+    return _Passage(angles, energies, violations, report)

@@ -53,17 +53,11 @@ def check_stability_methods(comm: MPI.Comm, steps: int = MARCHED_STEPS) -> Itera
     """
     yield from named_case("stability-closed-forms", [*_turning_rows(), *_mathieu_rows()])
     yield from named_case("stability-published-milling", _milling_rows(steps))
-    yield from named_case("milling-limits", _check_milling_limits(comm))
-
-
-def _check_milling_limits(comm: MPI.Comm) -> Iterator[ValidationRow]:
-    """Limits of ten scenes, of one and two modes, immersions of 5 to 100 %, both senses, helix and
-    one to six teeth, beside converged ones by collocation of another program and by
-    semi-discretisation.
-    """
+    # one and two modes, immersions of 5 to 100 %, both senses, helix and one to six teeth, beside
+    # converged limits by collocation of another program and by semi-discretisation
     limits = tomllib.loads((SCENES / "limits.toml").read_text())
     for name in sorted(limits):
-        yield from _limit_rows(name, limits[name], comm)
+        yield from named_case("milling-limits", _limit_rows(name, limits[name], comm))
 
 
 def _limit_rows(
@@ -83,7 +77,7 @@ def _limit_rows(
         allowed = 1e-4 + np.nan_to_num(own.errors / true)
         where = f"{name}, travel {own.name}, {len(true)} speeds"
         yield compare_bound(
-            f"{where}: limit off, at most", float(np.abs(off).max()), 0.01, "semi-discretisation"
+            f"{where}: limit off, at most", np.abs(off).max(), 0.01, "semi-discretisation"
         )
         yield compare_bound(
             f"{where}: limit above the true one, over its ±",

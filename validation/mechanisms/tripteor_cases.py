@@ -67,17 +67,14 @@ def check_elastic_legs(comm: MPI.Comm) -> Iterator[ValidationRow]:
         for number, right in enumerate(_measured(pose), 1):
             target = Target(float(right), "Hz", WITHIN, "published")
             yield compare_value(
-                f"{pose} f{number}, measured mode {number}",
-                float(found[pose][number - 1]),
-                target,
-                note,
+                f"{pose} f{number}, measured mode {number}", found[pose][number - 1], target, note
             )
     for number, (low, high) in BANDS.items():
         inside = sum(low <= found[pose][number - 1] <= high for pose in POSES)
         wanted = Target(float(len(POSES)), "-", 0.0, "claim")
         yield compare_value(
             f"poses with f{number} between {low:g} and {high:g} Hz",
-            float(inside),
+            inside,
             wanted,
             verdict(inside == 3),
         )
@@ -85,7 +82,7 @@ def check_elastic_legs(comm: MPI.Comm) -> Iterator[ValidationRow]:
     between = sum(bool(lumped[pose][0] < found[pose][1] < lumped[pose][1]) for pose in POSES)
     target = Target(float(len(POSES)), "-", 0.0, "claim")
     yield compare_value(
-        "poses with f2 between both lumped modes", float(between), target, verdict(between == 3)
+        "poses with f2 between both lumped modes", between, target, verdict(between == 3)
     )
     further = sum(np.count_nonzero(found[pose][4:] < _measured(pose)[3]) for pose in POSES)
     yield compare_bound(
@@ -124,7 +121,7 @@ def check_compliances(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Check one compliance after the other beside elastic legs, each fitted to all twelve
     frequencies: which could be the missing one.
     """
-    candidates: dict[str, ComplianceCandidate] = tomllib.loads(COMPLIANCES.read_text())
+    candidates: dict[str, _ComplianceCandidate] = tomllib.loads(COMPLIANCES.read_text())
     for name, entry in candidates.items():
         settings = (
             *entry["set"],
@@ -139,7 +136,7 @@ def check_compliances(comm: MPI.Comm) -> Iterator[ValidationRow]:
         yield show(f"{name}: deviation of four modes in three poses, rms", rms, "-", note)
 
 
-class ComplianceCandidate(TypedDict):
+class _ComplianceCandidate(TypedDict):
     """A table of ``tripteor_compliances.toml``; a tube is its outer and inner diameter, ``tube_3``
     where leg 3 differs.
     """
@@ -152,7 +149,7 @@ class ComplianceCandidate(TypedDict):
     tube_3: NotRequired[list[str]]
 
 
-def _leg_settings(entry: ComplianceCandidate) -> dict[str, str]:
+def _leg_settings(entry: _ComplianceCandidate) -> dict[str, str]:
     """Tube, springs at its tip and screw of a candidate, for every leg."""
     found = {}
     for leg in (1, 2, 3):
@@ -193,7 +190,7 @@ def _likeness_rows(tripteor: LeggedTripteor, pose: str) -> list[ValidationRow]:
     return [
         show(
             f"{pose}: platform motion of f{mode + 1}, MAC with lumped f{lumped + 1}",
-            float(mac[lumped, mode]),
+            mac[lumped, mode],
             "-",
         )
         for lumped, mode in ((0, 0), (0, 2), (1, 0), (1, 2))
@@ -229,15 +226,12 @@ def check_lumped_modes(comm: MPI.Comm) -> Iterator[ValidationRow]:
                 measured.values[f"{name} mode {seen}"], "Hz", measured.tolerance, "published"
             )
             yield compare_value(
-                f"{name} f{number}, measured mode {seen}",
-                float(found[number - 1]),
-                target,
-                CALIBRATED,
+                f"{name} f{number}, measured mode {seen}", found[number - 1], target, CALIBRATED
             )
         target = Target(measured.values[f"{name} mode 4"], "Hz", np.nan, "shown only")
         yield compare_value(
             f"{name} f3, measured mode 4",
-            float(found[2]),
+            found[2],
             target,
             "not in the model: it has no leg bending",
         )
@@ -271,8 +265,8 @@ def check_paper_statements(comm: MPI.Comm) -> Iterator[ValidationRow]:
         compare_bound("1 + correlation of f1 with mean leg length", 1.0 + trend, 0.05, shortness),
     ):
         yield dataclasses.replace(row, note=f"{row.note}: {verdict(row.passed)}")
-    yield show("lowest f1 over the plane", float(plane[..., 0].min()), "Hz")
-    yield show("highest f1 over the plane", float(plane[..., 0].max()), "Hz")
+    yield show("lowest f1 over the plane", plane[..., 0].min(), "Hz")
+    yield show("highest f1 over the plane", plane[..., 0].max(), "Hz")
     yield show("lowest f2 / f1 over the plane", ratio.min(), "-", "measured 1.44 to 1.54")
     yield show("highest f2 / f1 over the plane", ratio.max(), "-", "not fitted away from 3 points")
 

@@ -76,7 +76,7 @@ DEEP = "theory is off: the clamp also stops the sideways contraction that beam t
 Theory = tuple[str, int, float, str]
 
 
-def beam_mode_kinds(points: FloatArray, shapes: FloatArray, axis: int) -> list[str]:
+def _beam_mode_kinds(points: FloatArray, shapes: FloatArray, axis: int) -> list[str]:
     """Return the dominating motion of the cross-sections in each mode.
 
     Sections are slices of the mesh; the rigid motion that fits a slice best tells its displacement
@@ -260,7 +260,7 @@ def _modal_rows(
     yield from _theory_rows(reference, finest, theories)
 
 
-class ClampedModes(NamedTuple):
+class _ClampedModes(NamedTuple):
     """Frequencies ``(m,)`` [Hz], how each mode moves, and the dofs of the model."""
 
     frequencies_hz: FloatArray
@@ -270,7 +270,7 @@ class ClampedModes(NamedTuple):
 
 def clamped_modes(
     component: Component, faces: Sequence[str], count: int, comm: MPI.Comm
-) -> ClampedModes:
+) -> _ClampedModes:
     """Return the lowest modes of a bar.
 
     Args:
@@ -282,8 +282,8 @@ def clamped_modes(
     model = full_model(mesh, component.material, comm=comm, fixed=fixed_by(mesh, supports))
     modes = full_modes(model, count)
     shapes = model.everywhere(modes.shapes).reshape(3 * len(mesh.points), -1)
-    kinds = beam_mode_kinds(mesh.points, shapes, "xyz".index(faces[0][0]))
-    return ClampedModes(modes.frequencies_hz, kinds, 3 * len(mesh.points))
+    kinds = _beam_mode_kinds(mesh.points, shapes, "xyz".index(faces[0][0]))
+    return _ClampedModes(modes.frequencies_hz, kinds, 3 * len(mesh.points))
 
 
 def _theory_rows(

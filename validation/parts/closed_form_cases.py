@@ -56,7 +56,7 @@ OFFSET = 0.100
 
 
 @dataclass(frozen=True)
-class SprungBlock:
+class _SprungBlock:
     """A homogeneous rigid block on four corner springs.
 
     Attributes:
@@ -70,7 +70,7 @@ class SprungBlock:
     spring: tuple[float, float, float]
 
 
-def block_frequencies(block: SprungBlock) -> FloatArray:
+def _block_frequencies(block: _SprungBlock) -> FloatArray:
     """Return the six natural frequencies ``(6,)`` [Hz] of a block on four corner springs, rising.
 
     Heave and yaw stand alone; swaying along x couples with rocking about y, swaying along y with
@@ -99,7 +99,7 @@ def _sway_rock_pair(
     return [mean - radius, mean + radius]
 
 
-BLOCK = SprungBlock((1.0, 0.8, 0.3), 230.0, (1.2e4, 1.2e4, 1.8e4))
+BLOCK = _SprungBlock((1.0, 0.8, 0.3), 230.0, (1.2e4, 1.2e4, 1.8e4))
 
 
 def check_cantilever_theory(comm: MPI.Comm) -> Iterator[ValidationRow]:
@@ -182,7 +182,7 @@ def check_rod_theory(comm: MPI.Comm) -> list[ValidationRow]:
 
 def check_block_theory(comm: MPI.Comm) -> list[ValidationRow]:
     """Check the block on four air springs in closed form."""
-    return compare_values(reference_case("block"), block_frequencies(BLOCK))
+    return compare_values(reference_case("block"), _block_frequencies(BLOCK))
 
 
 def mesh_settings(kind: CellKind, size: float) -> MeshSettings:

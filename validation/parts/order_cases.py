@@ -48,7 +48,7 @@ def check_rod_orders(comm: MPI.Comm) -> Iterator[ValidationRow]:
     exact = axial_frequencies(ROD, "clamped-free", 3)[2]
     for kind in KINDS:
         errors = [
-            rod_frequencies(kind, count, comm, sideways="fixed")[2] / exact - 1.0
+            _rod_frequencies(kind, count, comm, sideways="fixed")[2] / exact - 1.0
             for count in ROD_ELEMENTS
         ]
         quantity = f"{kind} axial f3, {ROD_ELEMENTS[-2]} to {ROD_ELEMENTS[-1]} elements"
@@ -60,7 +60,7 @@ def check_rod_frequencies(comm: MPI.Comm) -> Iterator[ValidationRow]:
     and torsional ones.
     """
     for kind in SECOND_ORDER_KINDS:
-        found = rod_frequencies(kind, ROD_ELEMENTS[-1], comm, sideways="free")
+        found = _rod_frequencies(kind, ROD_ELEMENTS[-1], comm, sideways="free")
         yield from named_after(kind, compare_values(reference_case("rod"), found))
 
 
@@ -69,7 +69,7 @@ def check_displacement_orders(comm: MPI.Comm) -> Iterator[ValidationRow]:
     square.
     """
     for kind in KINDS:
-        errors = [cube_error(kind, count, comm) for count in CUBE_ELEMENTS]
+        errors = [_cube_error(kind, count, comm) for count in CUBE_ELEMENTS]
         finer = CUBE_ELEMENTS[-1] / CUBE_ELEMENTS[-2]
         quantity = f"{kind} displacement, {CUBE_ELEMENTS[-2]} to {CUBE_ELEMENTS[-1]} elements"
         yield compare_order(quantity, errors, ORDER[kind] + 1.0, finer=finer)
@@ -79,7 +79,7 @@ def check_displacement_orders(comm: MPI.Comm) -> Iterator[ValidationRow]:
         )
 
 
-def rod_frequencies(
+def _rod_frequencies(
     kind: CellKind, elements: int, comm: MPI.Comm, *, sideways: Literal["free", "fixed"]
 ) -> FloatArray:
     """Return the first three axial frequencies ``(3,)`` [Hz] of the rod, distinguished from bending
@@ -102,7 +102,7 @@ def rod_frequencies(
     )
 
 
-def cube_error(kind: CellKind, elements: int, comm: MPI.Comm) -> float:
+def _cube_error(kind: CellKind, elements: int, comm: MPI.Comm) -> float:
     """Relative mean-square error [-] of the displacement in a clamped unit cube under a
     manufactured body force.
     """

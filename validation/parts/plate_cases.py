@@ -57,12 +57,7 @@ def check_thin_plates(comm: MPI.Comm) -> Iterator[ValidationRow]:
                 )
                 note = f"{dofs} dofs, {seconds:.1f} CPU s"
                 if (ratio, cells, size) in SHOWN:
-                    yield show(
-                        f"{text}, over plate theory",
-                        float(found[worst] / exact[worst]),
-                        "-",
-                        note,
-                    )
+                    yield show(f"{text}, over plate theory", found[worst] / exact[worst], "-", note)
                     continue
                 target = Target(
                     float(exact[worst]),
@@ -70,7 +65,7 @@ def check_thin_plates(comm: MPI.Comm) -> Iterator[ValidationRow]:
                     TOLERANCE,
                     "closed form" if fixed == "hinged edges" else "published",
                 )
-                yield compare_value(text, float(found[worst]), target, note)
+                yield compare_value(text, found[worst], target, note)
     for ratio, cells, size in LOCKED:
         found, dofs, seconds = _frequencies("hinged edges", SIDE / ratio, cells, size, comm)
         share = float(found[0] / _plate_frequencies(HINGED, SIDE / ratio)[0])
@@ -99,7 +94,7 @@ def _check_pads(comm: MPI.Comm) -> Iterator[ValidationRow]:
         text = f"1:200 on four {'rigid' if coupling == 'rigid' else 'averaging'} pads, hex 15 mm, mode {worst + 1} (worst of 3)"
         target = Target(float(exact[worst]), "Hz", TOLERANCE, "second mesh")
         yield compare_value(
-            text, float(found[worst]), target, f"{dofs} dofs, {seconds:.1f} CPU s; finer hexes"
+            text, found[worst], target, f"{dofs} dofs, {seconds:.1f} CPU s; finer hexes"
         )
 
 

@@ -154,7 +154,7 @@ def _describe(name: str, found: FloatArray, right: FloatArray) -> Iterator[Valid
     for index, what in enumerate(("normal", "pitch")):
         yield show(f"{name}: {what}, error", 100.0 * float(error[index]), "%")
         if name.startswith("splines,") and what == "normal":
-            yield compare_bound(f"{name}: {what}, ripple", float(rest[index]), RIPPLE)
+            yield compare_bound(f"{name}: {what}, ripple", rest[index], RIPPLE)
         else:
             yield show(f"{name}: {what}, ripple", 100.0 * float(rest[index]), "%")
 

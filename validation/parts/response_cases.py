@@ -13,14 +13,12 @@ import scipy.sparse.linalg
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Load, Material, ReductionSettings
-from headstock.geometry.parts.solids import Box
+from headstock.geometry.parts.components import Load, Material, ReductionSettings
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.pipeline.planning.analyses import FRF_MARGIN
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.requests import ReductionRequest, mode_target
-from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.elastic.stress_recovery import find_point_rows
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.frequency_response import solve_frf
@@ -31,6 +29,7 @@ from headstock.solvers.linear.time_response import solve_time_response
 from headstock.solvers.mpi import MPI
 from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
 from headstock.solvers.stresses import STRESS_NAMES
+from headstock.validation.parts.benchmarks import DEEP_SIZE, reduce_deep_beam
 from headstock.validation.parts.closed_form_cases import (
     COLUMN_SIZE,
     DEEP_BEAM,
@@ -88,7 +87,6 @@ FINE_ELEMENTS, FINE_ORDER, FINE_MODES = 100, 20, 1200
 
 LOAD_PER_LENGTH = 1e6
 DAMPING = 0.02
-SIZE, MODES = 0.5, 120
 LOAD: Channel = ("load", "x")
 MOVED: Channel = ("middle", "x")
 MIDDLE = np.array([0.0, 0.0, 0.5 * DEEP_BEAM.length])
@@ -236,7 +234,7 @@ def _rising_crossings(times: FloatArray, values: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class LoadedBeam:
+class _LoadedBeam:
     """The beam of FV5 as a 3D body with 2 % damping of every mode.
 
     Attributes:
@@ -330,37 +328,14 @@ def check_transient_beam(comm: MPI.Comm) -> list[ValidationRow]:
     ]
 
 
-def _loaded_beam(comm: MPI.Comm) -> LoadedBeam:
+def _loaded_beam(comm: MPI.Comm) -> _LoadedBeam:
     """Mesh, reduce and support the beam."""
-    size = (DEEP_BEAM.width, DEEP_BEAM.depth, DEEP_BEAM.length)
-    interfaces = {
-        name: face_interface(name, face, "average") for name, face in (("a", "z-"), ("b", "z+"))
-    }
-    part = Component(
-        "beam",
-        Box(size),
-        DEEP_BEAM.material,
-        interfaces=interfaces,
-        mesh=mesh_settings("hex27", SIZE),
-    )
     # a uniform load is a uniform acceleration of a prismatic body
     load = Load(
         "line", "beam", "body", vector=(LOAD_PER_LENGTH / DEEP_BEAM.mass_per_length, 0.0, 0.0)
     )
-    mesh = shared_mesh(part, (), (load,), comm=comm)
-    element = reduce_elastic(
-        part, mesh, (), (load,), comm=comm, request=ReductionRequest(modes=ModeTarget(count=MODES))
-    )
-    fixed = {"a": (0, 1, 2, 5), "b": (0, 1)}
-    joints = {
-        end: Joint(end, (JointEnd(), JointEnd("beam", end)), "spring", fixed=dofs)
-        for end, dofs in fixed.items()
-    }
-    coupled = couple(
-        {"beam": element},
-        Machine("deep beam", {"beam": part}, joints, loads={"line": load}),
-        Pose("reference"),
-    )
+    element, machine, mesh = reduce_deep_beam("hex27", comm, (load,), recovery=True)
+    coupled = couple({"beam": element}, machine, Pose("reference"))
     if element.recovery is None:
         raise ValueError("the beam was reduced without its recovery basis")
     fields: FloatArray = element.recovery.basis @ coupled.basis
@@ -371,7 +346,7 @@ def _loaded_beam(comm: MPI.Comm) -> LoadedBeam:
     system = dataclasses.replace(
         coupled.system, inputs={LOAD: coupled.loads["line"]}, outputs=outputs
     )
-    return LoadedBeam(add_modal_damping(system, [DAMPING]), mesh, fields)
+    return _LoadedBeam(add_modal_damping(system, [DAMPING]), mesh, fields)
 
 
 def _section_points() -> tuple[FloatArray, FloatArray]:
@@ -379,9 +354,9 @@ def _section_points() -> tuple[FloatArray, FloatArray]:
     of stresses there.
     """
     nodes, weights = np.polynomial.legendre.leggauss(2)
-    edges = np.arange(-0.5 * DEEP_BEAM.width, 0.5 * DEEP_BEAM.width, SIZE)
-    places = (edges[:, None] + 0.5 * SIZE * (nodes + 1.0)).ravel()
-    shares = np.tile(0.5 * SIZE * weights, len(edges))
+    edges = np.arange(-0.5 * DEEP_BEAM.width, 0.5 * DEEP_BEAM.width, DEEP_SIZE)
+    places = (edges[:, None] + 0.5 * DEEP_SIZE * (nodes + 1.0)).ravel()
+    shares = np.tile(0.5 * DEEP_SIZE * weights, len(edges))
     x, y = (part.ravel() for part in np.meshgrid(places, places, indexing="ij"))
     area = np.outer(shares, shares).ravel()
     return np.column_stack([x, y, np.full_like(x, MIDDLE[2])]), area * x

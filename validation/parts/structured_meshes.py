@@ -48,7 +48,7 @@ def node_places(kind: CellKind) -> FloatArray:
     return np.vstack([corners, *middles])[: int(kind[3:])]
 
 
-def shape_functions(kind: CellKind, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _shape_functions(kind: CellKind, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Lagrange shape functions of a reference element and their gradients.
 
     Args:
@@ -77,7 +77,7 @@ def integrate_over_cells(
         integrand: From ``(m, 3)`` positions to ``(m,)`` values.
     """
     places, weights = _gauss_rule(kind)
-    values, gradients = shape_functions(kind, places)
+    values, gradients = _shape_functions(kind, places)
     corners = points[cells]
     positions = np.einsum("qn,cnd->cqd", values, corners)
     jacobians = np.linalg.det(np.einsum("qnr,cnd->cqdr", gradients, corners))
@@ -101,7 +101,7 @@ def field_error(
         exact: From ``(m, 3)`` positions to ``(m, 3)`` values.
     """
     places, weights = _gauss_rule(kind)
-    values, gradients = shape_functions(kind, places)
+    values, gradients = _shape_functions(kind, places)
     corners = points[cells]
     measure = weights * np.linalg.det(np.einsum("qnr,cnd->cqdr", gradients, corners))
     truth = exact(np.einsum("qn,cnd->cqd", values, corners).reshape(-1, 3)).reshape(
@@ -207,7 +207,7 @@ def lattice_mesh(lattice: FloatArray, kind: CellKind, *, straight: bool) -> Comp
         kind: ``tet4``, ``tet10``, ``hex8`` or ``hex27``.
     """
     shape = lattice.shape[:3]
-    cells = _tetrahedral_cells(shape) if kind.startswith("tet") else lattice_cells(shape)
+    cells = _tetrahedral_cells(shape) if kind.startswith("tet") else _lattice_cells(shape)
     used, numbers = np.unique(cells[:, : int(kind[3:])], return_inverse=True)
     cells = numbers.reshape(len(cells), -1).astype(np.int64)
     points = lattice.reshape(-1, 3)[used]
@@ -217,7 +217,7 @@ def lattice_mesh(lattice: FloatArray, kind: CellKind, *, straight: bool) -> Comp
     )
 
 
-def lattice_cells(shape: Sequence[int]) -> IntArray:
+def _lattice_cells(shape: Sequence[int]) -> IntArray:
     """Cells ``(n_cells, 27)`` in gmsh's node order of a lattice with the given number of points
     along u, v and w (all odd).
     """
@@ -232,7 +232,7 @@ def lattice_sides(shape: Sequence[int]) -> dict[str, IntArray]:
     """Facets ``(n, 9)`` in gmsh's node order, normals outward, of the six sides ``u- u+ v- v+ w-
     w+`` of a lattice.
     """
-    cells = lattice_cells(shape)
+    cells = _lattice_cells(shape)
     counts = [(count - 1) // 2 for count in shape]
     places = np.stack(np.unravel_index(np.arange(len(cells)), counts), axis=-1)
     sides = {}
@@ -254,7 +254,7 @@ def write_lattice(path: Path, lattice: FloatArray) -> None:
     Source: gmsh reference manual, legacy MSH file format version 2.
     """
     shape = lattice.shape[:3]
-    points, cells, sides = lattice.reshape(-1, 3), lattice_cells(shape), lattice_sides(shape)
+    points, cells, sides = lattice.reshape(-1, 3), _lattice_cells(shape), lattice_sides(shape)
     names = [f'2 {number} "{name}"' for number, name in enumerate(sides, start=1)] + ['3 7 "body"']
     elements = [
         f"{GMSH_QUAD9} 2 {number} {number} " + " ".join(map(str, facet + 1))

@@ -86,7 +86,7 @@ def turn_section(beam: PrismaticBeam) -> PrismaticBeam:
     return PrismaticBeam(beam.length, beam.depth, beam.width, beam.material)
 
 
-def bracket_roots(
+def _bracket_roots(
     function: Callable[[float], float], count: int, *, start: float, step: float
 ) -> list[float]:
     """Return the first roots of a function above a start, by walking until its sign changes and
@@ -118,7 +118,7 @@ def bracket_roots(
     raise ValueError(f"only {len(roots)} of {count} roots lie between {start:g} and {low:g}")
 
 
-def euler_bernoulli_roots(ends: EndConditions, count: int) -> FloatArray:
+def _euler_bernoulli_roots(ends: EndConditions, count: int) -> FloatArray:
     """Dimensionless wave numbers ``lambda = beta L`` of the bending modes, rigid ones left out.
 
     Args:
@@ -136,7 +136,7 @@ def euler_bernoulli_roots(ends: EndConditions, count: int) -> FloatArray:
         "free-free": lambda x: math.cos(x) - 1.0 / math.cosh(x),
         "supported-supported": math.sin,
     }
-    return np.array(bracket_roots(functions[ends], count, start=1.0, step=0.1))
+    return np.array(_bracket_roots(functions[ends], count, start=1.0, step=0.1))
 
 
 def euler_bernoulli_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> FloatArray:
@@ -149,7 +149,7 @@ def euler_bernoulli_frequencies(beam: PrismaticBeam, ends: EndConditions, count:
     """
     speed = math.sqrt(beam.bending_stiffness / beam.mass_per_length)
     return np.asarray(
-        euler_bernoulli_roots(ends, count) ** 2 * speed / (2.0 * math.pi * beam.length**2)
+        _euler_bernoulli_roots(ends, count) ** 2 * speed / (2.0 * math.pi * beam.length**2)
     )
 
 
@@ -172,7 +172,7 @@ def euler_bernoulli_shape(
         raise ValueError(
             f"the shape of a {ends} beam is not known here: its lower end must be clamped"
         )
-    root = float(euler_bernoulli_roots(ends, number)[-1])
+    root = float(_euler_bernoulli_roots(ends, number)[-1])
     sign = 1.0 if ends == "clamped-free" else -1.0
     ratio = (math.cosh(root) + sign * math.cos(root)) / (math.sinh(root) + sign * math.sin(root))
     x = root * np.asarray(places)
@@ -216,7 +216,7 @@ def fixed_beam_deflection(beam: PrismaticBeam, force: float) -> float:
     return force * beam.length**3 / (192.0 * beam.bending_stiffness)
 
 
-def cowper_coefficient(poisson_ratio: float) -> float:
+def _cowper_coefficient(poisson_ratio: float) -> float:
     """Shear coefficient kappa of a rectangular section [-].
 
     Source: Cowper (1966), table 1: ``10 (1 + nu) / (12 + 11 nu)``.
@@ -245,7 +245,7 @@ def timoshenko_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int)
         block = transfer[np.ix_(rows, columns)]
         return float(np.linalg.det(block) / math.cosh(wave_number))
 
-    roots = bracket_roots(determinant, count, start=_FIRST_WAVE_NUMBER, step=_WAVE_NUMBER_STEP)
+    roots = _bracket_roots(determinant, count, start=_FIRST_WAVE_NUMBER, step=_WAVE_NUMBER_STEP)
     return np.asarray(np.array(roots) ** 2 * scale / (2.0 * math.pi))
 
 
@@ -264,7 +264,7 @@ def fixed_beam_shear_deflection(beam: PrismaticBeam, force: float) -> float:
 
 
 def _shear_stiffness(beam: PrismaticBeam) -> float:
-    return cowper_coefficient(beam.material.poisson_ratio) * beam.shear_modulus * beam.area
+    return _cowper_coefficient(beam.material.poisson_ratio) * beam.shear_modulus * beam.area
 
 
 def _transfer_matrix(beam: PrismaticBeam, squared_frequency: float) -> FloatArray:
@@ -358,7 +358,7 @@ def fixed_beam_twist(beam: PrismaticBeam, moment: float) -> float:
     return moment * beam.length / (4.0 * _torsional_stiffness(beam))
 
 
-def warping_constant(width: float, depth: float) -> float:
+def _warping_constant(width: float, depth: float) -> float:
     """Secondary warping constant Gamma [m^6] of a narrow rectangle with the given sides [m].
 
     Source: Vlasov (1961), section I.5; ``Gamma = b^3 t^3 / 144`` (for example Pilkey (2005), table
@@ -404,7 +404,7 @@ def _sech(value: float) -> float:
 def _torsion_roots(
     beam: PrismaticBeam, characteristic: Callable[[float, float], float], count: int
 ) -> FloatArray:
-    warping = beam.material.youngs_modulus * warping_constant(beam.width, beam.depth)
+    warping = beam.material.youngs_modulus * _warping_constant(beam.width, beam.depth)
     stiffness = _torsional_stiffness(beam)
     inertia = beam.material.density * beam.polar_moment
 
@@ -417,4 +417,6 @@ def _torsion_roots(
         return characteristic(a, b)
 
     first = float(torsional_frequencies(beam, "clamped-free", 1)[0])
-    return np.array(bracket_roots(function, count, start=0.1 * first, step=first / _STEPS_PER_ROOT))
+    return np.array(
+        _bracket_roots(function, count, start=0.1 * first, step=first / _STEPS_PER_ROOT)
+    )

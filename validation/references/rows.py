@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, SupportsFloat
 
 Provenance = Literal["published", "derived-closed-form", "derived-numerical"]
 
@@ -45,11 +45,11 @@ def reference_case(name: str) -> ReferenceCase:
     Raises:
         KeyError: There is no such case.
     """
-    return reference_cases()[name]
+    return _reference_cases()[name]
 
 
 @functools.cache
-def reference_cases() -> dict[str, ReferenceCase]:
+def _reference_cases() -> dict[str, ReferenceCase]:
     """Return every reference case by name."""
     with TABLE.open("rb") as stream:
         table = tomllib.load(stream)
@@ -116,7 +116,9 @@ def verdict(confirmed: bool) -> str:
     return "confirmed" if confirmed else "not confirmed"
 
 
-def compare_value(quantity: str, value: float, target: Target, note: str = "") -> ValidationRow:
+def compare_value(
+    quantity: str, value: SupportsFloat, target: Target, note: str = ""
+) -> ValidationRow:
     """Return a row that passes when the value lies within the target's tolerance; a value that is
     not finite never passes.
 
@@ -126,11 +128,11 @@ def compare_value(quantity: str, value: float, target: Target, note: str = "") -
             absolute one.
     """
     # plain numbers: numpy's own do not go into JSON
-    value, right, allowed = float(value), float(target.reference), float(target.tolerance)
-    error = value / right - 1.0 if right else value
-    passed = math.isfinite(value) and (math.isnan(allowed) or abs(error) <= allowed)
+    number, right, allowed = float(value), float(target.reference), float(target.tolerance)
+    error = number / right - 1.0 if right else number
+    passed = math.isfinite(number) and (math.isnan(allowed) or abs(error) <= allowed)
     return ValidationRow(
-        "", quantity, value, right, target.unit, error, allowed, target.kind, passed, note
+        "", quantity, number, right, target.unit, error, allowed, target.kind, passed, note
     )
 
 
@@ -139,7 +141,6 @@ def observe_order(coarse: float, fine: float, finer: float = 2.0) -> float:
 
     Args:
         coarse: Error before, of any sign.
-        fine: Error after.
         finer: Size before over the size after [-].
     """
     return math.log(abs(coarse / fine)) / math.log(finer)
@@ -158,7 +159,6 @@ def compare_order(
 
     Args:
         quantity: What the value is, in words.
-        errors: From coarse to fine.
         expected: Order of the theory [-].
         finer: Size before over the size after [-].
         within: How far off it may be [-].
@@ -168,7 +168,9 @@ def compare_order(
     return compare_value(quantity, order, target, f"order, within {within:g}")
 
 
-def compare_bound(quantity: str, value: float, bound: float, note: str = "") -> ValidationRow:
+def compare_bound(
+    quantity: str, value: SupportsFloat, bound: float, note: str = ""
+) -> ValidationRow:
     """Return a row for a number that should be zero and may be as large as a bound.
 
     Args:
@@ -179,7 +181,7 @@ def compare_bound(quantity: str, value: float, bound: float, note: str = "") -> 
     return compare_value(quantity, value, Target(0.0, "-", bound, "identity"), note)
 
 
-def show(quantity: str, value: float, unit: str, note: str = "") -> ValidationRow:
+def show(quantity: str, value: SupportsFloat, unit: str, note: str = "") -> ValidationRow:
     """Return a row that is printed for the reader and cannot fail unless it is not finite.
 
     Args:
@@ -237,10 +239,10 @@ def failed_computation(reason: str) -> ValidationRow:
 def rows_as_json(rows: Sequence[ValidationRow]) -> str:
     """Return a JSON list with one object per row; numbers that do not exist are ``null``."""
     entries = [
-        {key: _plain(value) for key, value in dataclasses.asdict(row).items()} for row in rows
+        {
+            key: None if isinstance(value, float) and not math.isfinite(value) else value
+            for key, value in dataclasses.asdict(row).items()
+        }
+        for row in rows
     ]
     return json.dumps(entries, indent=1, allow_nan=False) + "\n"
-
-
-def _plain(value: object) -> object:
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -45,7 +45,7 @@ ON_FACE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class BrickModel:
+class _BrickModel:
     """A box of equal bricks.
 
     Attributes:
@@ -59,9 +59,9 @@ class BrickModel:
     mass: scipy.sparse.csr_matrix
 
 
-def brick_model(
+def _brick_model(
     sides: tuple[float, float, float], counts: tuple[int, int, int], material: Material
-) -> BrickModel:
+) -> _BrickModel:
     """Return a box from ``(-x/2, -y/2, -z/2)``, cut into bricks.
 
     Args:
@@ -78,17 +78,17 @@ def brick_model(
     dofs = (3 * cells[:, :, None] + np.arange(3)).reshape(len(cells), 24)
     rows, columns = np.repeat(dofs, 24, axis=1).ravel(), np.tile(dofs, (1, 24)).ravel()
     size = 3 * len(points)
-    matrices = (brick_stiffness(brick, material), brick_mass(brick, material))
+    matrices = (_brick_stiffness(brick, material), _brick_mass(brick, material))
     stiffness, mass = (
         scipy.sparse.csr_matrix(
             (np.tile(matrix.ravel(), len(cells)), (rows, columns)), shape=(size, size)
         )
         for matrix in matrices
     )
-    return BrickModel(points, stiffness, mass)
+    return _BrickModel(points, stiffness, mass)
 
 
-def brick_stiffness(brick: FloatArray, material: Material, *, bending: bool = True) -> FloatArray:
+def _brick_stiffness(brick: FloatArray, material: Material, *, bending: bool = True) -> FloatArray:
     """Stiffness ``(24, 24)`` of one rectangular brick [N/m], with its bending shapes condensed out
     or without them.
 
@@ -109,7 +109,7 @@ def brick_stiffness(brick: FloatArray, material: Material, *, bending: bool = Tr
     )
 
 
-def brick_mass(brick: FloatArray, material: Material) -> FloatArray:
+def _brick_mass(brick: FloatArray, material: Material) -> FloatArray:
     """Consistent mass ``(24, 24)`` of one brick of sides ``(3,)`` [m]."""
     scalar = np.zeros((8, 8))
     for place in itertools.product((-GAUSS, GAUSS), repeat=3):
@@ -120,7 +120,7 @@ def brick_mass(brick: FloatArray, material: Material) -> FloatArray:
     )
 
 
-def solve_fixed(model: BrickModel, fixed: IntArray, loads: FloatArray) -> FloatArray:
+def _solve_fixed(model: _BrickModel, fixed: IntArray, loads: FloatArray) -> FloatArray:
     """Static displacements ``(3 n, m)`` [m] with all dofs of some nodes fixed.
 
     Args:
@@ -133,7 +133,7 @@ def solve_fixed(model: BrickModel, fixed: IntArray, loads: FloatArray) -> FloatA
     return found
 
 
-def fixed_modes(model: BrickModel, fixed: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
+def _fixed_modes(model: _BrickModel, fixed: IntArray, count: int) -> tuple[FloatArray, FloatArray]:
     """Return the lowest natural modes with all dofs of some nodes fixed; fewer where there are few
     dofs.
 
@@ -156,7 +156,7 @@ def fixed_modes(model: BrickModel, fixed: IntArray, count: int) -> tuple[FloatAr
     return np.sqrt(values) / (2.0 * np.pi), shapes.T.reshape(len(values), -1, 3)
 
 
-def _free_dofs(model: BrickModel, fixed: IntArray) -> IntArray:
+def _free_dofs(model: _BrickModel, fixed: IntArray) -> IntArray:
     return np.setdiff1d(
         np.arange(3 * len(model.points)), (3 * np.asarray(fixed)[:, None] + np.arange(3)).ravel()
     )
@@ -203,7 +203,7 @@ def paper_points(beam: ReferenceBeam) -> list[RefinementPoint]:
     column = beam.ends == "clamped-free"
     found: list[RefinementPoint] = []
     for grid in COLUMN_GRIDS if column else FIXED_GRIDS:
-        model = brick_model(beam.size, grid, beam.material)
+        model = _brick_model(beam.size, grid, beam.material)
         ndof = 3 * len(model.points)
         if column:
             found.append(
@@ -216,13 +216,13 @@ def paper_points(beam: ReferenceBeam) -> list[RefinementPoint]:
     return found
 
 
-def _fixed_nodes(beam: ReferenceBeam, model: BrickModel) -> IntArray:
+def _fixed_nodes(beam: ReferenceBeam, model: _BrickModel) -> IntArray:
     place = model.points[:, beam.axis] / beam.size[beam.axis] + 0.5
     ends = (0.0,) if beam.ends == "clamped-free" else (0.0, 1.0)
     return np.flatnonzero(np.min([np.abs(place - end) for end in ends], axis=0) < ON_FACE)
 
 
-def _static_values(beam: ReferenceBeam, model: BrickModel) -> dict[str, float]:
+def _static_values(beam: ReferenceBeam, model: _BrickModel) -> dict[str, float]:
     """Unit forces and moments on the top face, spread evenly over its nodes, and the mean motion of
     that face.
     """
@@ -232,14 +232,14 @@ def _static_values(beam: ReferenceBeam, model: BrickModel) -> dict[str, float]:
     dofs = (3 * top[:, None] + np.arange(3)).ravel()
     loads[dofs] = mean.T
     return cantilever_displacements(
-        mean @ solve_fixed(model, _fixed_nodes(beam, model), loads)[dofs]
+        mean @ _solve_fixed(model, _fixed_nodes(beam, model), loads)[dofs]
     )
 
 
 def _modal_values(
-    beam: ReferenceBeam, model: BrickModel
+    beam: ReferenceBeam, model: _BrickModel
 ) -> tuple[dict[str, float], dict[str, float]]:
-    frequencies, shapes = fixed_modes(model, _fixed_nodes(beam, model), MODES)
+    frequencies, shapes = _fixed_modes(model, _fixed_nodes(beam, model), MODES)
     half = 0.5 * beam.size[beam.axis]
     sections = section_motions(
         model.points, shapes, axis=beam.axis, span=(-half, half), sides=beam.size

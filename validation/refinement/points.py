@@ -39,9 +39,10 @@ LINEAR: tuple[ModelKind, ...] = ("wilson8", "tet4", "hex8")
 QUADRATIC: tuple[ModelKind, ...] = ("tet10", "hex27")
 SAME = 1e-6
 Against = Literal["analytic", "beam", "solid"]
+CELL_NODES = {("tet", 1): 4, ("tet", 2): 10, ("hex", 1): 8, ("hex", 2): 27}
 
 
-class RefinementError(HeadstockError):
+class _RefinementError(HeadstockError):
     """A scene is not what a published study is about."""
 
 
@@ -84,16 +85,16 @@ def measure_beam(reference: str, scene: Scene, results: Results) -> Measured:
     kind = (
         component.fidelity
         if component.fidelity != "elastic"
-        else f"{mesh.cells}{_nodes(mesh.cells, mesh.order)}"
+        else f"{mesh.cells}{CELL_NODES[mesh.cells, mesh.order]}"
     )
     values: dict[str, float] = {}
     macs: dict[str, float] = {}
-    if results.static:
-        values = (
-            _cantilever_statics(scene, results)
-            if beam.ends == "clamped-free"
-            else _fixed_beam_statics(component, scene, results)
-        )
+    if results.static and beam.ends == "clamped-free":
+        points = next(iter(results.static.values()))
+        first = points[next(iter(scene.machine.points))]  # six loads act there
+        values = cantilever_displacements(first.compliance)
+    elif results.static:
+        values = _fixed_beam_statics(component, scene, results)
     if results.modal:
         modal, macs = _beam_modes(beam, component, results)
         values |= modal
@@ -132,10 +133,6 @@ def collect_points(beam: ReferenceBeam, records: Sequence[StudyRecord]) -> list[
     return found
 
 
-def _nodes(cells: str, order: int) -> int:
-    return {("tet", 1): 4, ("tet", 2): 10, ("hex", 1): 8, ("hex", 2): 27}[cells, order]
-
-
 def _check_beam(beam: ReferenceBeam, scene: Scene) -> Component:
     """Find the one component of a scene, which must be the beam."""
     components = list(scene.machine.components.values())
@@ -150,17 +147,11 @@ def _check_beam(beam: ReferenceBeam, scene: Scene) -> Component:
     )
     if not right or not np.allclose(own, wanted, rtol=SAME, atol=0.0):
         sides = " x ".join(f"{1e3 * side:g}" for side in beam.size)
-        raise RefinementError(
+        raise _RefinementError(
             f"{scene.path} is compared with {beam.name}, which is one box of {sides} mm with E = {beam.material.youngs_modulus:g} Pa, "
             f"nu = {beam.material.poisson_ratio:g}, rho = {beam.material.density:g} kg/m^3; take those, or vary without `reference`"
         )
     return components[0]
-
-
-def _cantilever_statics(scene: Scene, results: Results) -> dict[str, float]:
-    """Read the six loads at the first point of the scene."""
-    points = next(iter(results.static.values()))
-    return cantilever_displacements(points[next(iter(scene.machine.points))].compliance)
 
 
 def cantilever_displacements(compliance: FloatArray) -> dict[str, float]:
@@ -187,7 +178,7 @@ def _fixed_beam_statics(component: Component, scene: Scene, results: Results) ->
         height = patch.center[2] - 0.5 * reference_beam("kono-fixed-beam").size[2]
         label = "0" if abs(height) < SAME else "100 mm" if abs(height - OFFSET) < SAME else ""
         if not label or answer.displacement is None:
-            raise RefinementError(
+            raise _RefinementError(
                 f"point {name!r}: the paper's force of 1 kN along x acts at 0 or 100 mm above the middle of the front face"
             )
         shift = np.abs(answer.displacement) * UM
@@ -235,7 +226,7 @@ class RefinementSeries:
 
     @property
     def models(self) -> str:
-        """What they are, in short."""
+        """Their kinds, in short."""
         return " + ".join(self.kinds)
 
     @property
@@ -247,7 +238,7 @@ class RefinementSeries:
 
 
 @dataclass(frozen=True)
-class Deviation:
+class _Deviation:
     """A relative deviation of one quantity of one model [-]."""
 
     value: float
@@ -280,7 +271,7 @@ def deviations(
     *,
     above: float = 0.0,
     against: Against = "analytic",
-) -> list[Deviation]:
+) -> list[_Deviation]:
     """Return every deviation of some quantities in models of at least so many dofs.
 
     Args:
@@ -293,7 +284,7 @@ def deviations(
         Value over reference less one [-], with its quantity and model.
     """
     return [
-        Deviation(
+        _Deviation(
             point.values[name] / reference_value(series.beam, name, against) - 1.0, name, point
         )
         for point in series.points
@@ -314,7 +305,7 @@ def reference_value(beam: ReferenceBeam, quantity: str, against: Against) -> flo
     return value
 
 
-def worst_of(found: Sequence[Deviation]) -> Deviation:
+def worst_of(found: Sequence[_Deviation]) -> _Deviation:
     """Return the largest deviation, whatever its sign."""
     return max(found, key=lambda deviation: abs(deviation.value))
 
@@ -325,7 +316,7 @@ def worst_by_ndof(
     *,
     above: float = 0.0,
     against: Against = "analytic",
-) -> dict[int, Deviation]:
+) -> dict[int, _Deviation]:
     """Return the largest deviation at each nDOF, by rising nDOF; models of equal nDOF count
     together.
 
@@ -334,7 +325,7 @@ def worst_by_ndof(
         against: Reference: the paper's analytic value, Timoshenko's, or that of converged 3D
             elasticity.
     """
-    grouped: dict[int, list[Deviation]] = {}
+    grouped: dict[int, list[_Deviation]] = {}
     for deviation in deviations(series, quantities, above=above, against=against):
         grouped.setdefault(deviation.point.ndof, []).append(deviation)
     return {ndof: worst_of(found) for ndof, found in grouped.items()}

@@ -35,7 +35,7 @@ CLAMP = "beam theory lets the section contract at the clamp"
 
 
 @dataclass(frozen=True)
-class BeamReference:
+class _BeamReference:
     """What a quantity should be, by three methods.
 
     Attributes:
@@ -74,11 +74,11 @@ class ReferenceBeam:
     axis: int
     ends: EndConditions
     material: Material
-    references: dict[str, BeamReference]
+    references: dict[str, _BeamReference]
     figures: tuple[int, int, int, int]
 
 
-def _cantilever_references() -> dict[str, BeamReference]:
+def _cantilever_references() -> dict[str, _BeamReference]:
     """Six loads and six modes of the column clamped at its foot."""
     thin, wide = CANTILEVER, turn_section(CANTILEVER)
     solid = list(reference_case("kono-cantilever-static").values.values())
@@ -104,7 +104,7 @@ def _cantilever_references() -> dict[str, BeamReference]:
         ("dx(Mc)", twist, twist, WARPING),
     ]
     found = [
-        BeamReference(name, "static", UM * analytic, UM * beam, right, note)
+        _BeamReference(name, "static", UM * analytic, UM * beam, right, note)
         for (name, analytic, beam, note), right in zip(static, solid, strict=True)
     ]
     slender_x, slender_y = (
@@ -129,7 +129,7 @@ def _cantilever_references() -> dict[str, BeamReference]:
     )
 
 
-def _fixed_beam_references() -> dict[str, BeamReference]:
+def _fixed_beam_references() -> dict[str, _BeamReference]:
     """Return a force at and above the middle of the front face, and three modes, of the beam
     clamped at both ends.
     """
@@ -155,7 +155,7 @@ def _fixed_beam_references() -> dict[str, BeamReference]:
         ),
     ]
     found = [
-        BeamReference(name, "static", UM * a, UM * b, c, note) for name, a, b, c, note in static
+        _BeamReference(name, "static", UM * a, UM * b, c, note) for name, a, b, c, note in static
     ]
     slender, deep = (
         euler_bernoulli_frequencies(flat, "clamped-clamped", 2),
@@ -205,12 +205,12 @@ def reference_beam(name: str) -> ReferenceBeam:
 
 def _modal_references(
     modal: list[tuple[str, float, float, str]], solid: list[float]
-) -> list[BeamReference]:
+) -> list[_BeamReference]:
     return [
-        BeamReference(name, "modal", float(analytic), float(beam), right, note)
+        _BeamReference(name, "modal", float(analytic), float(beam), right, note)
         for (name, analytic, beam, note), right in zip(modal, solid, strict=True)
     ]
 
 
-def _by_name(references: list[BeamReference]) -> dict[str, BeamReference]:
+def _by_name(references: list[_BeamReference]) -> dict[str, _BeamReference]:
     return {reference.quantity: reference for reference in references}

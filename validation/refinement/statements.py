@@ -66,7 +66,7 @@ class EvaluatedStatement:
 
 
 @dataclass(frozen=True, eq=False)
-class Statement:
+class _Statement:
     """What is said of some models; each method decides it in one way.
 
     Attributes:
@@ -413,7 +413,7 @@ def evaluate_own(
         )
         fine = [pick_series(beam, points, group, kind) for kind in QUADRATIC]
         found += [
-            Statement(series, text, names).reaches(SOLID_LIMIT, against="solid") for series in fine
+            _Statement(series, text, names).reaches(SOLID_LIMIT, against="solid") for series in fine
         ]
         # the loaded patch holds a part of the span against twist, at most all that lies under it
         limit = BEAM_LIMIT + (
@@ -425,7 +425,7 @@ def evaluate_own(
             f"segments come within {100 * limit:.2g} % of beam theory with shear and free warping"
         )
         found.append(
-            Statement(pick_series(beam, points, group, "segmented"), text, names).reaches(
+            _Statement(pick_series(beam, points, group, "segmented"), text, names).reaches(
                 limit, against="beam"
             )
         )
@@ -443,50 +443,50 @@ def _evaluate_cantilever(
     loads = [*FORCES, *TORSION]
     segments = pick_series(beam, points, "static", "segmented")
     found = [
-        Statement(segments, "every deviation < 10 % from nDOF 30", loads).below(0.10, above=30),
-        Statement(segments, "every deviation < 4 % from nDOF 90", loads).below(0.04, above=90),
-        Statement(segments, "deviations shrink as nDOF grows", loads).shrinks(),
-        Statement(segments, "deviations almost constant above nDOF 60", FORCES[:2]).constant(
+        _Statement(segments, "every deviation < 10 % from nDOF 30", loads).below(0.10, above=30),
+        _Statement(segments, "every deviation < 4 % from nDOF 90", loads).below(0.04, above=90),
+        _Statement(segments, "deviations shrink as nDOF grows", loads).shrinks(),
+        _Statement(segments, "deviations almost constant above nDOF 60", FORCES[:2]).constant(
             ALMOST, above=60
         ),
     ]
     for series in (pick_series(beam, points, "static", kind) for kind in LINEAR):
         found += [
-            Statement(
+            _Statement(
                 segments, "small segmented models are softer than small FE models", loads
             ).softer_than(series),
-            Statement(series, "< 10 % from nDOF 40, dx(Mc) apart", FORCES).below(
+            _Statement(series, "< 10 % from nDOF 40, dx(Mc) apart", FORCES).below(
                 0.10, above=40, note=PLAIN
             ),
-            Statement(series, "< 2 % from nDOF 200, dx(Mc) apart", FORCES).below(
+            _Statement(series, "< 2 % from nDOF 200, dx(Mc) apart", FORCES).below(
                 0.02, above=200, note=PLAIN
             ),
-            Statement(series, "dx(Mc) still > 10 % above nDOF 500", TORSION).exceeds(
+            _Statement(series, "dx(Mc) still > 10 % above nDOF 500", TORSION).exceeds(
                 0.10, above=500, below=2000, note=ACROSS
             ),
-            Statement(series, "differ by < 5 % above nDOF 100, dx(Mc) apart", FORCES).like(
+            _Statement(series, "differ by < 5 % above nDOF 100, dx(Mc) apart", FORCES).like(
                 segments, 0.05, above=100
             ),
         ]
     segments = pick_series(beam, points, "modal", "segmented")
     found += [
-        Statement(segments, "every deviation < 20 % from nDOF 60", modes).below(0.20, above=60),
-        Statement(segments, "every deviation < 16 % above nDOF 200", modes).below(0.16, above=200),
-        Statement(segments, "X3 is missing at the smallest nDOF", ["X3"]).coarsest_lacks(),
+        _Statement(segments, "every deviation < 20 % from nDOF 60", modes).below(0.20, above=60),
+        _Statement(segments, "every deviation < 16 % above nDOF 200", modes).below(0.16, above=200),
+        _Statement(segments, "X3 is missing at the smallest nDOF", ["X3"]).coarsest_lacks(),
     ]
     for series in (pick_series(beam, points, "modal", kind) for kind in LINEAR):
         found += [
-            Statement(series, "every deviation < 20 % from nDOF 100", modes).below(
+            _Statement(series, "every deviation < 20 % from nDOF 100", modes).below(
                 0.20, above=100, note=PLAIN
             ),
-            Statement(series, "every deviation < 15 % above nDOF 200", modes).below(
+            _Statement(series, "every deviation < 15 % above nDOF 200", modes).below(
                 0.15, above=200, note=PLAIN
             ),
-            Statement(series, "X3 is missing at the smallest nDOF", ["X3"]).coarsest_lacks(),
-            Statement(
+            _Statement(series, "X3 is missing at the smallest nDOF", ["X3"]).coarsest_lacks(),
+            _Statement(
                 segments, "segments deviate less in X2 and X3 from nDOF 40 to 100", ["X2", "X3"]
             ).smaller_than(series, above=40, below=100),
-            Statement(series, "differ by < 10 % above nDOF 100", modes).like(
+            _Statement(series, "differ by < 10 % above nDOF 100", modes).like(
                 segments, 0.10, above=100
             ),
         ]
@@ -499,53 +499,53 @@ def _evaluate_fixed_beam(
     shifts, bending = [AT_CENTRE, ABOVE], ["X1", "X2"]
     segments = pick_series(beam, points, "static", "segmented")
     found = [
-        Statement(segments, "dx within 10 % from nDOF 90", shifts).below(0.10, above=90),
-        Statement(segments, "dx and dz within 3 % above nDOF 300", [*shifts, TILT]).below(
+        _Statement(segments, "dx within 10 % from nDOF 90", shifts).below(0.10, above=90),
+        _Statement(segments, "dx and dz within 3 % above nDOF 300", [*shifts, TILT]).below(
             0.03, above=300
         ),
-        Statement(segments, "deviations of dx shrink as nDOF grows", shifts).shrinks(),
-        Statement(segments, "deviations of dx almost constant above nDOF 200", shifts).constant(
+        _Statement(segments, "deviations of dx shrink as nDOF grows", shifts).shrinks(),
+        _Statement(segments, "deviations of dx almost constant above nDOF 200", shifts).constant(
             ALMOST, above=200
         ),
     ]
     linear = [pick_series(beam, points, "static", kind) for kind in LINEAR]
     found += [
-        Statement(
+        _Statement(
             series, "> 70 % without midside nodes, on the coarsest mesh", shifts
         ).coarsest_exceeds(0.70)
         for series in linear
     ]
     for series in (pick_series(beam, points, "static", kind) for kind in QUADRATIC):
         found += [
-            Statement(series, "12 to 40 % with midside nodes", shifts).between(0.12, 0.40),
-            Statement(series, "still > 10 % at h_F = 100 mm near nDOF 10 000", [ABOVE]).exceeds(
+            _Statement(series, "12 to 40 % with midside nodes", shifts).between(0.12, 0.40),
+            _Statement(series, "still > 10 % at h_F = 100 mm near nDOF 10 000", [ABOVE]).exceeds(
                 0.10, above=7e3, below=2e4
             ),
-            Statement(series, "segments need 1/30 of the nDOF, or fewer", shifts).costlier_than(
+            _Statement(series, "segments need 1/30 of the nDOF, or fewer", shifts).costlier_than(
                 segments, 0.10, least=30.0
             ),
         ]
     segments = pick_series(beam, points, "modal", "segmented")
     found += [
-        Statement(segments, "every deviation < 20 % from nDOF 60", ["X1", "T1", "X2"]).below(
+        _Statement(segments, "every deviation < 20 % from nDOF 60", ["X1", "T1", "X2"]).below(
             0.20, above=60
         ),
-        Statement(segments, "every deviation < 3 % above nDOF 400", ["X1", "T1", "X2"]).below(
+        _Statement(segments, "every deviation < 3 % above nDOF 400", ["X1", "T1", "X2"]).below(
             0.03, above=400
         ),
     ]
     for series in (pick_series(beam, points, "modal", kind) for kind in LINEAR):
         found += [
-            Statement(series, "T1 still > 20 % above nDOF 1000", ["T1"]).exceeds(
+            _Statement(series, "T1 still > 20 % above nDOF 1000", ["T1"]).exceeds(
                 0.20, above=1e3, below=MANY
             ),
-            Statement(series, "X1 and X2 < 20 % from nDOF 210", bending).below(
+            _Statement(series, "X1 and X2 < 20 % from nDOF 210", bending).below(
                 0.20, above=210, note=PLAIN
             ),
-            Statement(series, "X1 and X2 < 3 % above nDOF 800", bending).below(
+            _Statement(series, "X1 and X2 < 3 % above nDOF 800", bending).below(
                 0.03, above=800, note=PLAIN
             ),
-            Statement(series, "segments need half the nDOF, or fewer", bending).costlier_than(
+            _Statement(series, "segments need half the nDOF, or fewer", bending).costlier_than(
                 segments, 0.03, least=2.0
             ),
         ]

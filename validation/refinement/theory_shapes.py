@@ -22,7 +22,7 @@ SAME_PLACE = 1e-6
 
 
 @dataclass(frozen=True)
-class NamedShape:
+class _NamedShape:
     """A mode of beam theory.
 
     Attributes:
@@ -38,7 +38,7 @@ class NamedShape:
 
 
 @dataclass(frozen=True, eq=False)
-class SectionMotions:
+class _SectionMotions:
     """Motion of the sections of a beam in its modes.
 
     Attributes:
@@ -59,7 +59,7 @@ class SectionMotions:
 
 
 @dataclass(frozen=True)
-class PairedMode:
+class _PairedMode:
     """The mode of a model that is a mode of theory: its number from 0, and how alike they are."""
 
     index: int
@@ -73,7 +73,7 @@ def section_motions(
     axis: int,
     span: tuple[float, float],
     sides: tuple[float, float, float],
-) -> SectionMotions:
+) -> _SectionMotions:
     """Rigid motions of a beam's sections that fit its modes best, slice by slice.
 
     Args:
@@ -103,7 +103,7 @@ def section_motions(
             for turn in range(3)
         ]
     )
-    return SectionMotions(
+    return _SectionMotions(
         np.array(places),
         np.stack(motions, axis=1),
         length,
@@ -113,8 +113,8 @@ def section_motions(
 
 
 def find_theory_shapes(
-    sections: SectionMotions, shapes: tuple[NamedShape, ...], ends: EndConditions
-) -> dict[str, PairedMode]:
+    sections: _SectionMotions, shapes: tuple[_NamedShape, ...], ends: EndConditions
+) -> dict[str, _PairedMode]:
     """Return the mode of the model that each mode of theory goes with: the most alike pair first,
     then the most alike of what is left.
 
@@ -138,10 +138,10 @@ def find_theory_shapes(
         [(_theory_motions(sections, shape, ends) * sections.gyration).ravel() for shape in shapes]
     )
     macs = correlate_modes(wanted.T, weighted.T)
-    found: dict[str, PairedMode] = {}
+    found: dict[str, _PairedMode] = {}
     while macs.size and macs.max() >= LEAST_MAC:
         row, mode = (int(place) for place in np.unravel_index(np.argmax(macs), macs.shape))
-        found[shapes[row].name] = PairedMode(mode, float(macs[row, mode]))
+        found[shapes[row].name] = _PairedMode(mode, float(macs[row, mode]))
         macs[row, :] = macs[:, mode] = 0.0
     return {shape.name: found[shape.name] for shape in shapes if shape.name in found}
 
@@ -159,7 +159,9 @@ def _slice_labels(along: FloatArray) -> IntArray:
     return np.asarray(np.unique(labels, return_inverse=True)[1], dtype=np.int64)
 
 
-def _theory_motions(sections: SectionMotions, shape: NamedShape, ends: EndConditions) -> FloatArray:
+def _theory_motions(
+    sections: _SectionMotions, shape: _NamedShape, ends: EndConditions
+) -> FloatArray:
     """Motion ``(n, 6)`` of the sections in a mode of theory."""
     motions = np.zeros((len(sections.places), 6))
     if shape.kind == "torsion":
@@ -173,9 +175,9 @@ def _theory_motions(sections: SectionMotions, shape: NamedShape, ends: EndCondit
     return motions
 
 
-def read_shape(name: str, axis: int) -> NamedShape:
+def read_shape(name: str, axis: int) -> _NamedShape:
     """Read the shape that a name such as ``X2`` or ``T1`` stands for on a beam along an axis."""
     letter, number = name[0], int(name[1:])
     if letter == "T":
-        return NamedShape(name, axis, "torsion", number)
-    return NamedShape(name, "XYZ".index(letter), "bending", number)
+        return _NamedShape(name, axis, "torsion", number)
+    return _NamedShape(name, "XYZ".index(letter), "bending", number)

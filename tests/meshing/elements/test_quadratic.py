@@ -15,8 +15,8 @@ from headstock.meshing.elements.quadratic import complete_hexes
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.validation.parts.structured_meshes import (
+    _lattice_cells,
     integrate_over_cells,
-    lattice_cells,
     lattice_sides,
     straight_lattice,
     write_lattice,
@@ -44,7 +44,7 @@ def test_the_new_nodes_are_those_that_were_left_out(
     warp: Callable[[FloatArray], FloatArray],
 ) -> None:
     lattice = straight_lattice((2, 3, 2), SIZE)
-    cells = lattice_cells(lattice.shape[:3])
+    cells = _lattice_cells(lattice.shape[:3])
     whole = warp(lattice.reshape(-1, 3))
     points, completed = complete_hexes(*without_inner_nodes(whole, cells))
     assert len(points) == len(whole)
@@ -58,7 +58,7 @@ def test_the_new_nodes_are_those_that_were_left_out(
 
 def write_serendipity(path: Path, lattice: FloatArray) -> None:
     """The file of a lattice with 20-node cells and 8-node facets."""
-    cells, sides = lattice_cells(lattice.shape[:3])[:, :20], lattice_sides(lattice.shape[:3])
+    cells, sides = _lattice_cells(lattice.shape[:3])[:, :20], lattice_sides(lattice.shape[:3])
     used, numbers = np.unique(cells, return_inverse=True)
     place = {int(node): number for number, node in enumerate(used, start=1)}
     lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(sides) + 1)]

@@ -8,7 +8,7 @@ import pytest
 
 import scene_runs
 from fixture_machines import machine, write_scene
-from headstock.pipeline.accuracy.models import add_change
+from headstock.pipeline.accuracy.models import _add_change
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.numbers.estimates import MODEL
@@ -103,8 +103,8 @@ def test_softer_models_lie_between_finite_elements_and_the_truth_stiffer_ones_do
             # the truth is softer than finite elements by their error at most, curved faces aside
             truths = np.linspace(-two_sided, error + two_sided, 50)
             furthest = np.abs(change - truths).max()
-            assert furthest <= add_change(error + two_sided, two_sided, change) + 1e-12
-    assert add_change(0.02, 0.0, 0.015) == 0.02 and add_change(0.02, 0.0, -0.015) == 0.035
+            assert furthest <= _add_change(error + two_sided, two_sided, change) + 1e-12
+    assert _add_change(0.02, 0.0, 0.015) == 0.02 and _add_change(0.02, 0.0, -0.015) == 0.035
 
 
 CLAMPED = machine("""

@@ -9,7 +9,7 @@ from common import approx
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.accuracy.quantities import Quantity
-from headstock.pipeline.accuracy.rounds import AIM, MeshScale, _wanted_ratios
+from headstock.pipeline.accuracy.rounds import AIM, _MeshScale, _wanted_ratios
 from headstock.pipeline.numbers.changes import Owner
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.numbers.numbers import make_key
@@ -43,11 +43,11 @@ def test_numbers_that_just_miss_refine_the_body_at_fault_alone_and_no_further_th
 
 
 def test_an_even_mesh_and_a_graded_one_are_compared_by_their_dofs() -> None:
-    hexes = MeshScale(0.094, 0.0097, graded=False)
-    tets = MeshScale(0.0058, 0.0058, graded=True)
+    hexes = _MeshScale(0.094, 0.0097, graded=False)
+    tets = _MeshScale(0.0058, 0.0058, graded=True)
     # sizes would say a sixteenth, after which nothing would be left of the error
     assert tets.step_from(hexes) == approx(0.6, abs=0.01)
-    assert MeshScale(0.056, 0.008, graded=False).step_from(hexes) == approx(0.6, abs=0.01)
+    assert _MeshScale(0.056, 0.008, graded=False).step_from(hexes) == approx(0.6, abs=0.01)
 
 
 @pytest.mark.parametrize("seed", range(50))

@@ -23,7 +23,7 @@ from headstock.geometry.parts.components import (
 from headstock.geometry.parts.solids import Box, HollowColumn
 from headstock.meshing.components.meshing import count_hexes
 from headstock.pipeline.accuracy.search import plan_first_round
-from headstock.pipeline.accuracy.settings import Trial, observed_rate, refine_mesh, start_component
+from headstock.pipeline.accuracy.settings import Trial, _observed_rate, refine_mesh, start_component
 from headstock.pipeline.answers.accuracy import AccuracyAnswer, AccuracySummary
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import ResponseSummary
@@ -207,11 +207,11 @@ def test_grids_along_small_patches_end_where_single_hexahedra_would_be_nearly_as
 
 
 def test_the_rate_is_that_of_the_last_two_trials_within_bounds() -> None:
-    assert observed_rate((Trial(4.0, 0.32, 0.32), Trial(2.0, 0.04, 0.04))) == approx(3.0)
-    assert observed_rate((Trial(2.0, 0.04, 0.04), Trial(1.0, 0.05, 0.05))) < 1.0
+    assert _observed_rate((Trial(4.0, 0.32, 0.32), Trial(2.0, 0.04, 0.04))) == approx(3.0)
+    assert _observed_rate((Trial(2.0, 0.04, 0.04), Trial(1.0, 0.05, 0.05))) < 1.0
     # numbers that settle faster than estimates fall
-    assert observed_rate((Trial(2.0, 0.04, 0.072), Trial(1.0, 0.03, 0.012))) == approx(
-        observed_rate((Trial(2.0, 0.04, 0.07),))
+    assert _observed_rate((Trial(2.0, 0.04, 0.072), Trial(1.0, 0.03, 0.012))) == approx(
+        _observed_rate((Trial(2.0, 0.04, 0.07),))
     )
 
 

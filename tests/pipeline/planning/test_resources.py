@@ -14,8 +14,8 @@ from headstock.pipeline.planning.budgets import BASE_MB, BudgetError
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.resources import (
     RanksOnNodes,
+    _memory_on_node,
     check_memory,
-    memory_on_node,
     node_memory_bytes,
     watch_memory,
 )
@@ -98,8 +98,8 @@ def test_the_tightest_control_group_above_this_process_counts(tmp_path: Path) ->
 
 def test_a_component_that_is_split_counts_by_the_ranks_of_a_node_and_the_others_wait() -> None:
     two_nodes = RanksOnNodes(ranks=8, together=4, memory_mb=24_000.0)
-    assert memory_on_node(REDUCE, two_nodes, split=True) == approx(20_000 + 4 * BASE_MB)
-    assert memory_on_node(REDUCE, two_nodes, split=False) == approx(40_000 + 4 * BASE_MB)
+    assert _memory_on_node(REDUCE, two_nodes, split=True) == approx(20_000 + 4 * BASE_MB)
+    assert _memory_on_node(REDUCE, two_nodes, split=False) == approx(40_000 + 4 * BASE_MB)
 
 
 def test_a_component_too_large_for_a_node_is_refused_unless_it_is_split_over_several() -> None:

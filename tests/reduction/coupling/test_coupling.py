@@ -25,12 +25,12 @@ from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.static_response import solve_static
-from headstock.validation.parts.closed_form_cases import SprungBlock, block_frequencies
+from headstock.validation.parts.closed_form_cases import _block_frequencies, _SprungBlock
 from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
 
 HOME = Pose("home")
 SPRING = (2.0e7, 3.0e7, 5.0e7, 1.0e6, 2.0e6, 3.0e6)
-BLOCK = SprungBlock((1.0, 0.8, 0.3), 230.0, (1.2e4, 1.2e4, 1.8e4))
+BLOCK = _SprungBlock((1.0, 0.8, 0.3), 230.0, (1.2e4, 1.2e4, 1.8e4))
 
 
 def corner_block() -> tuple[dict[str, Superelement], Machine]:
@@ -75,7 +75,7 @@ def test_four_springs_under_a_block_give_the_closed_form_of_der_block() -> None:
     reference = [2.17143797, 2.21507305, 2.81593394, 3.98233196, 4.83549625, 4.84907185]
     found = solve_modal(couple(*corner_block(), HOME).system).frequencies_hz
     np.testing.assert_allclose(found, reference, rtol=1e-8)
-    np.testing.assert_allclose(found, block_frequencies(BLOCK), rtol=1e-12)
+    np.testing.assert_allclose(found, _block_frequencies(BLOCK), rtol=1e-12)
 
 
 def test_a_spring_joint_adds_its_matrix_between_both_ends_in_its_own_axes() -> None:

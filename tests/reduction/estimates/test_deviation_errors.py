@@ -12,9 +12,9 @@ from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.channels import GRAVITY
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.corrected_elements import (
-    with_finer_mesh,
-    with_modes_left_out,
-    with_true_faces,
+    _with_finer_mesh,
+    _with_modes_left_out,
+    _with_true_faces,
 )
 from headstock.reduction.estimates.mesh_errors import compliance_mesh_errors
 from headstock.reduction.estimates.static_errors import estimate_deviation
@@ -82,7 +82,7 @@ def test_it_covers_what_a_finer_mesh_changes(
 
 
 def test_a_finer_mesh_is_as_soft_as_the_estimate(coarse: Superelement) -> None:
-    coupled, softer = couple_beam(coarse), couple_beam(with_finer_mesh(coarse))
+    coupled, softer = couple_beam(coarse), couple_beam(_with_finer_mesh(coarse))
     own, better = (solve_deviation(each, MACHINE, "tcp").sources for each in (coupled, softer))
     found = estimate_deviation(coupled, MACHINE, DOWN, solve_deviation(coupled, MACHINE, "tcp"))
     size = {source: np.abs(found[source].meshes["body"]).max() for source in (FORCES, GRAVITY)}
@@ -99,17 +99,17 @@ def test_modes_left_out_move_frequencies_by_no_less_than_all_modes_do(fine: Supe
     many = reduce_beam((4, 12, 3), modes=40)
     hz = [
         solve_modal(couple_beam(each).system, count=5).frequencies_hz
-        for each in (few, many, with_modes_left_out(few))
+        for each in (few, many, _with_modes_left_out(few))
     ]
     assert (hz[0] - hz[1] > 1e-5 * hz[1]).any()
     assert (hz[2] <= hz[1] * (1.0 + 1e-6)).all()
     # and nothing at rest
     own, better = (
         point_budget(couple_beam(each), "tcp").compliance
-        for each in (few, with_modes_left_out(few))
+        for each in (few, _with_modes_left_out(few))
     )
     assert better == approx(own, rel=1e-9, abs=1e-12 * np.abs(own).max())
 
 
 def test_flat_parts_have_no_better_faces(coarse: Superelement) -> None:
-    assert with_true_faces(coarse) is coarse
+    assert _with_true_faces(coarse) is coarse

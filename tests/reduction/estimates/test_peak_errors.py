@@ -8,7 +8,7 @@ import numpy as np
 
 from common import approx
 from headstock.geometry.frames import FloatArray
-from headstock.reduction.estimates.figure_errors import PeakErrors, find_peak_errors
+from headstock.reduction.estimates.figure_errors import _PeakErrors, find_peak_errors
 from headstock.reduction.estimates.frequency_errors import TruncatedPart
 from headstock.reduction.estimates.mesh_errors import MeshedPart
 from headstock.reduction.estimates.response_errors import (
@@ -56,7 +56,7 @@ def respond(system: SecondOrderSystem) -> FrfModel:
 
 def estimate(
     system: SecondOrderSystem, sources: ErrorSources
-) -> tuple[list[ResponsePeak], PeakErrors]:
+) -> tuple[list[ResponsePeak], _PeakErrors]:
     model = respond(system)
     peaks = find_response_peaks(model, 0.0, 1500.0)
     channels = input_columns(system, CHANNELS), output_rows(system, CHANNELS)

@@ -28,19 +28,23 @@ from headstock.reduction.superelement import Superelement, most_participation
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import input_columns, output_rows
+from headstock.validation.coverage.coverage_case import CHANNELS
 from headstock.validation.machines.estimate_cases import (
     RESOLVED,
     SHIFT_HZ,
     Specimen,
+    _compare_frequencies,
     clamped_beam,
-    compare_frequencies,
     free_pair,
     keep_fewer,
     reduce_specimen,
     unreduced,
 )
 from headstock.validation.machines.monolithic_machines import monolithic_frequencies
-from headstock.validation.machines.response_estimate_cases import CHANNELS, LINES, compare_responses
+from headstock.validation.machines.response_estimate_cases import (
+    LINES,
+    _compare_responses,
+)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +55,7 @@ def pair() -> Specimen:
 def test_lines_of_a_free_machine_lie_within_their_bounds_and_these_are_sharp(
     pair: Specimen,
 ) -> None:
-    pairs = compare_responses(pair, LINES)
+    pairs = _compare_responses(pair, LINES)
     assert (pairs.true <= pairs.estimated + RESOLVED)[pairs.given].mean() > 0.95
     assert 0.98 < np.median(pairs.estimated[pairs.clear] / pairs.true[pairs.clear]) < 1.5
     assert pairs.true[pairs.given].max() > 0.1
@@ -88,7 +92,7 @@ def test_at_rest_nothing_is_off_and_beyond_the_modes_there_is_no_bound(pair: Spe
 
 def test_frequencies_of_a_beam_lie_within_their_bounds_whatever_modes_are_kept() -> None:
     specimen = clamped_beam()
-    pairs = compare_frequencies(
+    pairs = _compare_frequencies(
         specimen, monolithic_frequencies(unreduced(specimen), 14, shift_hz=SHIFT_HZ)
     )
     assert (pairs.true <= pairs.estimated + RESOLVED)[pairs.given].all()

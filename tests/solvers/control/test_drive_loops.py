@@ -25,10 +25,10 @@ from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 from headstock.validation.machines.drive_cases import (
     LOAD,
     TwoMasses,
-    closed_loop_poles,
-    delayed_pole,
+    _closed_loop_poles,
+    _delayed_pole,
+    _step_response,
     make_drive,
-    step_response,
 )
 
 MASSES = TwoMasses()
@@ -74,7 +74,7 @@ def test_poles_are_the_roots_of_the_polynomial_derived_by_hand(encoder: str) -> 
     system, train = make_drive(MASSES, control)
     found = find_loop_poles(close_loops(system, [train])).poles
     np.testing.assert_allclose(
-        np.sort_complex(found), upper(closed_loop_poles(MASSES, control)), rtol=1e-8
+        np.sort_complex(found), upper(_closed_loop_poles(MASSES, control)), rtol=1e-8
     )
 
 
@@ -85,7 +85,7 @@ def test_poles_with_dead_time_solve_the_transcendental_equation() -> None:
     inside = poles.poles[np.abs(poles.poles) * control.dead_time < LARGEST_ANGLE]
     assert len(inside) == 4
     for pole in inside:
-        assert abs(delayed_pole(MASSES, control, pole) - pole) < 2e-6 * abs(pole)
+        assert abs(_delayed_pole(MASSES, control, pole) - pole) < 2e-6 * abs(pole)
 
 
 def test_the_dead_time_has_gain_one_and_the_right_phase_as_far_as_it_promises() -> None:
@@ -104,7 +104,7 @@ def test_the_step_response_is_the_sum_of_residues() -> None:
     loads[:, 0] = 1.0
     found = solve_time_response(loop.space, loads, 1e-4)
     np.testing.assert_allclose(
-        found.outputs[:, 0], step_response(MASSES, CONTROL, found.times), atol=1e-9
+        found.outputs[:, 0], _step_response(MASSES, CONTROL, found.times), atol=1e-9
     )
 
 

@@ -33,20 +33,20 @@ from headstock.validation.mechanisms.motion_cases import (
     INNER,
     OUTER,
     PLATFORM,
-    leg_length,
-    planar_machine,
-    planar_mechanism,
-    swing_through,
+    _leg_length,
+    _planar_machine,
+    _planar_mechanism,
+    _swing_through,
 )
 
 pytestmark = pytest.mark.hard("H37")
 
 STIFFNESS = 1e7
-MECHANISM = planar_mechanism()
+MECHANISM = _planar_mechanism()
 
 
 def machine() -> CompliantMechanism:
-    return planar_machine(STIFFNESS)
+    return _planar_machine(STIFFNESS)
 
 
 def at_rest(lengths: FloatArray) -> Drive:
@@ -62,7 +62,7 @@ def test_the_lowest_frequency_falls_to_zero_as_the_closed_form_does(degrees: flo
     angle = np.radians(degrees)
     state = planar_3rpr_state(BASE, PLATFORM, (0.0, 0.0), angle)
     found = solve_lumped_modes(linearise_poses(machine(), state)).frequencies_hz[0]
-    slope = OUTER * INNER * np.sin(angle) / leg_length(angle)
+    slope = OUTER * INNER * np.sin(angle) / _leg_length(angle)
     assert found == approx(np.sqrt(3.0 * STIFFNESS * slope**2 / INERTIA) / (2.0 * np.pi), rel=1e-8)
 
 
@@ -97,7 +97,7 @@ def test_small_motions_about_the_singular_pose_are_refused_by_name() -> None:
 def test_partitioned_coordinates_stop_at_the_singular_pose_by_name() -> None:
     start = planar_3rpr_state(BASE, PLATFORM, (0.0, 0.0), np.radians(2.0))
     motion = PartitionedMotion(
-        machine(), lambda time: at_rest(np.full(3, leg_length(0.0) - time)), no_force, start
+        machine(), lambda time: at_rest(np.full(3, _leg_length(0.0) - time)), no_force, start
     )
     assert motion.at(-0.0001, np.zeros(3), np.zeros(3)).mass.shape == (3, 3)
 
@@ -112,7 +112,7 @@ def test_partitioned_coordinates_stop_at_the_singular_pose_by_name() -> None:
 def test_the_full_equations_run_through_the_singular_pose_and_keep_their_energy() -> None:
     # legs too long for the middle: two wells at either side, and a spin that carries the platform
     # over the singular pose
-    found = swing_through(0.3)
+    found = _swing_through(0.3)
     assert found.report.constraint_violation < 1e-14
     assert np.sum(np.diff(np.sign(found.angles)) != 0) >= 2
     assert np.abs(found.energies / found.energies[0] - 1.0).max() < 1e-3

@@ -14,14 +14,14 @@ from headstock.studies.identification.descent import spread_starts
 from headstock.studies.identification.identification import fit_parameters
 from headstock.studies.identification.problem import FitProblem, evaluate, follow_modes
 from headstock.validation.machines.identification_cases import (
-    evaluate_blindness,
-    evaluate_seeds,
-    fit_seeds,
-    prepare_text,
-    solve_truth,
-    true_values,
+    _evaluate_blindness,
+    _evaluate_seeds,
+    _fit_seeds,
+    _prepare_text,
+    _solve_truth,
+    _true_values,
+    _write_parameters,
     write_frequencies,
-    write_parameters,
 )
 
 pytestmark = pytest.mark.slow
@@ -41,10 +41,11 @@ frequencies = {stiff}
 def make_targets(folder: Path) -> str:
     """Targets that the true values meet exactly."""
     any_hz = write_frequencies(np.arange(10.0, 16.0, dtype=np.float64))
-    problem = prepare_text(
-        folder, CASES.format(written=any_hz, stiff=any_hz, compliance=1.0) + write_parameters(TRUTH)
+    problem = _prepare_text(
+        folder,
+        CASES.format(written=any_hz, stiff=any_hz, compliance=1.0) + _write_parameters(TRUTH),
     )
-    written, stiff = solve_truth(problem, TRUTH).states
+    written, stiff = _solve_truth(problem, TRUTH).states
     return CASES.format(
         written=write_frequencies(written.frequencies_hz[:6]),
         stiff=write_frequencies(stiff.frequencies_hz[:6]),
@@ -60,14 +61,14 @@ def with_settings(problem: FitProblem, *, starts: int, pairing: str = "best") ->
 def test_a_frequency_by_name_is_met_by_the_mode_of_its_number(tmp_path: Path) -> None:
     names = 'numbers = { "frequency(mode=2)" = "10 Hz", "frequency(mode=1)" = "11 Hz" }'
     truth = {"drive": TRUTH["drive"], "feet_z": TRUTH["feet_z"]}
-    problem = prepare_text(tmp_path, f"[cases.a]\n{names}\n{write_parameters(truth)}")
-    point = solve_truth(problem, truth)
+    problem = _prepare_text(tmp_path, f"[cases.a]\n{names}\n{_write_parameters(truth)}")
+    point = _solve_truth(problem, truth)
     assert [target.frequency_hz for target in problem.cases[0].case.modes] == [10.0, 11.0]
     assert point.pairings[0].modes == (1, 0)
     beyond = names.replace("mode=2", "mode=999")
-    problem = prepare_text(tmp_path, f"[cases.a]\n{beyond}\n{write_parameters(truth)}")
+    problem = _prepare_text(tmp_path, f"[cases.a]\n{beyond}\n{_write_parameters(truth)}")
     with pytest.raises(ModelError, match=r"mode=999.*the model has modes 1 to"):
-        solve_truth(problem, truth)
+        _solve_truth(problem, truth)
 
 
 def test_most_starts_find_the_true_stiffnesses_although_modes_change_places(tmp_path: Path) -> None:
@@ -75,7 +76,7 @@ def test_most_starts_find_the_true_stiffnesses_although_modes_change_places(tmp_
     next test).
     """
     problem = with_settings(
-        prepare_text(tmp_path, make_targets(tmp_path) + write_parameters(TRUTH)), starts=6
+        _prepare_text(tmp_path, make_targets(tmp_path) + _write_parameters(TRUTH)), starts=6
     )
     found = fit_parameters(problem, "test")
     ends = [
@@ -90,7 +91,7 @@ def test_most_starts_find_the_true_stiffnesses_although_modes_change_places(tmp_
 
 
 def test_modes_that_are_only_followed_keep_the_pairing_they_start_with(tmp_path: Path) -> None:
-    problem = prepare_text(tmp_path, make_targets(tmp_path) + write_parameters(TRUTH))
+    problem = _prepare_text(tmp_path, make_targets(tmp_path) + _write_parameters(TRUTH))
     found = fit_parameters(with_settings(problem, starts=2, pairing="track"), "test")
     assert max(record.cost for record in found.starts) > 1.0
 
@@ -99,8 +100,8 @@ def test_modes_are_followed_by_shape_through_a_crossing(tmp_path: Path) -> None:
     """Lateral modes rise past normal ones; following them leaves each target with its own mode,
     pairing anew does not.
     """
-    problem = prepare_text(tmp_path, make_targets(tmp_path) + write_parameters(TRUTH))
-    before = solve_truth(problem, TRUTH)
+    problem = _prepare_text(tmp_path, make_targets(tmp_path) + _write_parameters(TRUTH))
+    before = _solve_truth(problem, TRUTH)
     point = before
     for factor in np.geomspace(1.0, 4.0, 30)[1:]:
         point = evaluate(
@@ -108,7 +109,7 @@ def test_modes_are_followed_by_shape_through_a_crossing(tmp_path: Path) -> None:
             problem.coordinates(list({**TRUTH, "guide_lateral": factor * 55e6}.values())),
             point,
         )
-    anew = solve_truth(problem, {**TRUTH, "guide_lateral": 4.0 * 55e6})
+    anew = _solve_truth(problem, {**TRUTH, "guide_lateral": 4.0 * 55e6})
     assert point.pairings != anew.pairings
     assert sorted(point.pairings[1].modes) != list(point.pairings[1].modes)
     back = follow_modes(point.states[1], point.pairings[1], point.states[1])
@@ -126,8 +127,8 @@ modes = [
   { frequency = "150 Hz", shape_tolerance = 0.05, moves = [{ bodies = ["slider"], rotation = "x" }] },
 ]
 """
-    problem = prepare_text(tmp_path, text + write_parameters({"feet_z": 170e6}))
-    state = solve_truth(problem, {"feet_z": 170e6}).states[0]
+    problem = _prepare_text(tmp_path, text + _write_parameters({"feet_z": 170e6}))
+    state = _solve_truth(problem, {"feet_z": 170e6}).states[0]
     (outcome,) = fit_parameters(problem, "test").outcomes
     assert outcome.mac is not None
     assert outcome.mac > 0.8
@@ -141,7 +142,7 @@ def test_what_is_fixed_out_is_predicted_and_changes_nothing(tmp_path: Path) -> N
         entry, '{ hold_out = true, point = "tcp", motion = "z", force = "z", value = "9'
     )
     found = fit_parameters(
-        with_settings(prepare_text(tmp_path, wrong + write_parameters(TRUTH)), starts=3), "test"
+        with_settings(_prepare_text(tmp_path, wrong + _write_parameters(TRUTH)), starts=3), "test"
     )
     assert found.values == approx(TRUTH, rel=1e-4)
     (fixed,) = [outcome for outcome in found.outcomes if outcome.hold_out]
@@ -153,12 +154,14 @@ def test_a_limit_on_the_number_of_modes_pushes_the_next_one_up(tmp_path: Path) -
     names = {"feet_x": 120e6, "feet_z": 170e6}
     text = '[cases.stiff]\nvariant = "stiff"\nfrequencies = ["64 Hz", "70 Hz"]\n'
     third = float(
-        fit_parameters(prepare_text(tmp_path, text + write_parameters(names)), "free")
+        fit_parameters(_prepare_text(tmp_path, text + _write_parameters(names)), "free")
         .point.states[0]
         .frequencies_hz[2]
     )
     limit = f'at_most = {{ modes = 2, below = "{1.02 * third:.6g} Hz", tolerance = "0.1 %" }}\n'
-    found = fit_parameters(prepare_text(tmp_path, text + limit + write_parameters(names)), "limit")
+    found = fit_parameters(
+        _prepare_text(tmp_path, text + limit + _write_parameters(names)), "limit"
+    )
     assert found.point.states[0].frequencies_hz[2] > 1.01 * third
 
 
@@ -167,29 +170,29 @@ def test_five_seeds_of_noise_stay_within_five_percent_and_intervals_hold_the_tru
     tmp_path: Path,
 ) -> None:
     """The short version of ``headstock validate identification``."""
-    rows = {row.quantity.partition(": ")[2]: row for row in evaluate_seeds(tmp_path, range(5))}
+    rows = {row.quantity.partition(": ")[2]: row for row in _evaluate_seeds(tmp_path, range(5))}
     assert rows["largest error"].passed
     assert rows["share of 95 % intervals that hold the truth"].value >= 0.9
 
 
 def test_wrong_data_lie_outside_the_intervals(tmp_path: Path) -> None:
     """The check above can fail: fitted to another machine the intervals miss."""
-    (found,) = fit_seeds(tmp_path, [0])
-    other = {name: 1.1 * value for name, value in true_values().items()}
+    (found,) = _fit_seeds(tmp_path, [0])
+    other = {name: 1.1 * value for name, value in _true_values().items()}
     assert (
         sum(item.low <= other[item.parameter.name] <= item.high for item in found.parameters) <= 1
     )
 
 
 def test_parameters_the_data_cannot_see_are_named(tmp_path: Path) -> None:
-    rows = evaluate_blindness(tmp_path)
+    rows = _evaluate_blindness(tmp_path)
     assert len(rows) > 3 and [row for row in rows if not row.passed] == []
 
 
 def test_starts_fill_the_bounds_and_follow_the_priors(tmp_path: Path) -> None:
     names = {"feet_x": 120e6, "feet_y": 75e6}
-    text = make_targets(tmp_path) + write_parameters(names) + "prior_sigma = 0.1\n"
-    problem = with_settings(prepare_text(tmp_path, text), starts=33)
+    text = make_targets(tmp_path) + _write_parameters(names) + "prior_sigma = 0.1\n"
+    problem = with_settings(_prepare_text(tmp_path, text), starts=33)
     starts = np.array(spread_starts(problem))
     shares = (starts - problem.lower) / (problem.upper - problem.lower)
     assert len(starts) == 33

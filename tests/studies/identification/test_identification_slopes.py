@@ -10,7 +10,7 @@ import pytest
 from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.studies.identification.problem import FitProblem, data_jacobian, evaluate
-from headstock.validation.machines.identification_cases import prepare_text
+from headstock.validation.machines.identification_cases import _prepare_text
 
 pytestmark = pytest.mark.slow
 
@@ -87,7 +87,7 @@ def test_the_jacobian_is_that_of_sixth_order_differences(tmp_path: Path, variant
     text = "".join(
         "\n".join([f"[parameters.{name}]", *lines, ""]) for name, lines in PARAMETERS.items()
     )
-    problem = prepare_text(tmp_path, TARGETS.format(variant=variant) + text)
+    problem = _prepare_text(tmp_path, TARGETS.format(variant=variant) + text)
     place = problem.coordinates([parameter.start for parameter in problem.parameters])
     exact, expected = data_jacobian(problem, evaluate(problem, place)), differences(problem, place)
     scale = np.abs(expected).max(axis=0)
@@ -119,11 +119,12 @@ def test_a_nut_in_series_with_its_screw_is_differentiated_as_a_whole(tmp_path: P
     """The joint's stiffness is no longer the number in the scene: it follows the screw's free
     length too.
     """
-    problem = prepare_text(tmp_path, SCREW.format(variant="screw"))
+    problem = _prepare_text(tmp_path, SCREW.format(variant="screw"))
     place = problem.coordinates([parameter.start for parameter in problem.parameters])
     exact, expected = data_jacobian(problem, evaluate(problem, place)), differences(problem, place)
     assert exact == approx(expected, abs=1e-6 * np.abs(expected).max())
     bare = data_jacobian(
-        prepared := prepare_text(tmp_path, SCREW.format(variant="stiff")), evaluate(prepared, place)
+        prepared := _prepare_text(tmp_path, SCREW.format(variant="stiff")),
+        evaluate(prepared, place),
     )
     assert np.abs(exact - bare)[:, 0].max() > 1e-3 * np.abs(bare[:, 0]).max()

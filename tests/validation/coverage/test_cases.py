@@ -14,8 +14,8 @@ from headstock.validation.coverage.cases import (
     HEX_CALIBRATION,
     HEX_HOLD_OUT,
     HOLD_OUT,
-    PartCoverage,
-    measure_part,
+    _measure_part,
+    _PartCoverage,
 )
 from headstock.validation.coverage.parts import ADAPTED_KINDS, HEX_KINDS, KINDS, draw_part
 from headstock.validation.coverage.search_cases import (
@@ -23,20 +23,20 @@ from headstock.validation.coverage.search_cases import (
     FRESH_PARTS,
     PARTS,
     SMOKE_PARTS,
-    SlenderTruth,
-    evaluate_searches,
-    find_truth,
-    make_scene,
-    search_part,
+    _evaluate_searches,
+    _find_truth,
+    _make_scene,
+    _search_part,
+    _SlenderTruth,
 )
 from headstock.validation.references.rows import ValidationRow
 
 
 def made_up(
     seed: int, errors: list[float], estimates: list[float], lines: list[float]
-) -> PartCoverage:
+) -> _PartCoverage:
     count = len(errors)
-    return PartCoverage(
+    return _PartCoverage(
         seed,
         "block",
         np.zeros(count),
@@ -47,7 +47,7 @@ def made_up(
     )
 
 
-def judged(parts: list[PartCoverage]) -> dict[str, ValidationRow]:
+def judged(parts: list[_PartCoverage]) -> dict[str, ValidationRow]:
     return {row.quantity.split(": ")[1]: row for row in cases._evaluate("some", parts)}
 
 
@@ -102,14 +102,14 @@ def test_coverage_counts_numbers_parts_and_lines() -> None:
 
 def test_a_part_is_covered_on_its_meshes(tmp_path: Path) -> None:
     part = draw_part(27, tmp_path)
-    found = measure_part(dataclasses.replace(part, meshes=part.meshes[:1]))
+    found = _measure_part(dataclasses.replace(part, meshes=part.meshes[:1]))
     assert found.failure == ""
     assert len(found.errors) == 11
     assert (found.errors <= found.estimates).mean() >= 0.9
     assert (found.lines > 0.9).all()
 
 
-# of the elliptical ring, from swept grids of hexahedra with 27 nodes (find_truth)
+# of the elliptical ring, from swept grids of hexahedra with 27 nodes (_find_truth)
 TRUTH = np.array([1026.16, 1129.80, 1682.43, 1758.13])
 
 
@@ -120,8 +120,8 @@ def test_twenty_parts_have_names_of_their_own() -> None:
 def test_a_ring_whose_walls_single_tets_fill_is_met_by_a_second_mesh_only(tmp_path: Path) -> None:
     ring = dataclasses.replace(FRESH_PARTS[0], up_to_hz=1900.0)
     # the first mesh, which called it met, is 1.4 % above
-    truth = SlenderTruth(TRUTH, np.zeros(len(TRUTH)))
-    found = search_part(ring, make_scene(ring, tmp_path), truth)
+    truth = _SlenderTruth(TRUTH, np.zeros(len(TRUTH)))
+    found = _search_part(ring, _make_scene(ring, tmp_path), truth)
     assert found.met
     assert len(found.errors) == len(TRUTH)
     assert found.errors.max() < 0.2 * ASKED
@@ -133,7 +133,7 @@ def test_searches_of_two_parts_are_met_and_covered(tmp_path: Path) -> None:
     found = []
     for part in SMOKE_PARTS:
         coarse = dataclasses.replace(part, up_to_hz=0.6 * part.up_to_hz)
-        scene = make_scene(coarse, tmp_path)
-        found.append(search_part(coarse, scene, find_truth(coarse)))
-    rows = evaluate_searches(found)
+        scene = _make_scene(coarse, tmp_path)
+        found.append(_search_part(coarse, scene, _find_truth(coarse)))
+    rows = _evaluate_searches("", found)
     assert [row.passed for row in rows[:3]] == [True, True, True]

@@ -16,22 +16,22 @@ from headstock.validation.machines.axis_kit_cases import (
     SCENE,
     TABLE_3,
     TABLE_3_FEM,
-    KitModel,
-    KitWorkshop,
-    evaluate_table_3,
-    find_missing_motions,
-    pair_fidelities,
-    show_shapes,
+    _evaluate_table_3,
+    _find_missing_motions,
+    _KitModel,
+    _KitWorkshop,
+    _pair_fidelities,
+    _show_shapes,
 )
 
 
 @pytest.fixture(scope="module")
-def workshop() -> KitWorkshop:
-    return KitWorkshop(MPI.COMM_SELF, mesh_size="35 mm")
+def workshop() -> _KitWorkshop:
+    return _KitWorkshop(MPI.COMM_SELF, mesh_size="35 mm")
 
 
 @pytest.fixture(scope="module")
-def segmented(workshop: KitWorkshop) -> dict[str, KitModel]:
+def segmented(workshop: _KitWorkshop) -> dict[str, _KitModel]:
     return {variant: workshop.solve(variant, "segmented") for variant in TABLE_3}
 
 
@@ -53,31 +53,31 @@ def test_the_scene_has_the_travels_leads_and_driven_masses_of_table_1() -> None:
 
 
 def test_the_22_frequencies_of_table_3_come_out_within_3_percent(
-    segmented: dict[str, KitModel],
+    segmented: dict[str, _KitModel],
 ) -> None:
-    rows = list(evaluate_table_3(segmented))
+    rows = list(_evaluate_table_3(segmented))
     assert len(rows) == 22 + 4
     assert [row.quantity for row in rows if not row.passed] == []
 
 
 def test_the_measured_compliance_in_z_comes_out_within_5_percent(
-    segmented: dict[str, KitModel],
+    segmented: dict[str, _KitModel],
 ) -> None:
     assert segmented["YCE"].compliance[2] == approx(151e-9, rel=0.05)
 
 
-def test_every_paired_mode_moves_as_the_paper_describes_it(segmented: dict[str, KitModel]) -> None:
-    rows = list(show_shapes(segmented["YCE"]))
+def test_every_paired_mode_moves_as_the_paper_describes_it(segmented: dict[str, _KitModel]) -> None:
+    rows = list(_show_shapes(segmented["YCE"]))
     assert len(rows) > 3 and all("as described" in row.note for row in rows)
 
 
 def test_finite_elements_agree_with_segments_and_with_the_paper_s_own(
-    workshop: KitWorkshop, segmented: dict[str, KitModel]
+    workshop: _KitWorkshop, segmented: dict[str, _KitModel]
 ) -> None:
     fine = workshop.solve("YCE", "elastic")
     pairs = [
         pair
-        for pair in pair_fidelities(segmented["YCE"], fine)
+        for pair in _pair_fidelities(segmented["YCE"], fine)
         if segmented["YCE"].frequencies_hz[pair.first] < 280.0
     ]
     coarse_hz = segmented["YCE"].frequencies_hz[[pair.first for pair in pairs]]
@@ -93,9 +93,11 @@ def test_a_motion_in_the_wrong_sense_is_named() -> None:
     counter = next(mode for mode in MEASURED_MODES if mode.number == 2)
     turning = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     motions = dict.fromkeys(("y_base", "y_slider", "z_slider", "x_slider"), turning)
-    assert find_missing_motions(counter, motions) == ["C of x_slider"]
-    assert find_missing_motions(counter, motions | {"x_slider": -turning}) == []
-    assert find_missing_motions(counter, motions | {"x_slider": -turning, "y_base": -turning}) != []
+    assert _find_missing_motions(counter, motions) == ["C of x_slider"]
+    assert _find_missing_motions(counter, motions | {"x_slider": -turning}) == []
+    assert (
+        _find_missing_motions(counter, motions | {"x_slider": -turning, "y_base": -turning}) != []
+    )
 
 
 def test_calibrated_values_are_sensible_and_guides_fit_their_sliders() -> None:

@@ -10,11 +10,11 @@ from headstock.validation.machines.flexible_cases import (
     CUTS,
     EVERY_DIRECTION,
     STEPS,
-    SplitBody,
+    _find_joined_frequencies,
     _find_wrong_step,
+    _join_parts,
+    _SplitBody,
     check_flexible_smoke,
-    find_joined_frequencies,
-    join_parts,
 )
 
 
@@ -28,7 +28,7 @@ def test_a_cut_beam_passes_in_ten_frequencies() -> None:
 
 
 @pytest.mark.parametrize("body", [*CUTS, *STEPS], ids=lambda body: body.name)
-def test_parts_fill_the_body_and_meet_in_a_rectangle(body: SplitBody) -> None:
+def test_parts_fill_the_body_and_meet_in_a_rectangle(body: _SplitBody) -> None:
     assert len(body.bars) > 1
     for number in range(len(body.bars) - 1):
         sides = np.delete(body.find_patch(number).size, body.axis)
@@ -42,13 +42,13 @@ def test_parts_fill_the_body_and_meet_in_a_rectangle(body: SplitBody) -> None:
 
 def test_parts_with_meshes_of_their_own_weigh_as_much_and_float() -> None:
     body = CUTS[1]
-    machine = join_parts(body, "weak", 3, modes=2)
+    machine = _join_parts(body, "weak", 3, modes=2)
     mass = sum(part.mass_kg for part in machine.layout.superelements.values())
     assert mass == approx(7850.0 * 0.4 * 0.04 * 0.03)
     counts = [len(part.labels) for part in machine.layout.superelements.values()]
     assert len(set(counts)) > 1 and len(EVERY_DIRECTION) == 6
     assert np.count_nonzero(solve_modal(machine.system).frequencies_hz < 1.0) == 6
-    assert np.isinf(find_joined_frequencies(machine, 100)[-1])
+    assert np.isinf(_find_joined_frequencies(machine, 100)[-1])
 
 
 def test_a_step_against_the_form_is_found() -> None:

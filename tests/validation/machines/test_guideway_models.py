@@ -15,12 +15,12 @@ from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.validation.machines.machine_cases import (
     SCENE,
-    answer_fresh_mesh,
-    answer_reduced,
-    answer_same_mesh,
-    find_ripple,
-    reduce_parts,
-    relative_errors,
+    _answer_fresh_mesh,
+    _answer_reduced,
+    _answer_same_mesh,
+    _find_ripple,
+    _reduce_parts,
+    _relative_deviations,
 )
 from headstock.validation.machines.monolithic_machines import fix_carriages
 
@@ -35,7 +35,7 @@ def model() -> Model:
         overrides=("components.bed.mesh.size=75 mm", "components.bed.reduction.modes_to=6 kHz"),
     ).machine
     mesh = mesh_component(machine.components["bed"])
-    return machine, mesh, reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
+    return machine, mesh, _reduce_parts(machine, {"bed": mesh}, MPI.COMM_SELF)
 
 
 def test_statics_are_those_of_the_same_mesh_at_any_place_and_frequencies_come_from_above(
@@ -43,10 +43,10 @@ def test_statics_are_those_of_the_same_mesh_at_any_place_and_frequencies_come_fr
 ) -> None:
     machine, mesh, parts = model
     found, expected = (
-        answer_reduced(machine, parts, 0.0871),
-        answer_same_mesh(machine, mesh, 0.0871),
+        _answer_reduced(machine, parts, 0.0871),
+        _answer_same_mesh(machine, mesh, 0.0871),
     )
-    errors = relative_errors(found, expected)
+    errors = _relative_deviations(found, expected)
     assert errors[:3].max() < 1e-7
     assert errors[3:].max() < 1e-2 and np.median(errors[3:]) < 1e-3
     assert (found[1] > expected[1] * (1.0 - 1e-9)).all()
@@ -55,15 +55,15 @@ def test_statics_are_those_of_the_same_mesh_at_any_place_and_frequencies_come_fr
 @pytest.mark.trials
 def test_an_evenly_averaging_patch_imprinted_in_a_fresh_mesh_says_the_same(model: Model) -> None:
     machine, _, parts = model
-    errors = relative_errors(
-        answer_reduced(machine, parts, 0.0871), answer_fresh_mesh(machine, 0.0871)
+    errors = _relative_deviations(
+        _answer_reduced(machine, parts, 0.0871), _answer_fresh_mesh(machine, 0.0871)
     )
     assert errors.max() < 1e-2 and np.median(errors) < 2e-3
 
 
 def test_frequencies_have_no_ripple_over_the_stations(model: Model) -> None:
     machine, _, parts = model
-    assert find_ripple(machine, parts, samples=17) < 5e-4
+    assert _find_ripple(machine, parts, samples=17) < 5e-4
 
 
 def test_another_place_factorises_nothing(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,7 +75,7 @@ def test_another_place_factorises_nothing(model: Model, monkeypatch: pytest.Monk
     monkeypatch.setattr("headstock.solvers.elastic.factorization.Factorization.__init__", refuse)
     monkeypatch.setattr(elastic, "_reduce_operators", refuse)
     places = np.linspace(-0.24, 0.24, 5)
-    lowest = [answer_reduced(machine, parts, float(place))[1][0] for place in places]
+    lowest = [_answer_reduced(machine, parts, float(place))[1][0] for place in places]
     assert np.ptp(lowest) > 1.0
 
 

@@ -10,27 +10,27 @@ from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
 from headstock.validation.coverage import cases as coverage_cases
 from headstock.validation.machines import model_choice_cases, model_estimate_cases
-from headstock.validation.machines.drawn_machines import draw_machine
+from headstock.validation.machines.drawn_machines import draw_machine_scene
 from headstock.validation.machines.model_choice_cases import (
-    ChosenScene,
+    _ChosenScene,
     _evaluate,
-    load_drawn,
-    measure_choice,
-    measure_reference,
+    _load_drawn,
+    _measure_choice,
+    _measure_reference,
 )
 from headstock.validation.machines.model_estimate_cases import (
     CALIBRATION,
     HOLD_OUT,
-    MachineNumbers,
-    measure_machine,
+    _MachineNumbers,
+    _measure_machine,
 )
 from headstock.validation.references.rows import ValidationRow
 
 
-def made_up(errors: list[float], estimates: list[float], lines: list[float]) -> MachineNumbers:
+def made_up(errors: list[float], estimates: list[float], lines: list[float]) -> _MachineNumbers:
     count = len(errors)
     compliances = np.arange(count) >= count - 3
-    return MachineNumbers(
+    return _MachineNumbers(
         0,
         compliances.astype(float),
         np.array(errors),
@@ -41,7 +41,7 @@ def made_up(errors: list[float], estimates: list[float], lines: list[float]) -> 
     )
 
 
-def judged(machines: list[MachineNumbers]) -> dict[str, ValidationRow]:
+def judged(machines: list[_MachineNumbers]) -> dict[str, ValidationRow]:
     rows = model_estimate_cases._evaluate("some", machines)
     return {row.quantity.split(": ")[1]: row for row in rows}
 
@@ -51,8 +51,8 @@ def test_machines_have_three_to_eight_bodies_and_both_halves_share_none(tmp_path
     path = tmp_path / "machine.toml"
     models: set[str] = set()
     for seed in (*CALIBRATION, *HOLD_OUT):
-        assert draw_machine(seed) == draw_machine(seed)
-        path.write_text(draw_machine(seed))
+        assert draw_machine_scene(seed) == draw_machine_scene(seed)
+        path.write_text(draw_machine_scene(seed))
         parts = load_scene(path).machine.components.values()
         assert 3 <= len(parts) <= 8
         models |= {part.fidelity for part in parts}
@@ -83,8 +83,8 @@ def test_a_machine_of_three_bodies_is_covered(
     monkeypatch.setattr(model_estimate_cases, "TRUE_ACCURACY", 0.015)
     monkeypatch.setattr(model_estimate_cases, "TRUE_MODES_TO", 1500.0)
     path = tmp_path / "machine.toml"
-    path.write_text(draw_machine(1))
-    found = measure_machine(1, load_scene(path), Store(tmp_path / "store"))
+    path.write_text(draw_machine_scene(1))
+    found = _measure_machine(1, load_scene(path), Store(tmp_path / "store"))
     large = found.errors > 0.04
     assert large.sum() >= 6
     assert (found.errors <= found.estimates)[large].all()
@@ -101,9 +101,9 @@ def test_a_machine_of_three_bodies_keeps_five_percent(
     monkeypatch.setattr(model_choice_cases, "TRUE_SHARE", 0.5)
     monkeypatch.setattr(model_choice_cases, "MODES_TO", 1000.0)
     monkeypatch.setattr(model_choice_cases, "HAND_MESHES", {})
-    scene = load_drawn(42, tmp_path)
-    reference = measure_reference(scene, 0.05)
-    found = measure_choice(42, 0.05, scene, reference)
+    scene = _load_drawn(42, tmp_path)
+    reference = _measure_reference(scene, 0.05)
+    found = _measure_choice(42, 0.05, scene, reference)
     assert found.asked == 0.05
     assert found.met and 0.005 < found.errors.max() < 0.05
     # what is simpler by hand is much further off
@@ -115,10 +115,10 @@ def test_a_machine_of_three_bodies_keeps_five_percent(
 
 def test_rows_hold_numbers_beyond_what_was_asked_and_costs_beside_the_cheapest() -> None:
     kept = np.full(19, 0.01)
-    near = ChosenScene(50, 0.05, True, 0.01, kept, 3.0, {"a": (0.02, 2.0), "b": (0.2, 0.1)})
-    far = ChosenScene(51, 0.05, True, 0.01, np.array([0.2]), 9.0, {"a": (0.02, 2.0)})
-    refused = ChosenScene(49, 0.05, False, 0.01, np.array([0.5]), 1.0, {})
-    doubtful = ChosenScene(48, 0.05, True, 0.03, np.array([0.5]), 1.0, {})
+    near = _ChosenScene(50, 0.05, True, 0.01, kept, 3.0, {"a": (0.02, 2.0), "b": (0.2, 0.1)})
+    far = _ChosenScene(51, 0.05, True, 0.01, np.array([0.2]), 9.0, {"a": (0.02, 2.0)})
+    refused = _ChosenScene(49, 0.05, False, 0.01, np.array([0.5]), 1.0, {})
+    doubtful = _ChosenScene(48, 0.05, True, 0.03, np.array([0.5]), 1.0, {})
     beyond, dear = _evaluate("machine", [near, far, refused, doubtful])
     assert (
         beyond.value == approx(1.0 / 20.0) and "1 more were refused, 1 have no truth" in beyond.note

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from headstock.validation.machines.path_cases import METHODS_TOLERANCE, compare_methods
+from headstock.validation.machines.path_cases import METHODS_TOLERANCE, _compare_methods
 
 
 def test_absolute_coordinates_coupled_anew_agree_with_carried_modes() -> None:
-    first, second, frozen = compare_methods()
+    first, second, frozen = _compare_methods()
     size = np.abs(second).max()
     assert np.abs(first - second).max() < METHODS_TOLERANCE * size
     # and the pose that is kept is distinguished

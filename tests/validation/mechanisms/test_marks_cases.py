@@ -6,11 +6,11 @@ import numpy as np
 
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.solvers.milling.tool_path import plan_contour
-from headstock.validation.mechanisms.contouring_cases import AT_CORNERS, vary_contour
+from headstock.validation.mechanisms.contouring_cases import AT_CORNERS, _vary_contour
 
 
 def test_a_line_from_corners_mills_the_faces_of_the_block() -> None:
-    contours = dict(vary_contour())
+    contours = dict(_vary_contour())
     block, line = (
         plan_contour(contours[name].contour) for name in ("straight into face 1", AT_CORNERS)
     )
@@ -23,7 +23,7 @@ def test_a_line_from_corners_mills_the_faces_of_the_block() -> None:
 
 
 def test_each_contour_changes_what_it_is_called_by_and_nothing_else() -> None:
-    contours = dict(vary_contour())
+    contours = dict(_vary_contour())
     changes = {
         name: {field for field in _fields() if _differs(request, contours[AT_CORNERS], field)}
         for name, request in contours.items()

@@ -14,7 +14,7 @@ from headstock.validation.case_registry import run_validation
 from headstock.validation.mechanisms import mechanism_cases
 from headstock.validation.mechanisms.mechanism_cases import check_limits, check_three_models
 from headstock.validation.mechanisms.motion_cases import (
-    Run,
+    _Run,
     check_constraint_drift,
     check_energy_balance,
     check_integration_orders,
@@ -22,7 +22,7 @@ from headstock.validation.mechanisms.motion_cases import (
 from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 from headstock.validation.references.rows import ValidationRow
 
-SHORT = Run(0.0025, (50, 100, 200))
+SHORT = _Run(0.0025, (50, 100, 200))
 
 
 def failed(rows: Iterable[ValidationRow]) -> list[ValidationRow]:

@@ -14,11 +14,11 @@ from headstock.validation.parts.benchmarks import check_block
 from headstock.validation.parts.closed_form_cases import (
     BLOCK,
     ROD,
-    SprungBlock,
+    _SprungBlock,
     column,
     mesh_settings,
 )
-from headstock.validation.parts.order_cases import cube_error, rod_frequencies
+from headstock.validation.parts.order_cases import _cube_error, _rod_frequencies
 from headstock.validation.references.rows import rows_as_json
 
 QUICK = (
@@ -61,19 +61,19 @@ def test_a_wrong_stiffness_fails_the_case(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_wrong_spring_fails_the_block(monkeypatch: pytest.MonkeyPatch) -> None:
-    stiffer = SprungBlock(BLOCK.size, BLOCK.mass, (1.2e4, 1.2e4, 1.8e4 * (1.0 + 1e-6)))
+    stiffer = _SprungBlock(BLOCK.size, BLOCK.mass, (1.2e4, 1.2e4, 1.8e4 * (1.0 + 1e-6)))
     monkeypatch.setattr(benchmarks, "BLOCK", stiffer)
     assert any(not row.passed for row in check_block(MPI.COMM_SELF))
 
 
 def test_the_manufactured_error_falls_with_the_third_power_for_second_order_tetrahedra() -> None:
-    errors = [cube_error("tet10", count, MPI.COMM_SELF) for count in (3, 6)]
+    errors = [_cube_error("tet10", count, MPI.COMM_SELF) for count in (3, 6)]
     assert 2.8 < np.log2(errors[0] / errors[1]) < 3.3
     assert errors[1] < 1e-2
 
 
 def test_a_rod_that_is_free_sideways_has_the_axial_frequencies_of_one_that_is_fixed() -> None:
-    free = rod_frequencies("hex27", 16, MPI.COMM_SELF, sideways="free")
-    fixed = rod_frequencies("hex27", 16, MPI.COMM_SELF, sideways="fixed")
+    free = _rod_frequencies("hex27", 16, MPI.COMM_SELF, sideways="free")
+    fixed = _rod_frequencies("hex27", 16, MPI.COMM_SELF, sideways="fixed")
     np.testing.assert_allclose(free, fixed, rtol=1e-8)
     assert ROD.material.poisson_ratio == 0.0

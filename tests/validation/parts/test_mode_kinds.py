@@ -3,7 +3,7 @@
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.validation.parts.beam_cases import beam_mode_kinds
+from headstock.validation.parts.beam_cases import _beam_mode_kinds
 
 
 def bar_points() -> FloatArray:
@@ -23,10 +23,10 @@ def test_bending_extension_and_torsion_are_told_apart() -> None:
         np.column_stack([-y * wave, x * wave, none]),
     ]
     shapes = np.column_stack([field.ravel() for field in fields])
-    assert beam_mode_kinds(points, shapes, 2) == ["x", "y", "z", "torsion"]
+    assert _beam_mode_kinds(points, shapes, 2) == ["x", "y", "z", "torsion"]
 
 
 def test_the_kind_does_not_depend_on_sign_or_size_of_the_shape() -> None:
     points = bar_points()
     shape = np.column_stack([np.zeros(400), np.cos(points[:, 2]), np.zeros(400)]).reshape(-1, 1)
-    assert beam_mode_kinds(points, np.hstack([1e-9 * shape, -1e9 * shape]), 2) == ["y", "y"]
+    assert _beam_mode_kinds(points, np.hstack([1e-9 * shape, -1e9 * shape]), 2) == ["y", "y"]

@@ -10,14 +10,14 @@ from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind
 from headstock.validation.parts.structured_meshes import (
     SIDES,
+    _lattice_cells,
+    _shape_functions,
     field_error,
     integrate_over_cells,
-    lattice_cells,
     lattice_mesh,
     lattice_sides,
     node_places,
     refine_lattice,
-    shape_functions,
     straight_lattice,
     write_lattice,
 )
@@ -31,7 +31,7 @@ def box_lattice(counts: tuple[int, int, int], size: tuple[float, float, float]) 
 def test_every_mid_node_lies_midway_between_the_corners_that_gmsh_pairs() -> None:
     lattice = box_lattice((2, 3, 1), (2.0, 3.0, 1.0))
     points = lattice.reshape(-1, 3)
-    cells = lattice_cells(lattice.shape[:3])
+    cells = _lattice_cells(lattice.shape[:3])
     edges = [
         (0, 1),
         (0, 3),
@@ -56,7 +56,7 @@ def test_every_mid_node_lies_midway_between_the_corners_that_gmsh_pairs() -> Non
 def test_cells_are_right_handed_and_fill_the_box() -> None:
     lattice = box_lattice((2, 3, 2), (0.4, 0.9, 0.5))
     points = lattice.reshape(-1, 3)
-    cells = lattice_cells(lattice.shape[:3])
+    cells = _lattice_cells(lattice.shape[:3])
     sides = points[cells[:, [1, 3, 4]]] - points[cells[:, [0]]]
     assert np.linalg.det(sides).sum() == approx(0.4 * 0.9 * 0.5, rel=1e-12)
     assert np.linalg.det(sides).min() > 0.0
@@ -98,9 +98,9 @@ KINDS: list[CellKind] = ["tet4", "tet10", "hex8", "hex27"]
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_shape_functions_are_one_at_their_node_and_sum_to_one(kind: CellKind) -> None:
-    values, _ = shape_functions(kind, node_places(kind))
+    values, _ = _shape_functions(kind, node_places(kind))
     np.testing.assert_allclose(values, np.eye(int(kind[3:])), atol=1e-13)
-    values, gradients = shape_functions(kind, np.array([[0.2, 0.3, 0.1]]))
+    values, gradients = _shape_functions(kind, np.array([[0.2, 0.3, 0.1]]))
     assert values.sum() == approx(1.0, rel=1e-13)
     np.testing.assert_allclose(gradients.sum(axis=1), 0.0, atol=1e-12)
 
@@ -108,11 +108,11 @@ def test_shape_functions_are_one_at_their_node_and_sum_to_one(kind: CellKind) ->
 @pytest.mark.parametrize("kind", KINDS)
 def test_gradients_equal_finite_differences(kind: CellKind) -> None:
     place, step = np.array([0.2, 0.3, 0.1]), 1e-6
-    _, gradients = shape_functions(kind, place[None, :])
+    _, gradients = _shape_functions(kind, place[None, :])
     for axis in range(3):
         shift = step * np.eye(3)[axis]
         high, low = (
-            shape_functions(kind, (place + sign * shift)[None, :])[0] for sign in (1.0, -1.0)
+            _shape_functions(kind, (place + sign * shift)[None, :])[0] for sign in (1.0, -1.0)
         )
         np.testing.assert_allclose(gradients[0, :, axis], (high - low)[0] / (2 * step), atol=1e-8)
 

@@ -8,10 +8,10 @@ from headstock.geometry.parts.components import Material
 from headstock.validation.references.beam_theory import (
     EndConditions,
     PrismaticBeam,
+    _cowper_coefficient,
+    _euler_bernoulli_roots,
     cantilever_shear_deflection,
-    cowper_coefficient,
     euler_bernoulli_frequencies,
-    euler_bernoulli_roots,
     fixed_beam_shear_deflection,
     timoshenko_frequencies,
 )
@@ -30,11 +30,11 @@ COLUMN = PrismaticBeam(0.5, 0.1, 0.038, STEEL)
     ],
 )
 def test_roots_are_those_of_blevins_table_8_1(ends: EndConditions, roots: list[float]) -> None:
-    np.testing.assert_allclose(euler_bernoulli_roots(ends, 4), roots, rtol=5e-9)
+    np.testing.assert_allclose(_euler_bernoulli_roots(ends, 4), roots, rtol=5e-9)
 
 
 def test_twenty_roots_are_found_without_a_gap() -> None:
-    spacing = np.diff(euler_bernoulli_roots("clamped-free", 20))
+    spacing = np.diff(_euler_bernoulli_roots("clamped-free", 20))
     assert np.all(np.abs(spacing[3:] - np.pi) < 1e-3)
 
 
@@ -57,7 +57,7 @@ def test_supported_ends_give_the_roots_of_the_biquadratic() -> None:
     """A sine solves the equations between simple supports, which leaves a quadratic in the squared
     frequency.
     """
-    section, kappa = FV5.second_moment, cowper_coefficient(0.3)
+    section, kappa = FV5.second_moment, _cowper_coefficient(0.3)
     exact = []
     for number in (1, 2, 3):
         k = number * np.pi / FV5.length

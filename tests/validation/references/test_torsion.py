@@ -6,12 +6,12 @@ from common import approx
 from headstock.geometry.parts.components import Material
 from headstock.validation.references.beam_theory import (
     PrismaticBeam,
+    _warping_constant,
     axial_frequencies,
     clamped_clamped_torsion,
     clamped_free_torsion,
     torsion_constant,
     torsional_frequencies,
-    warping_constant,
 )
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
@@ -35,7 +35,7 @@ def test_a_frequency_solves_the_differential_equation_with_its_four_end_conditio
     """
     count = 800
     h = FIXED.length / count
-    warping = 210e9 * warping_constant(0.25, 0.032)
+    warping = 210e9 * _warping_constant(0.25, 0.032)
     torsion = FIXED.shear_modulus * 2.5103785e-6
     stiffness = np.zeros((count - 1, count - 1))
     bend = (

@@ -4,12 +4,12 @@ import math
 
 import pytest
 
-from headstock.validation.references.rows import reference_case, reference_cases
+from headstock.validation.references.rows import _reference_cases, reference_case
 
 
 def test_every_case_has_a_source_a_trap_a_tolerance_and_finite_values() -> None:
-    assert len(reference_cases()) > 13
-    for case in reference_cases().values():
+    assert len(_reference_cases()) > 13
+    for case in _reference_cases().values():
         assert case.source and case.traps and case.description and case.id
         assert 0.0 < case.tolerance < 1.0
         assert case.values and all(
@@ -19,7 +19,7 @@ def test_every_case_has_a_source_a_trap_a_tolerance_and_finite_values() -> None:
 
 
 def test_every_benchmark_of_the_acceptance_list_is_there() -> None:
-    ids = {case.id for case in reference_cases().values()}
+    ids = {case.id for case in _reference_cases().values()}
     seeds = {
         "SEED-CANT-3D",
         "SEED-CANT-BEAM",

@@ -9,12 +9,12 @@ from common import approx, present
 from headstock.geometry.frames import rigid_map
 from headstock.geometry.parts.components import Material
 from headstock.validation.refinement.paper_elements import (
-    brick_mass,
-    brick_model,
-    brick_stiffness,
-    fixed_modes,
+    _brick_mass,
+    _brick_model,
+    _brick_stiffness,
+    _fixed_modes,
+    _solve_fixed,
     paper_points,
-    solve_fixed,
 )
 from headstock.validation.refinement.references import reference_beam
 from headstock.validation.refinement.statements import EvaluatedStatement, evaluate_statements
@@ -73,8 +73,8 @@ BRICK = np.array([0.03, 0.05, 0.08])
 
 @pytest.mark.parametrize("bending", [True, False])
 def test_a_brick_resists_everything_but_its_six_rigid_motions(bending: bool) -> None:
-    stiffness = brick_stiffness(BRICK, STEEL, bending=bending)
-    points = brick_model(tuple(BRICK), (1, 1, 1), STEEL).points
+    stiffness = _brick_stiffness(BRICK, STEEL, bending=bending)
+    points = _brick_model(tuple(BRICK), (1, 1, 1), STEEL).points
     values = np.linalg.eigvalsh(stiffness)
     assert np.count_nonzero(values > 1e-9 * values[-1]) == 18
     order = [0, 4, 6, 2, 1, 5, 7, 3]  # nodes run z fastest, corners of the element x first
@@ -82,7 +82,7 @@ def test_a_brick_resists_everything_but_its_six_rigid_motions(bending: bool) -> 
 
 
 def test_the_mass_of_a_brick_is_its_volume_times_density() -> None:
-    mass = brick_mass(BRICK, STEEL)
+    mass = _brick_mass(BRICK, STEEL)
     assert mass[::3, ::3].sum() == approx(STEEL.density * BRICK.prod())
     assert mass[::3, 1::3].sum() == 0.0
 
@@ -91,19 +91,19 @@ def test_one_row_of_bricks_is_exact_in_pure_bending_where_plain_ones_lock() -> N
     # without lateral contraction the clamp adds nothing: M L^2 / (2 E I)
     material = Material("m", 210e9, 0.0, 7850.0)
     sides, count = (0.01, 0.02, 0.5), 5
-    model = brick_model(sides, (1, 1, count), material)
+    model = _brick_model(sides, (1, 1, count), material)
     fixed, top = (
         np.flatnonzero(np.abs(model.points[:, 2] - sign * 0.25) < 1e-9) for sign in (-1.0, 1.0)
     )
     loads = np.zeros((3 * len(model.points), 1))
     loads[3 * top + 2, 0] = model.points[top, 0] / (model.points[top, 0] ** 2).sum()
-    tip = solve_fixed(model, fixed, loads)[3 * top, 0].mean()
+    tip = _solve_fixed(model, fixed, loads)[3 * top, 0].mean()
     exact = sides[2] ** 2 / (2.0 * material.youngs_modulus * sides[1] * sides[0] ** 3 / 12.0)
     assert abs(tip) == approx(exact, rel=1e-9)
 
 
 def test_a_constant_strain_is_answered_exactly_by_any_bricks() -> None:
-    model = brick_model((0.3, 0.2, 0.4), (2, 3, 2), STEEL)
+    model = _brick_model((0.3, 0.2, 0.4), (2, 3, 2), STEEL)
     gradient = np.array([[1.0, 0.2, 0.1], [0.3, -0.5, 0.4], [0.2, 0.1, 0.7]])
     forces = (model.stiffness @ (model.points @ gradient.T).ravel()).reshape(-1, 3)
     inner = np.all(np.abs(model.points) < np.array([0.149, 0.099, 0.199]), axis=1)
@@ -113,9 +113,9 @@ def test_a_constant_strain_is_answered_exactly_by_any_bricks() -> None:
 
 def test_frequencies_of_a_slender_column_tend_to_those_of_its_beam() -> None:
     material = Material("m", 210e9, 0.0, 7850.0)
-    model = brick_model((0.01, 0.013, 0.5), (1, 1, 40), material)
+    model = _brick_model((0.01, 0.013, 0.5), (1, 1, 40), material)
     fixed = np.flatnonzero(model.points[:, 2] < -0.25 + 1e-9)
-    found, shapes = fixed_modes(model, fixed, 4)
+    found, shapes = _fixed_modes(model, fixed, 4)
     speed = np.sqrt(210e9 / 7850.0) / np.sqrt(12.0) / (2.0 * np.pi * 0.25)
     assert found[:2] == approx([1.8751**2 * 0.01 * speed, 1.8751**2 * 0.013 * speed], rel=2e-3)
     assert shapes.shape == (4, len(model.points), 3)

@@ -8,7 +8,7 @@ from headstock.validation.references.beam_theory import (
     wave_numbers,
 )
 from headstock.validation.refinement.theory_shapes import (
-    PairedMode,
+    _PairedMode,
     find_theory_shapes,
     read_shape,
     section_motions,
@@ -42,7 +42,7 @@ def theory_field(name: str, points: FloatArray, ends: EndConditions) -> FloatArr
 
 def pair(
     points: FloatArray, fields: FloatArray, ends: EndConditions = "clamped-free"
-) -> dict[str, PairedMode]:
+) -> dict[str, _PairedMode]:
     sections = section_motions(points, fields, axis=2, span=(0.0, SIDES[2]), sides=SIDES)
     return find_theory_shapes(sections, SHAPES, ends)
 
