@@ -227,7 +227,7 @@ class StudyTable(Displayed):
         unit = self.unit_of(name)
         yield _with_unit(name, unit), [row.values.get(name) for row in self.rows]
         if any(name in row.known for row in self.rows):
-            known = [row.known.get(name) for row in self.rows]
+            known: list[object] = [row.known.get(name) for row in self.rows]
             yield _with_unit(known_head(name), unit), known
 
     def _short_form(self) -> ShortForm:
