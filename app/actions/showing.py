@@ -225,17 +225,22 @@ def _show_part(
     numbers = {face.number: str(face.number) for face in survey.faces}
     surface = LabelledSurface(survey.points, survey.triangles, survey.owners, numbers, title)
     _write_picture(surface, options.output or Path(f"{name}_faces.png"))
-    content = {
-        "file": solid.path.name,
+    options.write_json(dump_summary(_list_part(solid.path.name, survey, doubt)))
+    return DONE
+
+
+def _list_part(file: str, survey: CadSurvey, doubt: str | None) -> dict[str, object]:
+    return {
+        "file": file,
         "unit": survey.unit,
         "warnings": [] if doubt is None else [doubt],
         "faces": [dataclasses.asdict(face) for face in survey.faces],
         "holes": [dataclasses.asdict(hole) for hole in find_holes(survey.faces)],
         "sets": [dataclasses.asdict(one) for one in survey.sets],
-        "suggested_interfaces": {found.name: list(found.faces) for found in suggestions},
+        "suggested_interfaces": {
+            found.name: list(found.faces) for found in part_suggestions(survey)
+        },
     }
-    options.write_json(dump_summary(content))
-    return DONE
 
 
 def _print_sets(survey: CadSurvey) -> None:

@@ -149,20 +149,18 @@ def encode_machine(view: MachineView, captions: Captions) -> EncodedMachine | No
     }
     data["blob"] = base64.b64encode(zlib.compress(b"".join(blocks), COMPRESSION)).decode()
     count = sum(len(items) for items in shapes.values())
-    thinned, kept_whole = (
-        {
-            name: (len(skin.triangles), whole)
-            for name, skin in drawn.items()
-            if (whole := getattr(skin, kind)) is not None
-        }
-        for kind in ("thinned_from", "kept_whole")
-    )
     return EncodedMachine(
         script_json(data),
         count - sum(len(items) for items in offered.values()),
-        thinned,
-        kept_whole,
+        _count_triangles(drawn, "thinned_from"),
+        _count_triangles(drawn, "kept_whole"),
     )
+
+
+def _count_triangles(skins: Mapping[str, Skin], of: str) -> dict[str, tuple[int, int]]:
+    """Triangles of each skin that has another count too, and that one."""
+    counts = {name: (len(skin.triangles), getattr(skin, of)) for name, skin in skins.items()}
+    return {name: both for name, both in counts.items() if both[1] is not None}
 
 
 def pose_shapes(pose: PoseView) -> dict[str, dict[str, ShiftArray]]:

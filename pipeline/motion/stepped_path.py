@@ -335,7 +335,8 @@ class SteppedPath:
             (part - part[0])[shown]
             for part in (total + direct + of_force, quasi_static + direct, slow)
         )
-        taken = read = np.zeros((len(samples), 0))
+        taken: FloatArray = np.zeros((len(samples), 0))
+        read = taken
         if servo is not None:
             taken, read = servo.forces(history)[shown], servo.read(history)[shown]
         deviation = PathDeviation(samples, total, quasi_static, slow, total - quasi_static - slow)

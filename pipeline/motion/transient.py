@@ -142,13 +142,14 @@ class _Solution:
     @property
     def moving(self) -> MovingModel:
         """The model with its states and what acts on them: loads, then friction against the motion."""
-        loads, motion = self.motion.loads, self.motion
+        loads = self.motion.loads
         values, _ = loads.evaluate()
         acting = np.concatenate([values[:, 0], values[:, 1]])
+        after, before = self.motion.right, self.motion.left
         if self.with_friction is not None:
-            motion = self.with_friction.motion
+            after, before = self.with_friction.motion.right, self.with_friction.motion.left
             acting = np.hstack([acting, -np.concatenate(self.with_friction.friction)])
-        states = np.concatenate([motion.right[:-1], motion.left[1:]])
+        states = np.concatenate([after[:-1], before[1:]])
         return MovingModel(self.model.watched, SteppedStates(loads.times, states, acting))
 
     @functools.cached_property

@@ -99,7 +99,6 @@ def test_the_column_bends_as_beam_theory_says(column_hz: FloatArray) -> None:
     assert column_hz == approx(expected, rel=0.12)
 
 
-@pytest.mark.trials
 def test_the_brackets_reduced_modes_are_those_of_its_full_model() -> None:
     component, supports = clamped(SUPPORT, STEEL, 0.007, 4)
     mesh = mesh_component(component, supports)

@@ -1,10 +1,6 @@
 """± of a contour covers what fine meshes say."""
 
-import pytest
-
 from headstock.validation.machines.axes_estimate_cases import check_contour_smoke
-
-pytestmark = pytest.mark.trials
 
 
 def test_errors_of_a_contour_cover_what_fine_meshes_say() -> None:

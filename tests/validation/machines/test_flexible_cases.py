@@ -18,7 +18,6 @@ from headstock.validation.machines.flexible_cases import (
 )
 
 
-@pytest.mark.trials
 def test_a_cut_beam_passes_in_ten_frequencies() -> None:
     rows = list(check_flexible_smoke())
     assert [row for row in rows if not row.passed] == []

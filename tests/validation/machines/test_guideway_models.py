@@ -52,7 +52,6 @@ def test_statics_are_those_of_the_same_mesh_at_any_place_and_frequencies_come_fr
     assert (found[1] > expected[1] * (1.0 - 1e-9)).all()
 
 
-@pytest.mark.trials
 def test_an_evenly_averaging_patch_imprinted_in_a_fresh_mesh_says_the_same(model: Model) -> None:
     machine, _, parts = model
     errors = _relative_deviations(

@@ -11,7 +11,6 @@ from headstock.validation.mechanisms.stability_cases import check_stability_meth
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.trials
 def test_multipliers_and_limits_meet_closed_forms_and_independent_methods() -> None:
     rows = list(check_stability_methods(MPI.COMM_SELF, 400))
     assert len(rows) == 42

@@ -24,9 +24,9 @@ from headstock.validation.references.rows import rows_as_json
 QUICK = (
     "block", "rod", "rod-orders", "static-exactness", "rigid-body-content",
     "beam-truncation", "rod-step", "two-mass-drive", "sampled-control", "drive-friction",
-    "column-response", "kono-cantilever-static", "square-column", "straight-cantilever",
+    "nafems-5h", "column-response", "kono-cantilever-static", "square-column", "straight-cantilever",
 )  # fmt: skip
-LONG = ("nafems-5h", "all-modes", "eigensolvers", "fv5")
+LONG = ("all-modes", "eigensolvers", "fv5")
 
 
 @pytest.mark.parametrize(
