@@ -207,7 +207,7 @@ def _follow_heights(
     if not answer.heights:
         return _FollowedNumbers((), lambda key: np.zeros((len(model.system.mass), 0)))
     watched = changed.watch(pose, count)
-    peaks, levels = _follow_heights(answer, model, base.watch(pose, count), watched)
+    peaks, levels = _match_heights(answer, model, base.watch(pose, count), watched)
     pairs: dict[Key, Height] = dict(
         zip(map(answer.key, answer.heights), (*peaks, *levels), strict=True)
     )
@@ -238,7 +238,7 @@ def _follow_heights(
     )
 
 
-def _follow_heights(
+def _match_heights(
     answer: PoseResponse, model: CoupledPose, own: WatchedModes, other: WatchedModes
 ) -> tuple[list[ResponsePeak], list[ResponseLevel]]:
     """Return the peaks and levels of a response in another model of the machine, NaN in height where a
