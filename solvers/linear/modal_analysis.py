@@ -240,7 +240,7 @@ def _largest_flexibilities(
     solved = reduced.find_largest(count or 0) if least is None else reduced.find_above(least, count)
     if solved is None or loses_digits(stiffness, solved[1][:, 0]):
         return None
-    eigenvalues = 1.0 / solved[0]
+    eigenvalues: FloatArray = np.asarray(1.0 / solved[0])
     return ModalPairs(eigenvalues, solved[1] * np.sqrt(eigenvalues))
 
 

@@ -277,7 +277,7 @@ def _few_modes(
     if solved is None or len(solved[0]) < wanted:
         return None
     flexibilities, shapes = solved
-    return 1.0 / flexibilities, shapes / np.sqrt(flexibilities)
+    return np.asarray(1.0 / flexibilities), np.asarray(shapes / np.sqrt(flexibilities))
 
 
 def _two_sided_modes(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, FloatArray]:

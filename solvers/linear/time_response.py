@@ -80,7 +80,7 @@ def solve_time_response(space: StateSpace, loads: FloatArray, step: float) -> Ti
     if not (np.isfinite(step) and step > 0.0):
         raise ModelError(f"the time step is {step:g} s; it must be above zero")
     ends, times = np.stack([loads[:-1], loads[1:]], axis=1), step * np.arange(len(loads))
-    return solve_stepped_response(space, times, ends)
+    return solve_stepped_response(space, np.asarray(times, dtype=float), ends)
 
 
 def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArray) -> TimeResponse:

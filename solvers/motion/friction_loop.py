@@ -290,7 +290,9 @@ def _view_rows(model: FrictionLoop, friction: int, whole: int) -> dict[str, Floa
         "loads": [(given, model.pushing)],
         "speeds": [(machine, np.eye(model.loop.plant_size))],
     }
-    rows = {name: np.zeros((len(blocks[0][1]), whole)) for name, blocks in parts.items()}
+    rows: dict[str, FloatArray] = {
+        name: np.zeros((len(blocks[0][1]), whole)) for name, blocks in parts.items()
+    }
     for name, blocks in parts.items():
         for columns, block in blocks:
             rows[name][:, columns] = block

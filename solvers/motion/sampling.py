@@ -289,7 +289,7 @@ def sample_motion(
         }
         misses, rotations = _find_errors(grids, finer, transported, channels)
         missed, rotated = misses > MISS_TOLERANCE, rotations > TURN_TOLERANCE / len(spans)
-        wide = set(np.flatnonzero(missed | rotated).tolist())
+        wide = {int(piece) for piece in np.flatnonzero(missed | rotated)}
     return SampledMotion(
         channels=channels,
         breaks=np.array(breaks, dtype=float),
@@ -297,7 +297,7 @@ def sample_motion(
         poses=len(poses),
         modes=kept,
         error=float(misses.max()),
-        rotation_error=sum(rotations.tolist()),
+        rotation_error=float(sum(rotations)),
         highest_hz=highest_hz,
         complete=all(pose.coordinates.complete for pose in poses.values()),
         anchors={
