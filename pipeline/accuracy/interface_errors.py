@@ -4,7 +4,7 @@ deformation shapes in both forms, and the small coupled machines are compared.
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -232,21 +232,7 @@ def estimate_interfaces(state: RunState, shaped: _ShapedMachines) -> Outcome:
         detail=f"shapes at {', '.join(joint.name for joint in shaped.joints) or 'no joint'} change "
         f"{'numbers' if shares else 'lines'} by up to {show_share(largest)}",
         answers=(found,),
-        warnings=(
-            *_warn_of_joints(shaped.joints, found, names, several=several),
-            *(
-                [
-                    f"{', '.join(lost)} has no mode of its shape where rigid joints have deformation"
-                    " shapes"
-                ]
-                if lost
-                else []
-            ),
-            *(
-                f"what joint {name} leaves out is not known: {reason}"
-                for name, reason in shaped.failures.items()
-            ),
-        ),
+        warnings=tuple(_list_warnings(shaped, found, names, lost, several=several)),
     )
 
 
@@ -368,24 +354,31 @@ def _describe(family: _Family, joint: GluedJoint) -> JointShapes:
     return JointShapes(str(joint), own, compared)
 
 
-def _warn_of_joints(
-    joints: Sequence[GluedJoint],
+def _list_warnings(
+    shaped: _ShapedMachines,
     found: InterfaceErrorsAnswer,
     names: Mapping[Key, str],
+    lost: Sequence[str],
     *,
     several: bool,
-) -> list[str]:
-    """Return a warning for every joint whose own part of a number is large, with the worst number."""
-    warnings = []
-    for joint in joints:
+) -> Iterator[str]:
+    """Yield a warning for every joint whose own part of a number is large, with the worst number; for
+    modes that lose their shape, and for joints of which nothing is known.
+    """
+    for joint in shaped.joints:
         number, share = found.largest(joint.name)
         if number is None or share < WRONG:
             continue
         own = found.joints[joint.name].shapes
         what = f"{own} deformation shapes are" if own else "six motions of each are"
         words = names.get(number) or f"the {number.describe(several_poses=several)}"
-        warnings.append(
+        yield (
             f"joint {joint.name}: {what} too few for {joint}: {words} may be off by {show_share(share)}; write"
             f" coupling = {{ flexible = {max(ADVISED_SHAPES, 2 * own)} }} for both"
         )
-    return warnings
+    if lost:
+        yield (
+            f"{', '.join(lost)} has no mode of its shape where rigid joints have deformation shapes"
+        )
+    for name, reason in shaped.failures.items():
+        yield f"what joint {name} leaves out is not known: {reason}"

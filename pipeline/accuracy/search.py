@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from headstock.geometry.parts.components import Component, Fidelity
+from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import PointMass, SuperelementFile
 from headstock.pipeline.accuracy.interface_choice import ShapeChoice, choose_shapes, give_chosen
 from headstock.pipeline.accuracy.model_errors import RefinedBodies
@@ -122,19 +122,7 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
     need it coarse, and never rough; rounds teach how fine it must be.
     """
     goal = _goal(scene).to
-    parts = dict(scene.machine.components)
-    if _goal(scene).models != "none":
-        # what deforms by its volume says what cheaper models would leave out
-        modal, frf = scene.analyses.get(ModalRequest), scene.analyses.get(FrfRequest)
-        highest_hz = max(
-            0.0 if modal is None or modal.up_to_hz is None else modal.up_to_hz,
-            0.0 if frf is None else frf.to_hz,
-        )
-        for name, part in scene.machine.components.items():
-            if _is_ours(scene, name):
-                suits = suits_polynomials(part, highest_hz)
-                fidelity: Fidelity = "polynomial" if suits else "elastic"
-                parts[name] = dataclasses.replace(part, fidelity=fidelity)
+    parts = _deform_ours(scene) if _goal(scene).models != "none" else scene.machine.components
     chosen = [part for part in parts.values() if is_chosen(part)]
     one = all(are_equal(chosen[0], part) for part in chosen)
     components = {
@@ -149,6 +137,23 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
         for name, part in parts.items()
     }
     return replace_components(_without_comparisons(scene), components)
+
+
+def _deform_ours(scene: Scene) -> dict[str, Component]:
+    """Return all components; those whose model is ours to choose deform by their volume, which says
+    what cheaper models would leave out.
+    """
+    modal, frf = scene.analyses.get(ModalRequest), scene.analyses.get(FrfRequest)
+    highest_hz = max(
+        0.0 if modal is None or modal.up_to_hz is None else modal.up_to_hz,
+        0.0 if frf is None else frf.to_hz,
+    )
+    parts = dict(scene.machine.components)
+    for name, part in scene.machine.components.items():
+        if _is_ours(scene, name):
+            suits = suits_polynomials(part, highest_hz)
+            parts[name] = dataclasses.replace(part, fidelity="polynomial" if suits else "elastic")
+    return parts
 
 
 def _is_ours(scene: Scene, name: str) -> bool:
