@@ -289,7 +289,7 @@ def sample_motion(
         }
         misses, rotations = _find_errors(grids, finer, transported, channels)
         missed, rotated = misses > MISS_TOLERANCE, rotations > TURN_TOLERANCE / len(spans)
-        wide = {int(piece) for piece in np.flatnonzero(missed | rotated)}
+        wide = set(map(int, np.flatnonzero(missed | rotated)))
     return SampledMotion(
         channels=channels,
         breaks=np.array(breaks, dtype=float),
