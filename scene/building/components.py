@@ -159,9 +159,10 @@ def _beside(path: Path, folder: Path) -> tuple[Path, ...]:
 
 def bounding_box(solid: Solid) -> tuple[tuple[float, float], ...] | None:
     """Lowest and highest x, y, z of a parametric solid [m]; None where only a file knows."""
-    return (
-        None if isinstance(solid, Imported) else tuple(zip(*solid_box(solid).tolist(), strict=True))
-    )
+    if isinstance(solid, Imported):
+        return None
+    low, high = solid_box(solid)
+    return tuple((float(start), float(end)) for start, end in zip(low, high, strict=True))
 
 
 def _patch_center(table: PatchTable, solid: Solid) -> tuple[float, float, float] | None:
