@@ -152,15 +152,17 @@ def encode_machine(view: MachineView, captions: Captions) -> EncodedMachine | No
     return EncodedMachine(
         script_json(data),
         count - sum(len(items) for items in offered.values()),
-        _count_triangles(drawn, "thinned_from"),
-        _count_triangles(drawn, "kept_whole"),
+        {
+            name: (len(skin.triangles), skin.thinned_from)
+            for name, skin in drawn.items()
+            if skin.thinned_from is not None
+        },
+        {
+            name: (len(skin.triangles), skin.kept_whole)
+            for name, skin in drawn.items()
+            if skin.kept_whole is not None
+        },
     )
-
-
-def _count_triangles(skins: Mapping[str, Skin], of: str) -> dict[str, tuple[int, int]]:
-    """Triangles of each skin that has another count too, and that one."""
-    counts = {name: (len(skin.triangles), getattr(skin, of)) for name, skin in skins.items()}
-    return {name: both for name, both in counts.items() if both[1] is not None}
 
 
 def pose_shapes(pose: PoseView) -> dict[str, dict[str, ShiftArray]]:
