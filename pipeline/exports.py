@@ -87,13 +87,13 @@ def export_state_space(
         coupled = couple_pose(state.parts, state.plan.poses[name]).coupled
         system = add_load_inputs(damp_system(scene, coupled.system), coupled.loads, inputs)
         space = to_state_space(system, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz)
-        write_output(path, encode_mat(space, origin))
+        write_output(path, _encode_mat(space, origin))
         sizes = f"{len(space.a)} states, {len(space.inputs)} inputs, {len(space.outputs)} outputs"
         text = f"{path}: pose {name}, {sizes}, modes up to {up_to_hz:g} Hz"
     return str(share_from_root(comm, text))
 
 
-def encode_mat(space: StateSpace, origin: Provenance | None = None) -> bytes:
+def _encode_mat(space: StateSpace, origin: Provenance | None = None) -> bytes:
     """A state space as a MATLAB 5 file: ``sys = ss(A, B, C, D, 'InputName', inputs, ...)``; where
     it comes from as a structure.
     """

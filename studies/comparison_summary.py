@@ -39,7 +39,7 @@ class RowSummary(TypedDict):
     variants: dict[str, CellSummary | None]
 
 
-class LinkSummary(TypedDict):
+class _LinkSummary(TypedDict):
     """What gives most at a point in a direction."""
 
     name: str
@@ -58,7 +58,7 @@ class _VariantPointSummary(TypedDict):
     error_share: dict[str, dict[str, float | None]]
     error_left_out: list[str]
     budget: dict[str, dict[str, float]]
-    weak_link: dict[str, LinkSummary | None]
+    weak_link: dict[str, _LinkSummary | None]
 
 
 class EffortSummary(TypedDict):

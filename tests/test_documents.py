@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from common import run_process
-from headstock.app.actions.cataloguing import render_catalogue, render_cutting
-from headstock.app.actions.schemas import plain_schema, render_reference, rules_in
+from headstock.app.actions.cataloguing import _render_catalogue, _render_cutting
+from headstock.app.actions.schemas import _render_reference, plain_schema, rules_in
 from headstock.pipeline.results.files import read_mesh, read_summary
 from headstock.scene.expansion.catalogue import read_catalogue, read_cutting_materials
 from headstock.scene.schema.types import MEANING
@@ -149,11 +149,11 @@ def test_the_cost_of_a_large_part_on_the_page_of_clusters_is_what_its_command_pr
 
 def test_the_scene_reference_is_up_to_date() -> None:
     # otherwise: ./headstock schema --markdown > docs/scene_reference.md
-    assert (ROOT / "docs" / "scene_reference.md").read_text() == render_reference(plain_schema())
+    assert (ROOT / "docs" / "scene_reference.md").read_text() == _render_reference(plain_schema())
 
 
 def test_no_cell_of_the_scene_reference_is_empty() -> None:
-    rows = [line for line in render_reference(plain_schema()).splitlines() if line.startswith("|")]
+    rows = [line for line in _render_reference(plain_schema()).splitlines() if line.startswith("|")]
     assert len(rows) > 400
     cells = {row: re.split(r"(?<!\\)\|", row)[1:-1] for row in rows}
     assert [row for row, texts in cells.items() if not all(text.strip() for text in texts)] == []
@@ -163,13 +163,13 @@ def test_no_cell_of_the_scene_reference_is_empty() -> None:
 def test_the_page_of_the_catalogue_is_up_to_date() -> None:
     # otherwise: ./headstock catalogue --markdown > docs/catalogue.md
     page = (ROOT / "docs" / "catalogue.md").read_text()
-    assert page == render_catalogue(read_catalogue().values())
+    assert page == _render_catalogue(read_catalogue().values())
 
 
 def test_the_page_of_cutting_coefficients_is_up_to_date() -> None:
     # otherwise: ./headstock catalogue cutting --markdown > docs/cutting_coefficients.md
     page = (ROOT / "docs" / "cutting_coefficients.md").read_text()
-    assert page == render_cutting(read_cutting_materials().values())
+    assert page == _render_cutting(read_cutting_materials().values())
 
 
 def test_every_key_of_scenes_and_target_files_says_what_it_means() -> None:

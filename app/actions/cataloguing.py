@@ -124,7 +124,7 @@ def catalogue_command(options: CatalogueOptions) -> int:
         return _list_materials(materials, options)
     entries = _choose(options.name)
     if options.markdown:
-        click.echo(render_catalogue(read_catalogue().values()), nl=False)
+        click.echo(_render_catalogue(read_catalogue().values()), nl=False)
     elif len(entries) == 1:
         click.echo("\n".join(_describe(entries[0])))
     else:
@@ -140,7 +140,7 @@ def _choose_materials(name: str | None) -> list[CuttingMaterial]:
 
 def _list_materials(materials: Sequence[CuttingMaterial], options: CatalogueOptions) -> int:
     if options.markdown:
-        click.echo(render_cutting(materials), nl=False)
+        click.echo(_render_cutting(materials), nl=False)
     else:
         for material in materials:
             click.echo(f"{material.name}: {material.title}")
@@ -167,7 +167,7 @@ def _paste_material(material: CuttingMaterial) -> str:
     return "\n".join(["[cutting.NAME]", *lines])
 
 
-def render_cutting(materials: Iterable[CuttingMaterial]) -> str:
+def _render_cutting(materials: Iterable[CuttingMaterial]) -> str:
     """``docs/cutting_coefficients.md``."""
     groups = list[str]()
     for title, members in groupby(materials, key=lambda own: own.group):
@@ -281,7 +281,7 @@ def _describe(entry: CatalogueEntry) -> Iterator[str]:
         yield f"  screw {key}: {text}"
     yield from _indented(_facts(entry))
     yield from ["", "By its name:", "", *_toml(entry, {FROM: f"{CATALOGUE}{entry.name}"})]
-    yield from ["", "With its values:", "", paste_text(entry)]
+    yield from ["", "With its values:", "", _paste_text(entry)]
 
 
 def _scaled(text: object, factor: float) -> str:
@@ -290,7 +290,7 @@ def _scaled(text: object, factor: float) -> str:
     return f"{float(f'{float(number) * factor:.2g}'):g} {unit}"
 
 
-def paste_text(entry: CatalogueEntry) -> str:
+def _paste_text(entry: CatalogueEntry) -> str:
     """A joint of a scene with all keys of an element."""
     return "\n".join(_toml(entry, entry.joint))
 
@@ -321,11 +321,11 @@ def _summarise_entry(entry: CatalogueEntry) -> dict[str, object]:
         "preload": family.preload,
         "derived": family.derived,
         "source": list(family.source),
-        "toml": paste_text(entry),
+        "toml": _paste_text(entry),
     }
 
 
-def render_catalogue(entries: Iterable[CatalogueEntry]) -> str:
+def _render_catalogue(entries: Iterable[CatalogueEntry]) -> str:
     """``docs/catalogue.md``."""
     parts = [INTRODUCTION]
     for members in _families(entries):

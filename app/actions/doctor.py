@@ -43,7 +43,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Question:
+class _Question:
     """Code whose last printed line says what is there; ``expected``, or one of several, must begin
     it, ``remedy`` says what to do otherwise. ``modules`` are the packages that it imports because the program does.
     """
@@ -57,7 +57,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Package:
+class _Package:
     """A Python package of which a version is all there is to ask.
 
     Attributes:
@@ -70,14 +70,14 @@ class Package:
 
 
 LIBRARIES = (
-    Question(
+    _Question(
         "dolfinx",
         "import basix, dolfinx, ffcx, ufl; print(dolfinx.__version__)",
         ("0.9", "0.11"),
         "the code was tried on dolfinx 0.9 and 0.11: " + PACKAGES,
         modules=("basix", "dolfinx", "ffcx", "ufl"),
     ),
-    Question(
+    _Question(
         "PETSc",
         "import numpy; from petsc4py import PETSc; v = PETSc.Sys.getVersion(); "
         "print('real' if PETSc.ScalarType is numpy.float64 else PETSc.ScalarType.__name__, 'scalars,', '.'.join(map(str, v)))",
@@ -85,7 +85,7 @@ LIBRARIES = (
         "PETSc must have real double scalars: on Debian python3-petsc4py-real",
         modules=("petsc4py",),
     ),
-    Question(
+    _Question(
         "MUMPS",
         "import numpy; from petsc4py import PETSc; m = PETSc.Mat().createAIJ([1, 1]); m.setUp(); m[0, 0] = 2.0; m.assemble(); "
         "pc = PETSc.PC().create(); pc.setOperators(m); pc.setType('cholesky'); pc.setFactorSolverType('mumps'); pc.setUp(); "
@@ -93,18 +93,18 @@ LIBRARIES = (
         "factorises",
         "PETSc must be built with MUMPS",
     ),
-    Question(
+    _Question(
         "SLEPc",
         "import numpy; from slepc4py import SLEPc; print('.'.join(map(str, SLEPc.Sys.getVersion())))",
         modules=("slepc4py",),
     ),
-    Question(
+    _Question(
         "MPI library",
         "from mpi4py import MPI; print(MPI.Get_library_version().splitlines()[0].split(',')[0].strip())",
         modules=("mpi4py",),
     ),
-    Question("gmsh", "import gmsh; print(gmsh.__version__)", modules=("gmsh",)),
-    Question(
+    _Question("gmsh", "import gmsh; print(gmsh.__version__)", modules=("gmsh",)),
+    _Question(
         "isolation",
         "from headstock.meshing.process.isolation import isolate; print(isolate([]) or 'readers of CAD, mesh and HDF5 files see nothing else')",
         "readers",
@@ -112,19 +112,19 @@ LIBRARIES = (
         "user namespaces (Linux 5.12 or newer) would keep them from both",
         needed=False,
     ),
-    Question(
+    _Question(
         "h5py",
         "import h5py; print(h5py.__version__, 'with HDF5', h5py.version.hdf5_version)",
         modules=("h5py",),
     ),
-    Question(
+    _Question(
         "netCDF4",
         "import netCDF4; print(netCDF4.__version__)",
         remedy="Exodus meshes only: on Debian python3-netcdf4",
         needed=False,
         modules=("netCDF4",),
     ),
-    Question(
+    _Question(
         "BLAS",
         "import numpy.linalg, threadpoolctl; print(*{f\"{i['internal_api']} {i['version']} ({i.get('architecture', '')})\""
         " for i in threadpoolctl.threadpool_info() if i['user_api'] == 'blas'} or ['reference'])",
@@ -132,8 +132,8 @@ LIBRARIES = (
         "factorisations are many times slower without OpenBLAS: libopenblas0-pthread",
         needed=False,
     ),
-    Question("pillow", "import PIL; print(PIL.__version__)", modules=("PIL",)),
-    Question(
+    _Question("pillow", "import PIL; print(PIL.__version__)", modules=("PIL",)),
+    _Question(
         "pyvista",
         "import pyvista, vtkmodules; p = pyvista.Plotter(off_screen=True, window_size=(8, 8)); p.screenshot(None, return_img=True); "
         "print(pyvista.__version__, 'with VTK', '.'.join(map(str, pyvista.vtk_version_info)), 'draws by', type(p.render_window).__name__[3:])",
@@ -145,34 +145,34 @@ LIBRARIES = (
 )
 # with the modules of the questions, all that the program imports besides the standard library
 PYTHON_PACKAGES = (
-    Package("numpy"),
-    Package("scipy"),
-    Package("threadpoolctl"),
-    Package("pydantic"),
-    Package("pydantic_core"),
-    Package("pint"),
-    Package("typer"),
-    Package("click"),
-    Package("rich"),
-    Package("matplotlib"),
-    Package("jinja2"),
-    Package("markupsafe"),
-    Package("meshio"),
-    Package("pandas", without="results as pandas tables; ./headstock python has it"),
-    Package("control", without="state spaces as objects of python-control: pip install control"),
+    _Package("numpy"),
+    _Package("scipy"),
+    _Package("threadpoolctl"),
+    _Package("pydantic"),
+    _Package("pydantic_core"),
+    _Package("pint"),
+    _Package("typer"),
+    _Package("click"),
+    _Package("rich"),
+    _Package("matplotlib"),
+    _Package("jinja2"),
+    _Package("markupsafe"),
+    _Package("meshio"),
+    _Package("pandas", without="results as pandas tables; ./headstock python has it"),
+    _Package("control", without="state spaces as objects of python-control: pip install control"),
 )
 
 
 TEST_PACKAGES = ("pytest", "pytest-xdist", "hypothesis", "mypy")
 
 
-def check_environment() -> list[Check]:
+def _check_environment() -> list[Check]:
     """Ask everything; two questions at a time."""
     with ThreadPoolExecutor(2) as pool:
         libraries = list(pool.map(ask, LIBRARIES))
         ranks = pool.submit(_check_ranks)
-    packages = [check_package(package) for package in PYTHON_PACKAGES] + [
-        check_package(Package(name, without="the tests")) for name in TEST_PACKAGES
+    packages = [_check_package(package) for package in PYTHON_PACKAGES] + [
+        _check_package(_Package(name, without="the tests")) for name in TEST_PACKAGES
     ]
     return [
         *_check_python(),
@@ -184,7 +184,7 @@ def check_environment() -> list[Check]:
     ]
 
 
-def run_child(command: list[str]) -> tuple[int, str]:
+def _run_child(command: list[str]) -> tuple[int, str]:
     """Exit code and last line of a child process's output (of its errors when it fails)."""
     environment = {
         key: value for key, value in os.environ.items() if not key.startswith(RANK_PREFIXES)
@@ -211,9 +211,9 @@ def run_child(command: list[str]) -> tuple[int, str]:
     ].strip() if lines else f"exit code {done.returncode}, no output"
 
 
-def ask(question: Question) -> Check:
+def ask(question: _Question) -> Check:
     """Run a question's code in a Python of its own."""
-    code, answer = run_child([sys.executable, "-P", "-c", question.code])
+    code, answer = _run_child([sys.executable, "-P", "-c", question.code])
     if code == 0 and answer.startswith(question.expected):
         optional = bool(question.modules) and not question.needed
         return Check(question.name, answer + " (optional)" * optional, "ok")
@@ -222,7 +222,7 @@ def ask(question: Question) -> Check:
     )
 
 
-def check_package(package: Package) -> Check:
+def _check_package(package: _Package) -> Check:
     """Version of an installed Python package, and whether it is optional."""
     try:
         version = importlib.metadata.version(package.module)
@@ -262,8 +262,8 @@ def _check_ranks() -> Check:
         return Check("MPI, 2 ranks", "no mpirun", "missing", remedy)
     code = "from mpi4py import MPI; s = MPI.COMM_WORLD.allreduce(1); MPI.COMM_WORLD.rank or print(s, 'ranks answer')"
     # other makers let ranks share cores without being told
-    shared = ["--oversubscribe"] if "open-mpi" in run_child([mpirun, "--version"])[1] else []
-    exit_code, answer = run_child(
+    shared = ["--oversubscribe"] if "open-mpi" in _run_child([mpirun, "--version"])[1] else []
+    exit_code, answer = _run_child(
         [
             mpirun,
             *shared,
@@ -292,7 +292,7 @@ def _check_compiler() -> Check:
             "missing",
             "on Debian: gcc and python3-dev",
         )
-    exit_code, answer = run_child([compiler, "-dumpfullversion"])
+    exit_code, answer = _run_child([compiler, "-dumpfullversion"])
     return Check(
         "C compiler",
         answer,
@@ -304,7 +304,7 @@ def _check_compiler() -> Check:
 def _check_machine() -> list[Check]:
     """Cores, threads, memory and room in the cache folder."""
     threads = os.environ.get("OMP_NUM_THREADS", "not set")
-    cache = cache_folder()
+    cache = _cache_folder()
     return [
         Check(
             "cores", f"{len(os.sched_getaffinity(0))} usable, load {os.getloadavg()[0]:.1f}", "ok"
@@ -312,7 +312,7 @@ def _check_machine() -> list[Check]:
         Check("BLAS threads", f"{threads} (HEADSTOCK_THREADS changes it)", "ok"),
         _at_least(
             "free memory",
-            free_memory_mb(),
+            _free_memory_mb(),
             MEMORY_WANTED_MB,
             "300 000 dofs need about 4 GB: close programs or coarsen",
         ),
@@ -320,12 +320,12 @@ def _check_machine() -> list[Check]:
     ]
 
 
-def cache_folder() -> Path:
+def _cache_folder() -> Path:
     """Return the folder of the private root and the store of superelements."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "headstock"
 
 
-def free_memory_mb(meminfo: Path = Path("/proc/meminfo")) -> int:
+def _free_memory_mb(meminfo: Path = Path("/proc/meminfo")) -> int:
     """Memory [MB] that can be had without swapping."""
     for line in meminfo.read_text().splitlines():
         if line.startswith("MemAvailable:"):
@@ -359,7 +359,7 @@ def _at_least(name: str, megabytes: int, wanted: int, remedy: str) -> Check:
 
 
 def doctor_command(
-    options: DoctorOptions, examine: Callable[[], list[Check]] = check_environment
+    options: DoctorOptions, examine: Callable[[], list[Check]] = _check_environment
 ) -> int:
     """Print each check with its remedy, and write ``{"healthy": bool, "checks": [{name, found, status, remedy}]}``
     where a file is asked for.
@@ -372,14 +372,14 @@ def doctor_command(
     """
     checks = examine()
     missing = [check.name for check in checks if check.status == "missing"]
-    print(describe_checks(checks))
+    print(_describe_checks(checks))
     print("all there" if not missing else f"missing: {', '.join(missing)}")
     content = {"healthy": not missing, "checks": [asdict(check) for check in checks]}
     options.write_json(json.dumps(content, indent=2) + "\n")
     return 1 if missing else 0
 
 
-def describe_checks(checks: list[Check]) -> str:
+def _describe_checks(checks: list[Check]) -> str:
     """The checks as aligned lines, each remedy below its line."""
     width = max(len(check.name) for check in checks)
     lines = []

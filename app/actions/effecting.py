@@ -76,10 +76,10 @@ def _print_trials(trials: Sequence[EffectTrial]) -> None:
             print(f"  {change.label:<24} {show_share(change.share):>9}   {_describe(change)}")
     print("\nSummary of effects")
     for trial in trials:
-        print(f"  {tell_trial(trial)}")
+        print(f"  {_tell_trial(trial)}")
 
 
-def tell_trial(trial: EffectTrial) -> str:
+def _tell_trial(trial: EffectTrial) -> str:
     """One sentence: what it moves most, what it costs, what to do."""
     if trial.obstacle:
         return f"{trial.effect}: not tried: {trial.obstacle}"
@@ -204,7 +204,7 @@ def _publish(
     if ranked:
         print("\nEffects switched on or off; processor seconds without meshing and reduction")
         _print_trials(ranked)
-    print_findings(findings)
+    _print_findings(findings)
     if scene.accuracy is not None:
         print(
             "\nNo models are tried: with an accuracy they are chosen by their errors, which"
@@ -319,7 +319,7 @@ MODES_SHOWN = 4  # answers per change
 IDLE = 1e-5  # largest change of what is listed together at the end
 
 
-def print_findings(findings: Sequence[ModelFinding]) -> None:
+def _print_findings(findings: Sequence[ModelFinding]) -> None:
     """A block per change of the model that moves anything, those that move most for their price
     first, then a line per change; those that move nothing to speak of share one.
     """

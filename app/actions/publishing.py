@@ -87,7 +87,7 @@ def report_command(options: ReportOptions) -> int:
 
 
 def renew_report(folder: Path) -> Path:
-    """Write what `publish_again` writes from a folder of results, and say what there is to remark;
+    """Write what `_publish_again` writes from a folder of results, and say what there is to remark;
     the file of the report.
 
     Raises:
@@ -98,7 +98,7 @@ def renew_report(folder: Path) -> Path:
     with claim_output(folder, (REPORT_FILE,), PARTS):
         results = open_results(folder)
         run = FinishedRun(summary, results.answers, results.view)
-        print_remarks(publish_again(folder, run))
+        print_remarks(_publish_again(folder, run))
     return folder / REPORT_FILE
 
 
@@ -129,7 +129,7 @@ def is_same_scene(first: ProvenanceSummary, second: ProvenanceSummary) -> bool:
     return own == other
 
 
-def publish_again(folder: Path, run: FinishedRun) -> list[str]:
+def _publish_again(folder: Path, run: FinishedRun) -> list[str]:
     """Report, tables, modes and pictures anew from the files of a run, with all modes and every
     chart; remarks for the user.
 

@@ -115,10 +115,10 @@ def require_ranks(ranks: int | None, comm: MPI.Comm) -> None:
     here, cores = find_node(comm).ranks, free_cores()
     threads = int(os.environ.get(NAMED_THREADS, "1"))
     if comm.rank == 0 and here * threads > cores:
-        print_remarks([describe_crowd(here, threads, cores)])
+        print_remarks([_describe_crowd(here, threads, cores)])
 
 
-def describe_crowd(ranks: int, threads: int, cores: int) -> str:
+def _describe_crowd(ranks: int, threads: int, cores: int) -> str:
     """Say what it costs that there are more ranks on a node, or threads of them all, than free cores."""
     if ranks <= cores:
         return (

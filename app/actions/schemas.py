@@ -41,8 +41,8 @@ EMPTY = "none"
 
 def schema_command(options: SchemaOptions) -> int:
     """Print a schema, or the scene reference."""
-    content = targets_schema() if options.kind == "targets" else scene_schema()
-    shown = render_reference(plain_schema()) if options.markdown else dump_json(content)
+    content = _targets_schema() if options.kind == "targets" else scene_schema()
+    shown = _render_reference(plain_schema()) if options.markdown else dump_json(content)
     click.echo(shown, nl=False)
     options.write_json(dump_json(content))
     return DONE
@@ -65,7 +65,7 @@ def scene_schema() -> JsonTable:
     return schema | {"$defs": {**definitions, "expression": EXPRESSION}}
 
 
-def targets_schema() -> JsonTable:
+def _targets_schema() -> JsonTable:
     """JSON schema of a target file of ``headstock identify``, as ``headstock schema targets``
     prints it.
     """
@@ -234,7 +234,7 @@ def _allow_catalogue(definitions: dict[str, JsonTable]) -> None:
         ]
 
 
-def render_reference(schema: JsonTable) -> str:
+def _render_reference(schema: JsonTable) -> str:
     """The reference of all keys as Markdown."""
     parts = [
         INTRODUCTION,

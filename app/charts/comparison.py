@@ -162,7 +162,7 @@ def _draw_levels(summary: ComparisonSummary) -> bytes:
     return encode_figure(figure)
 
 
-def spread_labels(levels: Sequence[float], gap: float) -> list[float]:
+def _spread_labels(levels: Sequence[float], gap: float) -> list[float]:
     """Heights of labels at levels in rising order, moved up where one would touch the one below."""
     heights: list[float] = []
     for level in levels:
@@ -177,7 +177,7 @@ def _write_levels(axes: Axes, x: int, levels: list[tuple[float, str]], gap: floa
     ordered = sorted(levels)
     white = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
     for (hz, color), height in zip(
-        ordered, spread_labels([hz for hz, _ in ordered], gap), strict=True
+        ordered, _spread_labels([hz for hz, _ in ordered], gap), strict=True
     ):
         axes.annotate(
             show_digits(hz, 4),
@@ -219,7 +219,7 @@ def _name_levels(
 ) -> None:
     """Names beside the last level of each mode, moved apart where they would touch."""
     ordered = sorted(ends, key=lambda end: end[0][1])
-    heights = spread_labels([hz for (_, hz), _, _ in ordered], gap)
+    heights = _spread_labels([hz for (_, hz), _, _ in ordered], gap)
     for ((x, hz), name, color), height in zip(ordered, heights, strict=True):
         text = "\n".join(textwrap.wrap(name, NAME_LENGTH)[:2])
         axes.annotate(

@@ -33,7 +33,7 @@ def draw_folder(folder: Path) -> dict[str, bytes]:
     """Every chart of a folder of results: name to a PNG file."""
     results = open_results(folder)
     charts = _draw_summary(read_summary(folder), component_colors(results.view))
-    return charts | draw_responses([response.curves for response in results.frf.values()])
+    return charts | _draw_responses([response.curves for response in results.frf.values()])
 
 
 def _draw_summary(summary: RunSummary, colors: Mapping[str, str]) -> dict[str, bytes]:
@@ -53,7 +53,7 @@ def _draw_summary(summary: RunSummary, colors: Mapping[str, str]) -> dict[str, b
     return found
 
 
-def draw_responses(responses: Sequence[ResponseCurves]) -> dict[str, bytes]:
+def _draw_responses(responses: Sequence[ResponseCurves]) -> dict[str, bytes]:
     """A grid of Bode plots per pose, and one of all poses: name to a PNG file."""
     drawn = {f"frf_{file_stem(curves.pose)}": draw_response(curves, "frf") for curves in responses}
     together = overlaid_responses({curves.pose: curves for curves in responses})

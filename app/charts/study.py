@@ -111,7 +111,7 @@ def draw_study(table: StudyTable) -> bytes | None:
         axes = figure.add_subplot(height, width, number + 1)
         _draw_panel(axes, table, lines, column, axis)
         named = table.head_of(column)
-        title = named if named != column else describe_column(column, short[column])
+        title = named if named != column else _describe_column(column, short[column])
         axes.set_title(title, fontsize=9, color=INK, loc="left")
         if number >= len(columns) - width:
             axes.set_xlabel(axis.label, fontsize=8, color=INK)
@@ -130,7 +130,7 @@ def draw_study(table: StudyTable) -> bytes | None:
     return encode_figure(figure)
 
 
-def describe_column(column: str, short: str) -> str:
+def _describe_column(column: str, short: str) -> str:
     """A watched path in words with its unit: ``modal.frequencies_hz[0]`` is ``frequency 1 [Hz]``.
 
     Args:

@@ -62,7 +62,7 @@ def _draw_limits(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> bytes
     pose, a line at the speed whose limit is deepest in the worst pose.
     """
     figure = new_figure(10.0, 0.4 + 3.6 * len(limits))
-    places, label = way_of(summary)
+    places, label = _way_of(summary)
     for number, (name, found) in enumerate(limits.items(), start=1):
         frame = figure.add_subplot(len(limits), 1, number)
         own, depths = summary["lobes"][name], MM * found.depths
@@ -134,7 +134,7 @@ def _draw_common(summary: SweepSummary) -> bytes:
     return encode_figure(figure)
 
 
-def middle_plane(summary: SweepSummary, values: FloatArray, axes: list[int]) -> FloatArray:
+def _middle_plane(summary: SweepSummary, values: FloatArray, axes: list[int]) -> FloatArray:
     """Values ``(n0, n1)`` over two axes of a grid, the others in their middle.
 
     Args:
@@ -173,7 +173,7 @@ def _draw_maps(summary: SweepSummary, quantities: list[Quantity], axes: list[int
         mesh = frame.pcolormesh(
             spans[0][0],
             spans[1][0],
-            middle_plane(summary, quantity.values, axes).T,
+            _middle_plane(summary, quantity.values, axes).T,
             shading="nearest",
         )
         bar = figure.colorbar(mesh, cax=beside)
@@ -193,7 +193,7 @@ def _draw_maps(summary: SweepSummary, quantities: list[Quantity], axes: list[int
 
 
 def _draw_curves(summary: SweepSummary, quantities: list[Quantity]) -> bytes:
-    places, label = way_of(summary)
+    places, label = _way_of(summary)
     units = list(dict.fromkeys(quantity.unit for quantity in quantities))
     figure = new_figure(10.0, 0.4 + 3.6 * len(units))
     for number, unit in enumerate(units, start=1):
@@ -216,7 +216,7 @@ def _draw_curves(summary: SweepSummary, quantities: list[Quantity]) -> bytes:
     return encode_figure(figure)
 
 
-def way_of(summary: SweptAxes) -> tuple[FloatArray, str]:
+def _way_of(summary: SweptAxes) -> tuple[FloatArray, str]:
     """Return where poses are along a sweep ``(n,)``, and what to write below: the axis that moves,
     or the number of the pose.
     """

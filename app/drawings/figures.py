@@ -66,7 +66,7 @@ def draw_budget(
     for number, (name, share) in enumerate(rows):
         places = {"line": number * BAR_STEP + 12, "bar": number * BAR_STEP + 16, "width": BAR_WIDTH}
         words = {
-            "name": shorten(name),
+            "name": _shorten(name),
             "value": repr(share),
             "text": percent(share),
             "color": colors.get(name, JOINT_COLOR),
@@ -95,7 +95,7 @@ def draw_frequencies(modal: Sequence[ModesSummary], identity: str) -> Markup:
         base = y + STICK_HEIGHT - 16
         parts.append(
             Markup('<text x="0" y="{}" font-size="13" fill="currentColor">{}</text>').format(
-                base - 4, shorten(modes["pose_name"], 18)
+                base - 4, _shorten(modes["pose_name"], 18)
             )
         )
         parts.append(svg.line(STICK_LEFT, base, STICK_WIDTH - 20, base, opacity=0.3))
@@ -128,7 +128,7 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f} %" if abs(share) < 0.9995 else f"{100 * share:.0f} %"
 
 
-def shorten(text: str, length: int = 38) -> str:
+def _shorten(text: str, length: int = 38) -> str:
     """A text that fits beside its number."""
     return text if len(text) <= length else f"{text[: length - 1]}…"
 
@@ -194,7 +194,7 @@ def _height(ratio: float) -> float:
     return TOP + (HEIGHT - TOP - BOTTOM) * math.log(MOST / shown) / math.log(MOST / LEAST)
 
 
-def map_values(found: GridSummary, name: str) -> FloatArray:
+def _map_values(found: GridSummary, name: str) -> FloatArray:
     """Values ``(n0, n1)`` of a quantity, of a volume ``(n0, n1, n2)``, NaN where there is none."""
     # None becomes NaN
     return np.array(found["quantities"][name], dtype=float)
@@ -232,7 +232,7 @@ def draw_map(
         title: Above it, before its range; by default what the quantity is called.
         stem: Of its ``id`` in the page; by default the quantity.
     """
-    whole = map_values(found, name)
+    whole = _map_values(found, name)
     values = whole if layer is None else whole[:, :, layer]
     known = whole[np.isfinite(whole)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)

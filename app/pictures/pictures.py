@@ -43,7 +43,7 @@ class Drawing:
 
 
 @dataclass(frozen=True, eq=False)
-class StoredImages:
+class _StoredImages:
     """PNG files as the store keeps them."""
 
     images: dict[str, NDArray[np.int64]]
@@ -59,7 +59,7 @@ def draw_machine(view: MachineView, store: Store) -> Drawing:
     if not view.skins or not view.poses:
         return Drawing({})
     key = _view_key(view)
-    kept = read_entry(store, key, StoredImages).value
+    kept = read_entry(store, key, _StoredImages).value
     if kept is not None:
         return Drawing(
             {name: image.astype(np.uint8).tobytes() for name, image in kept.images.items()}
@@ -69,7 +69,7 @@ def draw_machine(view: MachineView, store: Store) -> Drawing:
         write_entry(
             store,
             key,
-            StoredImages(
+            _StoredImages(
                 {name: np.frombuffer(data, dtype=np.uint8) for name, data in drawing.images.items()}
             ),
         )

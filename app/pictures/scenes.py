@@ -42,7 +42,7 @@ JOINT_SHARE, TOOL_SHARE = 0.006, 0.010
 def list_machine_pictures(view: MachineView) -> list[Picture]:
     """The machine at rest in each pose."""
     return [
-        rest_picture(f"machine_{file_stem(name)}", view, pose, MACHINE_SIZE)
+        _rest_picture(f"machine_{file_stem(name)}", view, pose, MACHINE_SIZE)
         for name, pose in view.poses.items()
     ]
 
@@ -63,7 +63,7 @@ def list_mode_pictures(summary: RunSummary, view: MachineView) -> list[Picture]:
     ]
 
 
-def rest_picture(name: str, view: MachineView, pose: PoseView, size: tuple[int, int]) -> Picture:
+def _rest_picture(name: str, view: MachineView, pose: PoseView, size: tuple[int, int]) -> Picture:
     """The machine at rest, coloured by component, with its joints and points.
 
     Args:

@@ -165,7 +165,7 @@ def encode_machine(view: MachineView, captions: Captions) -> EncodedMachine | No
     )
 
 
-def pose_shapes(pose: PoseView) -> dict[str, dict[str, ShiftArray]]:
+def _pose_shapes(pose: PoseView) -> dict[str, dict[str, ShiftArray]]:
     """Shape id to component to ``(n, 3)`` displacement."""
     shapes = {f"push:{name}": parts for name, parts in pose.pushes.items()}
     count = len(next(iter(pose.shifts.values()), ()))
@@ -213,7 +213,7 @@ def _find_shapes(
     drawn: Mapping[str, Skin],
     orders: Mapping[str, NDArray[np.int64]],
 ) -> Iterator[_Shape]:
-    known = pose_shapes(pose)
+    known = _pose_shapes(pose)
     places = {name: _place(skin, pose.placements[name]) for name, skin in drawn.items()}
     for caption in captions:
         if caption.shape not in known:
@@ -293,8 +293,8 @@ def _fit(shapes: Mapping[str, Sequence[_Shape]]) -> tuple[dict[str, list[_Shape]
 def _encode_skin(name: str, skin: Skin, color: str, blocks: list[bytes]) -> dict[str, JsonValue]:
     low = skin.points.min(axis=0)
     step = np.maximum(np.ptp(skin.points, axis=0), 1e-12) / 65535.0
-    blocks.append(pack_columns(np.round((skin.points - low) / step).astype(np.uint16)))
-    blocks += [pack_columns(corners.astype(np.uint32)) for corners in (skin.triangles, skin.edges)]
+    blocks.append(_pack_columns(np.round((skin.points - low) / step).astype(np.uint16)))
+    blocks += [_pack_columns(corners.astype(np.uint32)) for corners in (skin.triangles, skin.edges)]
     return {
         "name": name,
         "color": color,
@@ -308,7 +308,7 @@ def _encode_skin(name: str, skin: Skin, color: str, blocks: list[bytes]) -> dict
     }
 
 
-def pack_columns(values: NDArray[np.integer]) -> bytes:
+def _pack_columns(values: NDArray[np.integer]) -> bytes:
     """Columns of whole numbers one after the other, as differences from the number before, which
     wrap round.
 
@@ -337,13 +337,13 @@ def _encode_pose(
     kind, scale = (np.int16, 32767) if width == 2 else (np.int8, 127)
     for shape in offered:
         blocks += [
-            pack_columns(np.round(part * scale).astype(kind))
+            _pack_columns(np.round(part * scale).astype(kind))
             for part in shape.parts
             if part.ndim == 2
         ]
         # square roots, so that what holds a hundredth of the largest density is still distinguished
         blocks += [
-            pack_columns(np.round(255.0 * np.sqrt(density))[:, None].astype(np.uint8))
+            _pack_columns(np.round(255.0 * np.sqrt(density))[:, None].astype(np.uint8))
             for density in shape.energies
             if density is not None
         ]

@@ -26,7 +26,7 @@ UNBROKEN_SPACE = "\ue000"
 BEFORE_PERCENT = re.compile(r"(?<=\d) (?=%)")
 
 
-class Screen(Console):
+class _Screen(Console):
     """A console that keeps a number and its per cent sign in one line, and lets a command end as
     others do when the next one in a pipe closes it, without rich's own exit.
     """
@@ -62,7 +62,9 @@ def make_console(*, stderr: bool = False) -> Console:
     """A console that does not colour numbers, 100 columns wide where there is no terminal."""
     terminal = is_terminal(sys.stderr if stderr else sys.stdout)
     width = None if terminal or "COLUMNS" in os.environ else WIDTH_WITHOUT_TERMINAL
-    return Screen(stderr=stderr, highlight=False, width=width, emoji=False, force_terminal=terminal)
+    return _Screen(
+        stderr=stderr, highlight=False, width=width, emoji=False, force_terminal=terminal
+    )
 
 
 def print_remarks(remarks: Sequence[str]) -> None:

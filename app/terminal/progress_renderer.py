@@ -19,7 +19,7 @@ WIDTH = 28
 CLEAR = "\r\x1b[K"
 
 
-def render_bar(label: str, elapsed: float, expected: float, columns: int) -> str:
+def _render_bar(label: str, elapsed: float, expected: float, columns: int) -> str:
     """One line for a terminal; the bar creeps on, never full, when a stage takes longer than was
     expected.
 
@@ -37,7 +37,7 @@ def render_bar(label: str, elapsed: float, expected: float, columns: int) -> str
     return text[: max(1, columns - 1)]
 
 
-def render_line(label: str, elapsed: float, expected: float) -> str:
+def _render_line(label: str, elapsed: float, expected: float) -> str:
     """One line for a log.
 
     Args:
@@ -73,10 +73,10 @@ class _Renderer:
             return
         self.due = now + self.next
         if self.kind == "lines":
-            write(render_line(self.label, now - self.begun, self.expected) + "\n")
+            write(_render_line(self.label, now - self.begun, self.expected) + "\n")
             return
         self.drawn = True
-        write(CLEAR + render_bar(self.label, now - self.begun, self.expected, _terminal_columns()))
+        write(CLEAR + _render_bar(self.label, now - self.begun, self.expected, _terminal_columns()))
 
     def end(self) -> None:
         """The stage ended: take the bar away."""

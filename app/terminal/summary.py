@@ -88,7 +88,7 @@ def print_summary(
     """
     console, run = make_console(), FinishedRun(summary)
     console.print()
-    print_table(console, "Components", tell_rows(COMPONENT_COLUMNS, summary["components"].items()))
+    print_table(console, "Components", _tell_rows(COMPONENT_COLUMNS, summary["components"].items()))
     for view in find_views(run):
         for part in view.terminal(run):
             _print_part(console, part)
@@ -103,14 +103,14 @@ def print_summary(
 
 def _print_part(console: Console, part: TerminalPart) -> None:
     if isinstance(part, Listing):
-        print_table(console, part.title, tell_rows(part.columns, part.rows))
+        print_table(console, part.title, _tell_rows(part.columns, part.rows))
     elif isinstance(part, Shares):
         _print_shares(console, part.label, part.shares)
     else:
         console.print(part, markup=False)
 
 
-def tell_rows[Row](columns: Sequence[Column[Row]], rows: Iterable[Row]) -> Table:
+def _tell_rows[Row](columns: Sequence[Column[Row]], rows: Iterable[Row]) -> Table:
     """A table on the screen, of the columns that it has there."""
     shown = [column for column in columns if column.screen]
     table, rows = make_table(*(column.screen for column in shown)), list(rows)

@@ -121,7 +121,7 @@ FACE_COLUMNS: tuple[Column[_FaceRow], ...] = (
 )
 
 
-def contour_words(found: ContourSummary) -> str | None:
+def _contour_words(found: ContourSummary) -> str | None:
     """Say how the profiles were measured; None where there is none."""
     if not found.get("milled_faces"):
         return None
@@ -161,7 +161,7 @@ def _limit_words(found: ContourSummary) -> str | None:
     return f"Chatter starts at a depth of cut of {depths}; {LOCKED_MOTORS}."
 
 
-def tabulate_profiles(face: MilledFaceSummary) -> list[PlainTable]:
+def _tabulate_profiles(face: MilledFaceSummary) -> list[PlainTable]:
     """Profile over the whole face in cells, and a short piece of it sample by sample."""
     profile, detail = face["profile"], face["detail"]
     return [
@@ -186,7 +186,7 @@ def tabulate_profiles(face: MilledFaceSummary) -> list[PlainTable]:
     ]
 
 
-def tabulate_contour(found: ContourSummary) -> PlainTable:
+def _tabulate_contour(found: ContourSummary) -> PlainTable:
     """Gap, forces, torques and what probes see over time."""
     series, drives = found["series"], found["drives"]
     headings = [
@@ -224,10 +224,10 @@ def tabulate_contour(found: ContourSummary) -> PlainTable:
 
 def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
     contour = run.summary["contouring"]
-    yield tabulate_contour(contour)
+    yield _tabulate_contour(contour)
     yield from (listing.tabulate() for listing in _list_listings(run))
     for face in contour.get("milled_faces", []):
-        yield from tabulate_profiles(face)
+        yield from _tabulate_profiles(face)
 
 
 def _list_listings(run: FinishedRun) -> Iterator[Listing[Any]]:
@@ -243,7 +243,7 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
     contour = run.summary["contouring"]
     faces, *probes = _list_listings(run)
     yield faces
-    for words in (contour_words(contour), _contour_error_words(contour), _limit_words(contour)):
+    for words in (_contour_words(contour), _contour_error_words(contour), _limit_words(contour)):
         if words:
             yield f"  {words}"
             yield ""
@@ -269,7 +269,7 @@ VIEW = View(
             "draw_contour": draw_contour,
             "draw_milled_faces": draw_milled_faces,
             "list_faces": _list_faces,
-            "contour_words": contour_words,
+            "contour_words": _contour_words,
             "contour_error_words": _contour_error_words,
             "largest": _find_largest,
         },

@@ -122,7 +122,7 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
         yield ""
 
 
-def describe_position(modes: ModesSummary) -> str:
+def _describe_position(modes: ModesSummary) -> str:
     """Describe where the axes are in the pose of some modes: ``Y = 30 mm``."""
     units = modes["pose_units"]
     return ", ".join(
@@ -187,7 +187,7 @@ def _list_modes(modes: ModesSummary) -> Listing[ModeRow]:
     columns.append(Column(lambda row: row.name, screen="mode"))
     if any(len(row.energy_share) > 1 for row in rows):
         columns.append(Column(_show_parts, screen="strain energy in"))
-    positions = describe_position(modes)
+    positions = _describe_position(modes)
     pose = modes["pose_name"] + (f" ({positions})" if positions else "")
     return Listing(f"Natural modes in pose {pose}", columns, rows)
 

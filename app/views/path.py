@@ -182,12 +182,12 @@ def _path_error_words(path: PathSummary) -> list[str]:
     return words
 
 
-def path_stem(feed: str) -> str:
+def _path_stem(feed: str) -> str:
     """Name of the files of a feed such as ``3000 mm/min``: ``path_3000``."""
     return f"path_{feed.partition(' ')[0]}".replace(".", "_").replace("+", "")
 
 
-def tabulate_path(curves: PathCurves) -> PlainTable:
+def _tabulate_path(curves: PathCurves) -> PlainTable:
     """Tabulate a row per sample: time, set point, the deviation of every output with its parts, and what drives
     under control do.
     """
@@ -205,12 +205,12 @@ def tabulate_path(curves: PathCurves) -> PlainTable:
             columns.append((f"{words} {where}", factor * getattr(found, part)[:, number]))
         frozen = factor * curves.frozen[:, number]
         columns.append((f"deviation in the pose of the middle {where}", frozen))
-    return tabulate_curves(path_stem(curves.name), [*columns, *list_motion_columns(curves)])
+    return tabulate_curves(_path_stem(curves.name), [*columns, *list_motion_columns(curves)])
 
 
 def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
     for feed in run.summary["path"]["feeds"]:
-        yield from tabulate_forces(feed, path_stem(feed["name"]), "probes")
+        yield from tabulate_forces(feed, _path_stem(feed["name"]), "probes")
 
 
 def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
@@ -241,7 +241,7 @@ def _write_section(run: FinishedRun) -> Section | None:
     paths = _list_curves(run)
     names = {
         "paths": paths,
-        "path_stems": [path_stem(feed.name) for feed in paths],
+        "path_stems": [_path_stem(feed.name) for feed in paths],
         "columns": {
             "zones": ZONE_COLUMNS,
             "cruises": CRUISE_COLUMNS,
@@ -261,7 +261,7 @@ def _write_section(run: FinishedRun) -> Section | None:
 
 VIEW = View(
     tables=_list_tables,
-    long_tables=lambda run: map(tabulate_path, _list_curves(run)),
+    long_tables=lambda run: map(_tabulate_path, _list_curves(run)),
     terminal=_list_parts,
     section=_write_section,
 )

@@ -82,7 +82,7 @@ def _transient_stem(curves: TransientCurves) -> str:
     return f"transient_{file_stem(curves.pose)}"
 
 
-def tabulate_transient(curves: TransientCurves) -> PlainTable:
+def _tabulate_transient(curves: TransientCurves) -> PlainTable:
     """Tabulate a row per sample: time, every load, the displacement of every output, stress and displacement at probes, and what
     drives under control do.
     """
@@ -139,7 +139,7 @@ def _write_section(run: FinishedRun) -> Section | None:
 
 VIEW = View(
     tables=_list_tables,
-    long_tables=lambda run: map(tabulate_transient, _list_curves(run)),
+    long_tables=lambda run: map(_tabulate_transient, _list_curves(run)),
     terminal=_list_parts,
     section=_write_section,
 )

@@ -28,7 +28,7 @@ from headstock.pipeline.answers.volumetric import (
 from headstock.pipeline.results.mode_files import file_stem
 
 
-def tabulate_map(stem: str, found: GridSummary) -> PlainTable:
+def _tabulate_map(stem: str, found: GridSummary) -> PlainTable:
     """Tabulate a row per pose with every quantity."""
     names = list(found["quantities"])
     flat = [_flatten(found["quantities"][name]) for name in names]
@@ -46,7 +46,7 @@ def _flatten(values: Grid) -> list[float | None]:
 
 
 MAP_VIEW = View(
-    tables=lambda run: [tabulate_map("map", run.summary["map"])],
+    tables=lambda run: [_tabulate_map("map", run.summary["map"])],
     section=Section(
         "map",
         "Workspace map",
@@ -174,7 +174,7 @@ def _volumetric_words(found: VolumetricSummary) -> list[str]:
 def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
     for point, volume in run.summary["volumetric"].items():
         stem = file_stem(point)
-        yield tabulate_map(f"volumetric_{stem}", volume)
+        yield _tabulate_map(f"volumetric_{stem}", volume)
         yield tabulate(f"error_motions_{stem}", LINE_COLUMNS, _list_lines(volume))
         yield tabulate_budget(f"volumetric_budget_{stem}", volume["budget"])
 

@@ -37,7 +37,7 @@ class Wave:
     phase: float = 0.0
 
 
-class ProfileIntegrals(NamedTuple):
+class _ProfileIntegrals(NamedTuple):
     """A profile and its first and second antiderivative at positions ``(n,)``."""
 
     values: FloatArray
@@ -70,7 +70,7 @@ class ErrorProfile:
         """
         return self.integrate(places).values
 
-    def integrate(self, places: FloatArray) -> ProfileIntegrals:
+    def integrate(self, places: FloatArray) -> _ProfileIntegrals:
         """Return the values and antiderivatives at positions ``(n,)``.
 
         Raises:
@@ -81,12 +81,12 @@ class ErrorProfile:
         parts += [_integrate_wave(wave, places) for wave in self.waves]
         if len(self.positions):
             parts.append(self._integrate_table(places))
-        return ProfileIntegrals(*(np.sum(each, axis=0) for each in zip(*parts, strict=True)))
+        return _ProfileIntegrals(*(np.sum(each, axis=0) for each in zip(*parts, strict=True)))
 
-    def _integrate_polynomial(self, places: FloatArray) -> ProfileIntegrals:
+    def _integrate_polynomial(self, places: FloatArray) -> _ProfileIntegrals:
         falling = self.coefficients[::-1] if len(self.coefficients) else np.zeros(1)
         arms = places / self.scale
-        return ProfileIntegrals(
+        return _ProfileIntegrals(
             np.polyval(falling, arms),
             self.scale * np.polyval(np.polyint(falling), arms),
             self.scale**2 * np.polyval(np.polyint(falling, 2), arms),
@@ -103,7 +103,7 @@ class ErrorProfile:
         gained = steps * first[:-1] + steps**2 * (self.values[:-1] / 3.0 + self.values[1:] / 6.0)
         return first, np.concatenate([[0.0], np.cumsum(gained)])
 
-    def _integrate_table(self, places: FloatArray) -> ProfileIntegrals:
+    def _integrate_table(self, places: FloatArray) -> _ProfileIntegrals:
         low, high = float(self.positions[0]), float(self.positions[-1])
         slack = SLACK * (high - low)
         outside = places[(places < low - slack) | (places > high + slack)]
@@ -117,7 +117,7 @@ class ErrorProfile:
         first, second = self._table_integrals
         slope = np.diff(self.values) / np.diff(self.positions)
         arm, start = places - self.positions[step], self.values[step]
-        return ProfileIntegrals(
+        return _ProfileIntegrals(
             start + slope[step] * arm,
             first[step] + start * arm + slope[step] * arm**2 / 2.0,
             np.asarray(
@@ -126,18 +126,18 @@ class ErrorProfile:
         )
 
 
-def _integrate_wave(wave: Wave, places: FloatArray) -> ProfileIntegrals:
+def _integrate_wave(wave: Wave, places: FloatArray) -> _ProfileIntegrals:
     number = 2.0 * math.pi / wave.period
     angle = number * places + wave.phase
     value = wave.amplitude * np.sin(angle)
-    return ProfileIntegrals(
+    return _ProfileIntegrals(
         np.asarray(value),
         np.asarray(-wave.amplitude / number * np.cos(angle)),
         np.asarray(-value / number**2),
     )
 
 
-class AveragedProfile(NamedTuple):
+class _AveragedProfile(NamedTuple):
     """Profile averaged over a carriage at places ``(n,)``: its mean and the slope of the line that
     fits it best.
     """
@@ -146,7 +146,7 @@ class AveragedProfile(NamedTuple):
     slope: FloatArray
 
 
-def average_profile(profile: ErrorProfile, places: FloatArray, length: float) -> AveragedProfile:
+def average_profile(profile: ErrorProfile, places: FloatArray, length: float) -> _AveragedProfile:
     """Return the straight line through a profile under a carriage, by least squares over its
     length.
 
@@ -161,7 +161,7 @@ def average_profile(profile: ErrorProfile, places: FloatArray, length: float) ->
     """
     places = np.asarray(places, dtype=float)
     if length == 0.0:
-        return AveragedProfile(profile.sample(places), np.zeros_like(places))
+        return _AveragedProfile(profile.sample(places), np.zeros_like(places))
     after, before = (
         profile.integrate(places + 0.5 * length),
         profile.integrate(places - 0.5 * length),
@@ -169,7 +169,7 @@ def average_profile(profile: ErrorProfile, places: FloatArray, length: float) ->
     mean = (after.first - before.first) / length
     # integral of t e(s + t) over the carriage, by parts
     moment = 0.5 * length * (after.first + before.first) - (after.second - before.second)
-    return AveragedProfile(np.asarray(mean), np.asarray(12.0 / length**3 * moment))
+    return _AveragedProfile(np.asarray(mean), np.asarray(12.0 / length**3 * moment))
 
 
 @dataclass(frozen=True, eq=False)

@@ -255,7 +255,7 @@ def _is_closed(placement: Placement, residual: FloatArray) -> BoolArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Mobility:
+class _Mobility:
     """Free and fixed motions of a mechanism in a pose.
 
     Attributes:
@@ -277,7 +277,7 @@ class Mobility:
         return self.closures - self.rank
 
 
-def find_mobility(mechanism: Mechanism, state: FloatArray) -> Mobility:
+def find_mobility(mechanism: Mechanism, state: FloatArray) -> _Mobility:
     """Find the rank of the closures and what they leave free, at one closed state ``(n,)``."""
     jacobian = evaluate_kinematics(mechanism, state).closure_jacobian
     rigid = jacobian[:, : mechanism.compliant_slice.start]
@@ -285,7 +285,7 @@ def find_mobility(mechanism: Mechanism, state: FloatArray) -> Mobility:
     rank = int((sizes > RANK_TOLERANCE * sizes.max(initial=1.0)).sum())
     passive = jacobian[:, mechanism.passive_slice]
     condition = float(np.linalg.cond(passive)) if passive.shape[0] == passive.shape[1] else np.inf
-    return Mobility(rigid.shape[1] - rank, rank, len(jacobian), condition)
+    return _Mobility(rigid.shape[1] - rank, rank, len(jacobian), condition)
 
 
 def _closure_jacobian(

@@ -77,7 +77,7 @@ def closed_form_properties(component: Component) -> SolidProperties | None:
     elif isinstance(solid, Box | Plate) or (
         isinstance(solid, HollowColumn) and solid.core_hole == 0.0
     ):
-        whole = box_sum_properties(planar_boxes(solid))
+        whole = _box_sum_properties(planar_boxes(solid))
     else:
         return None
     areas = {}
@@ -141,7 +141,7 @@ def solid_volume(solid: PlanarSolid | Tube) -> float:
     )
 
 
-def box_sum_properties(boxes: list[SignedBox]) -> VolumeMoments:
+def _box_sum_properties(boxes: list[SignedBox]) -> VolumeMoments:
     """Return the properties of a signed sum of boxes."""
     signs = np.array([sign for sign, _, _ in boxes])
     low = np.array([low for _, low, _ in boxes])

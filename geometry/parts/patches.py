@@ -80,7 +80,7 @@ def in_plane_axes(axis: int) -> tuple[int, int]:
     return first, second
 
 
-def rib_spans(count: int, thickness: float, low: float, high: float) -> list[Span]:
+def _rib_spans(count: int, thickness: float, low: float, high: float) -> list[Span]:
     """Return the lower and upper side of ``count`` ribs that leave equal clear gaps between ``low``
     and ``high`` [m].
 
@@ -94,15 +94,15 @@ def rib_spans(count: int, thickness: float, low: float, high: float) -> list[Spa
     return [(start, start + thickness) for start in starts]
 
 
-def clear_spans(count: int, thickness: float, low: float, high: float) -> list[Span]:
-    """Return the clear gaps that ``rib_spans`` leaves [m].
+def _clear_spans(count: int, thickness: float, low: float, high: float) -> list[Span]:
+    """Return the clear gaps that ``_rib_spans`` leaves [m].
 
     Args:
         thickness: Of each [m].
         low: Where the first gap begins [m].
         high: Where the last gap ends [m].
     """
-    ribs = rib_spans(count, thickness, low, high)
+    ribs = _rib_spans(count, thickness, low, high)
     edges = [low, *(edge for rib in ribs for edge in rib), high]
     return list(zip(edges[::2], edges[1::2], strict=True))
 
@@ -111,9 +111,9 @@ def column_cells(column: HollowColumn) -> tuple[list[Span], list[Span], list[Spa
     """Clear spans of a column's cells along x, y and z [m]."""
     x, y, z = (float(s) for s in column.size)
     return (
-        clear_spans(column.ribs_x, column.rib, -x / 2 + column.wall, x / 2 - column.wall),
-        clear_spans(column.ribs_y, column.rib, -y / 2 + column.wall, y / 2 - column.wall),
-        clear_spans(column.ribs_z, column.rib, column.cap, z - column.cap),
+        _clear_spans(column.ribs_x, column.rib, -x / 2 + column.wall, x / 2 - column.wall),
+        _clear_spans(column.ribs_y, column.rib, -y / 2 + column.wall, y / 2 - column.wall),
+        _clear_spans(column.ribs_z, column.rib, column.cap, z - column.cap),
     )
 
 
@@ -133,8 +133,8 @@ def planar_boxes(solid: PlanarSolid) -> list[SignedBox]:
         ]
     if isinstance(solid, Plate) and solid.rib_height > 0.0:
         top = z + solid.rib_height
-        along_x = rib_spans(solid.ribs_x, solid.rib_thickness, -y / 2, y / 2)
-        along_y = rib_spans(solid.ribs_y, solid.rib_thickness, -x / 2, x / 2)
+        along_x = _rib_spans(solid.ribs_x, solid.rib_thickness, -y / 2, y / 2)
+        along_y = _rib_spans(solid.ribs_y, solid.rib_thickness, -x / 2, x / 2)
         ribs = [
             (1.0, np.array([-x / 2, low, z]), np.array([x / 2, high, top])) for low, high in along_x
         ]

@@ -167,12 +167,12 @@ def _mill(
     return _Milled(
         evaluate_contour(request, run, stability=stability, milled=milled),
         run.times,
-        (*explain_gaps(run), *reasons),
+        (*_explain_gaps(run), *reasons),
         run.course if isinstance(run, CoupledRun) else None,
     )
 
 
-def explain_gaps(run: ContourRun) -> list[str]:
+def _explain_gaps(run: ContourRun) -> list[str]:
     """Explain why faces that were reached have no gap."""
     return [
         f"face {number} has no gap: its cut lasts {1e3 * (cut.ends - cut.begins):.3g} ms, and {1e3 * SETTLING:g} ms at each end are left out;"

@@ -210,7 +210,7 @@ def run_transient_stage(state: RunState, stage: Stage) -> Outcome:
         return Outcome()
     model = pose_model(state)
     try:
-        solved = respond_in_time(model)
+        solved = _respond_in_time(model)
     except (ModelError, UnstableControlError, ConvergenceError) as error:
         return Outcome(
             detail="refused: see below",
@@ -337,7 +337,7 @@ class _LoadedMachine:
         return _Others(known, doubtful, tuple(left_out))
 
 
-def respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[TransientAnswer]:
+def _respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[TransientAnswer]:
     """Motion of a machine in a pose under loads over time, with the damping of its scene.
 
     Args:

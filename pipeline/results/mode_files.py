@@ -69,7 +69,7 @@ def write_mode_files(folder: Path, modal: Sequence[ModesSummary], view: MachineV
         if modes is not None:
             count = len(modes["frequencies_hz"])
             contents |= {
-                f"{stem}_{below + index + 1:02d}.glb": encode_glb(view, pose, modes, index)
+                f"{stem}_{below + index + 1:02d}.glb": _encode_glb(view, pose, modes, index)
                 for index in range(count)
             }
     return replace_outputs(folder, MODES_FOLDER, with_collection(contents))
@@ -103,7 +103,7 @@ def largest_shift(shifts: Sequence[AnyArray]) -> float:
     )
 
 
-def encode_glb(view: MachineView, pose: PoseView, modes: ModesSummary, index: int) -> bytes:
+def _encode_glb(view: MachineView, pose: PoseView, modes: ModesSummary, index: int) -> bytes:
     """One mode as an animated model: each body a mesh with its displacement as morph target, its
     weight swinging as a sine.
 

@@ -177,7 +177,7 @@ def shift_skins(
     for name, skin in skins.items():
         superelement, placement = coupled.layout.superelements[name], coupled.placements[name]
         own = turn_dofs(superelement, placement) @ stacked[coupled.offsets[name]]
-        moved = skin_recovery(superelement, skin) @ own
+        moved = _skin_recovery(superelement, skin) @ own
         shifts = moved.T.reshape(stacked.shape[1], len(moved) // 3, 3) @ placement.rotation.T
         found[name] = shifts.astype(np.float32)
     return found
@@ -231,7 +231,7 @@ def surface_energy_density(
     )
 
 
-def skin_recovery(superelement: Superelement, skin: Skin) -> FloatArray:
+def _skin_recovery(superelement: Superelement, skin: Skin) -> FloatArray:
     """Displacement ``(3 n, dofs)`` of the skin's points per unit dof: recovered on the mesh, else
     carried by the near nodes.
 

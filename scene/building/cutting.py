@@ -43,7 +43,7 @@ THIN, THICK = 1e-6, 2e-3  # feed per tooth [m]
 CUTTING_FORCE = "cutting_force"
 
 
-class CutTable(Protocol):
+class _CutTable(Protocol):
     """The table of what cuts: depth of cut across the tool [m], and the side of the part if it is
     written.
     """
@@ -58,7 +58,7 @@ class CutTable(Protocol):
         """Name of the work material."""
 
 
-class MilledTable(CutTable, Protocol):
+class _MilledTable(_CutTable, Protocol):
     """The table of a cut at one speed of the spindle [rad/s], with its depth along the tool [m]."""
 
     spindle: float
@@ -66,7 +66,7 @@ class MilledTable(CutTable, Protocol):
 
 
 @dataclass(frozen=True)
-class Chips:
+class _Chips:
     """How thick chips are.
 
     Attributes:
@@ -80,7 +80,7 @@ class Chips:
     how: str
 
 
-USUAL_CHIPS = Chips(1e-4, 0.5, "assumed, as no feed per tooth is known")
+USUAL_CHIPS = _Chips(1e-4, 0.5, "assumed, as no feed per tooth is known")
 
 
 def build_mill(table: MillTable) -> EndMill:
@@ -88,7 +88,7 @@ def build_mill(table: MillTable) -> EndMill:
     return table.fill(EndMill)
 
 
-def part_side(table: CutTable) -> Side:
+def part_side(table: _CutTable) -> Side:
     """Return where the part lies: as written, or where a clockwise tool mills in this sense."""
     return table.part_side or clockwise_side(table.sense)
 
@@ -107,7 +107,7 @@ def build_tool_mode(table: ToolModeTable, up: tuple[float, float, float]) -> Too
     return ToolMode(table.name, table.frequency, table.damping, table.stiffness, directions)
 
 
-def build_cut(scene: SceneTable, table: MilledTable, feeds: Sequence[float]) -> MillingCut:
+def build_cut(scene: SceneTable, table: _MilledTable, feeds: Sequence[float]) -> MillingCut:
     """Tool, material and engagement of a path or a contour; without a material (forces are measured,
     or there are none) coefficients are zero.
 
@@ -127,13 +127,13 @@ def build_cut(scene: SceneTable, table: MilledTable, feeds: Sequence[float]) -> 
     )
 
 
-def tooth_period(table: MilledTable) -> float:
+def tooth_period(table: _MilledTable) -> float:
     """Return the time between two teeth [s]."""
     return 2.0 * math.pi / (table.spindle * table.mill.teeth)
 
 
 def resolve_material(
-    scene: SceneTable, name: str, table: CutTable, feeds: Sequence[float]
+    scene: SceneTable, name: str, table: _CutTable, feeds: Sequence[float]
 ) -> CuttingCoefficients:
     """The coefficients of a material in a cut: of the scene, else of the catalogue.
 
@@ -147,7 +147,7 @@ def resolve_material(
     return _fill_in(written, name, source, _find_chips(table, feeds))
 
 
-def catalogue_coefficients(name: str, chips: Chips | None = None) -> CuttingCoefficients:
+def catalogue_coefficients(name: str, chips: _Chips | None = None) -> CuttingCoefficients:
     """The coefficients of a material of the catalogue.
 
     Args:
@@ -157,7 +157,7 @@ def catalogue_coefficients(name: str, chips: Chips | None = None) -> CuttingCoef
     return _fill_in(material.table, name, material.source, chips or USUAL_CHIPS)
 
 
-def _fill_in(table: CuttingTable, name: str, source: str, chips: Chips) -> CuttingCoefficients:
+def _fill_in(table: CuttingTable, name: str, source: str, chips: _Chips) -> CuttingCoefficients:
     """With typical ratios and the thickness of chips where these are left out."""
     values = table.values
     ranges: dict[str, float] = {str(key): share for key, share in table.ranges.items()}
@@ -170,14 +170,14 @@ def _fill_in(table: CuttingTable, name: str, source: str, chips: Chips) -> Cutti
     return build_coefficients(values, ranges, name=name, source=source, thickness_from=how)
 
 
-def _find_chips(table: CutTable, feeds: Sequence[float]) -> Chips:
+def _find_chips(table: _CutTable, feeds: Sequence[float]) -> _Chips:
     """Mean thickness of the chips of a cut; of several feeds in the middle of them."""
     if not feeds:
         return USUAL_CHIPS
     low, high = min(feeds), max(feeds)
     feed, immersion = 0.5 * (low + high), table.radial_depth / table.mill.diameter
     feeds_mm = f"{1e3 * feed:.3g}" if low == high else f"{1e3 * low:.3g} to {1e3 * high:.3g}"
-    return Chips(
+    return _Chips(
         mean_chip_thickness(feed, min(immersion, 1.0)),
         (high - low) / (high + low),
         f"mean of a chip at {feeds_mm} mm per tooth and {100.0 * immersion:.3g} % immersion",
@@ -206,7 +206,7 @@ def check_cutting(draft: Draft) -> None:
 
 def check_cutter(
     key: KeyPath,
-    table: CutTable,
+    table: _CutTable,
     feeds: Sequence[float],
     draft: Draft,
     *,

@@ -43,7 +43,7 @@ _DIMENSIONS = {
 
 
 @dataclass(frozen=True)
-class JointKindRule:
+class _JointKindRule:
     """One kind of joint.
 
     Attributes:
@@ -65,32 +65,32 @@ class JointKindRule:
 _DOFS: dict[str, tuple[int, ...]] = {name: (index,) for index, name in enumerate(DOF_NAMES)}
 
 
-def _ideal(*free: str, needs_axis: bool = True, needs_normal: bool = False) -> JointKindRule:
+def _ideal(*free: str, needs_axis: bool = True, needs_normal: bool = False) -> _JointKindRule:
     keys = {name: _DOFS[name] for name in free}
     fixed = tuple(index for index, name in enumerate(DOF_NAMES) if name not in free)
-    return JointKindRule(keys, fixed=fixed, needs_axis=needs_axis, needs_normal=needs_normal)
+    return _JointKindRule(keys, fixed=fixed, needs_axis=needs_axis, needs_normal=needs_normal)
 
 
-KINDS: dict[str, JointKindRule] = {
+KINDS: dict[str, _JointKindRule] = {
     "rigid": _ideal(needs_axis=False),
-    "spring": JointKindRule(_DOFS),
-    "linear_guide": JointKindRule(
+    "spring": _JointKindRule(_DOFS),
+    "linear_guide": _JointKindRule(
         {"lateral": (1,), "normal": (2,), "roll": (3,), "pitch": (4,), "yaw": (5,)},
         ("lateral", "normal"),
         needs_axis=True,
     ),
-    "ball_screw": JointKindRule({"axial": (0,), "torsion": (3,)}, ("axial",), needs_axis=True),
-    "bearing": JointKindRule(
+    "ball_screw": _JointKindRule({"axial": (0,), "torsion": (3,)}, ("axial",), needs_axis=True),
+    "bearing": _JointKindRule(
         {"axial": (0,), "radial": (1, 2), "torsion": (3,), "tilt": (4, 5)},
         ("radial",),
         needs_axis=True,
     ),
-    "bolted": JointKindRule(
+    "bolted": _JointKindRule(
         {"shear": (0, 1), "normal": (2,), "tilt": (3, 4), "torsion": (5,)},
         ("normal", "shear"),
         axis_is="z",
     ),
-    "mount": JointKindRule(
+    "mount": _JointKindRule(
         {"horizontal": (0, 1), "vertical": (2,), "tilt": (3, 4), "torsion": (5,)},
         ("vertical", "horizontal"),
         axis_is="z",
@@ -207,7 +207,7 @@ def _direction_faults(table: JointTable) -> _Faults:
     if rule.needs_normal and table.normal is None:
         yield (), f'a {table.kind} needs its second axis; write normal = "z"'
     try:
-        joint_rotation(table)
+        _joint_rotation(table)
     except ValueError:
         yield ("normal",), "axis and normal are parallel; write two different directions"
 
@@ -281,7 +281,7 @@ def _value_faults(table: JointTable) -> _Faults:
                 yield (part, key), text
 
 
-def joint_rotation(table: JointTable) -> FloatArray:
+def _joint_rotation(table: JointTable) -> FloatArray:
     """Joint axes ``(3, 3)`` in the machine frame from the scene's ``axis`` and ``normal``.
 
     Raises:
@@ -325,7 +325,7 @@ def build_joint(name: str, table: JointTable) -> Joint:
         Joint,
         name=name,
         ends=(first, second),
-        rotation=joint_rotation(table),
+        rotation=_joint_rotation(table),
         fixed=tuple(sorted(fixed)),
         stiffness=stiffness,
         damping=damping,

@@ -247,7 +247,7 @@ def write_toml(table: TomlTable) -> str:
 def write_value(value: TomlValue) -> str:
     """A value as it stands behind ``=``, in one line."""
     if isinstance(value, dict):
-        inner = ", ".join(f"{write_key(key)} = {write_value(item)}" for key, item in value.items())
+        inner = ", ".join(f"{_write_key(key)} = {write_value(item)}" for key, item in value.items())
         return f"{{ {inner} }}" if inner else "{}"
     if isinstance(value, list):
         return f"[{', '.join(write_value(item) for item in value)}]"
@@ -261,7 +261,7 @@ def write_value(value: TomlValue) -> str:
     return repr(value)
 
 
-def write_key(key: str) -> str:
+def _write_key(key: str) -> str:
     """A key, in quotes where it needs them."""
     return key if _BARE_KEY.fullmatch(key) else json.dumps(key, ensure_ascii=False)
 
@@ -275,18 +275,18 @@ def _write_table(table: TomlTable, path: tuple[str, ...]) -> list[str]:
     lines = [_write_entry(key, value) for key, value in table.items() if key not in below]
     for key, value in below.items():
         inner = _write_table(value, (*path, key))
-        header = f"[{'.'.join(write_key(part) for part in (*path, key))}]"
+        header = f"[{'.'.join(_write_key(part) for part in (*path, key))}]"
         has_own = not value or (bool(inner) and not inner[0].startswith("\n"))
         lines += [f"\n{header}", *inner] if has_own else inner
     return lines
 
 
 def _fits(key: str, value: TomlValue) -> bool:
-    return len(write_key(key)) + 3 + len(write_value(value)) <= MOST_COLUMNS
+    return len(_write_key(key)) + 3 + len(write_value(value)) <= MOST_COLUMNS
 
 
 def _write_entry(key: str, value: TomlValue) -> str:
     if isinstance(value, list) and value and not _fits(key, value):
         items = "".join(f"    {write_value(item)},\n" for item in value)
-        return f"{write_key(key)} = [\n{items}]"
-    return f"{write_key(key)} = {write_value(value)}"
+        return f"{_write_key(key)} = [\n{items}]"
+    return f"{_write_key(key)} = {write_value(value)}"

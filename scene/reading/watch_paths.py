@@ -34,7 +34,7 @@ class WatchError(ValueError):
 
 
 @dataclass(frozen=True)
-class WatchPath:
+class _WatchPath:
     """A path into a summary: names, indices and slices in order; or a name of numbers.
 
     Attributes:
@@ -47,7 +47,7 @@ class WatchPath:
     names_numbers: bool = False
 
 
-def parse_watch(text: str) -> WatchPath:
+def parse_watch(text: str) -> _WatchPath:
     """Read a path, or a name of numbers.
 
     Args:
@@ -59,7 +59,7 @@ def parse_watch(text: str) -> WatchPath:
     """
     roots = (*RESULT_NAMES, *MEASURED_NAMES)
     if _NUMBER.fullmatch(text) and text not in roots:
-        return WatchPath(text, (text,), names_numbers=True)
+        return _WatchPath(text, (text,), names_numbers=True)
     steps: list[Step] = []
     position = 0
     while position < len(text):
@@ -81,10 +81,10 @@ def parse_watch(text: str) -> WatchPath:
         position = match.end()
     if not steps or steps[0] not in roots:
         raise WatchError(f"{text[:80]!r} is no result; results begin with {', '.join(roots)}")
-    return WatchPath(text, tuple(steps))
+    return _WatchPath(text, tuple(steps))
 
 
-def read_watch(path: WatchPath, summary: Mapping[str, object]) -> dict[str, Watched]:
+def read_watch(path: _WatchPath, summary: Mapping[str, object]) -> dict[str, Watched]:
     """Values at the end of a path, each under the path that leads to it alone.
 
     A key of results that has changed its name is found by the old one too, and labelled with the

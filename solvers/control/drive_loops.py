@@ -85,7 +85,7 @@ def stack_blocks(blocks: Sequence[LinearBlock]) -> LinearBlock:
     )
 
 
-def make_dead_time(dead_time: float) -> LinearBlock:
+def _make_dead_time(dead_time: float) -> LinearBlock:
     """``exp(-s T)`` by the Pade approximation of order six: gain exactly one, phase within 1e-4 rad
     up to ``s T = 1.5 pi i``.
 
@@ -273,7 +273,7 @@ def make_controller(control: AxisControl) -> LinearBlock:
         block = LinearBlock(
             np.zeros((1, 1)), kp / control.integral_time * error, np.ones((1, 1)), direct
         )
-    block = _connect_in_series(block, make_dead_time(control.dead_time))
+    block = _connect_in_series(block, _make_dead_time(control.dead_time))
     if control.current_lag > 0.0:
         rate = 1.0 / control.current_lag
         lag = LinearBlock(

@@ -177,7 +177,7 @@ def scale_position_gain(control: AxisControl, scale: float) -> AxisControl:
     return dataclasses.replace(control, position_gain=scale * control.position_gain)
 
 
-def scale_velocity_gain(control: AxisControl, scale: float) -> AxisControl:
+def _scale_velocity_gain(control: AxisControl, scale: float) -> AxisControl:
     """The controller with another velocity gain, and position control that hardly acts: its
     velocity loop by itself.
     """
@@ -192,7 +192,7 @@ def _advise(system: SecondOrderSystem, trains: tuple[DriveTrain, ...], train: Dr
     scale = find_largest_gain(system, trains, train.name, scale_position_gain)
     if scale is not None:
         return f"the largest stable kv found is {scale * gains.position_gain:.4g} 1/s, and {gains.position_gain:.4g} 1/s is asked for"
-    scale = find_largest_gain(system, trains, train.name, scale_velocity_gain)
+    scale = find_largest_gain(system, trains, train.name, _scale_velocity_gain)
     if scale is not None:
         return (
             f"its velocity loop is so by itself: the largest stable velocity_gain found is {scale * gains.velocity_gain:.4g} N s/m along the axis, and "

@@ -217,7 +217,7 @@ class _Outer:
     coupling: NDArray[np.float32]
 
 
-def find_poles_within(
+def _find_poles_within(
     eigenvalues: FloatArray, viscous: FloatArray, radius: float, *, tolerance: float
 ) -> _CirclePoles | None:
     """Find every pole of at most a size, none left out.
@@ -311,7 +311,7 @@ def find_lowest_poles(
     radius = BEYOND * float(np.sqrt(eigenvalues[min(wanted, len(eigenvalues)) - 1]))
     if not radius > 0.0:
         return None
-    circle = find_poles_within(eigenvalues, viscous, radius, tolerance=tolerance)
+    circle = _find_poles_within(eigenvalues, viscous, radius, tolerance=tolerance)
     if circle is None:
         return None
     mostly_wanted = (np.abs(circle.beyond_shapes[:wanted]) ** 2).sum(axis=0) > 0.5

@@ -341,7 +341,7 @@ def _eigenpairs(matrix: ComplexArray | FloatArray) -> tuple[ComplexArray, Comple
     return np.asarray(values, dtype=np.complex128), np.asarray(vectors, dtype=np.complex128)
 
 
-def find_poles(system: SecondOrderSystem) -> ComplexArray:
+def _find_poles(system: SecondOrderSystem) -> ComplexArray:
     """Find all finite poles ``(p,)`` [rad/s], rising in size; conjugate pairs stand twice.
 
     Structural damping is taken as it acts at positive frequencies, so that with it only poles above
@@ -400,7 +400,7 @@ class DirectResponse:
 
     def poles(self) -> ComplexArray:
         """Return the poles at positive frequencies, and real ones [rad/s]."""
-        all_poles = find_poles(self.system)
+        all_poles = _find_poles(self.system)
         return np.asarray(all_poles[all_poles.imag >= 0.0])
 
     def displacements(self, omega: float) -> ComplexArray:

@@ -35,7 +35,7 @@ class TimeResponse:
 
 
 @dataclass(frozen=True, eq=False)
-class Propagator:
+class _Propagator:
     """One step: ``x_new = Phi x + start u + end u_new``.
 
     Attributes:
@@ -136,7 +136,7 @@ def add_direct(outputs: FloatArray, loads: FloatArray, direct: FloatArray) -> No
         outputs[part] += loads[part] @ direct.T
 
 
-def make_propagator(space: StateSpace, step: float) -> Propagator:
+def make_propagator(space: StateSpace, step: float) -> _Propagator:
     """Return the exact step of a system.
 
     Raises:
@@ -150,7 +150,7 @@ def make_propagator(space: StateSpace, step: float) -> Propagator:
         raise ModelError(f"the time step is {step:g} s; it must be above zero")
     if space.pairs is None:
         transition, level, rise = exact_step(space.a, np.eye(len(space.a)), step)
-        return Propagator(transition, (level - rise) @ space.b, rise @ space.b, step)
+        return _Propagator(transition, (level - rise) @ space.b, rise @ space.b, step)
     transition, total, rising = _pair_integrals(space.pairs, step)
     count = len(transition)
     force = space.b.reshape(count, 2, space.b.shape[1])
@@ -158,7 +158,7 @@ def make_propagator(space: StateSpace, step: float) -> Propagator:
         np.einsum("mij,mjk->mik", part, force).reshape(space.b.shape)
         for part in (total - rising, rising)
     )
-    return Propagator(transition, start, end, step)
+    return _Propagator(transition, start, end, step)
 
 
 def sine_gains(space: StateSpace, step: float, omega: float) -> tuple[FloatArray, FloatArray]:

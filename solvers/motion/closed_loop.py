@@ -326,7 +326,7 @@ class VaryingLoop:
 
 
 @dataclass(frozen=True, eq=False)
-class LoopTable:
+class _LoopTable:
     """What a loop does along a path at steps of one size.
 
     Attributes:
@@ -371,7 +371,7 @@ def loop_channels(
     )
 
 
-def close_loops_along(loop: VaryingLoop, position: float) -> ClosedLoop:
+def _close_loops_along(loop: VaryingLoop, position: float) -> ClosedLoop:
     """The closed loop of deviations at a position [m]: its set points are those of each drive."""
     sample = loop.plant.at(position)
     plant = _plant_at(sample, loop.plant.scales)
@@ -395,14 +395,14 @@ def _deviation_trains(trains: Sequence[DriveTrain]) -> tuple[DriveTrain, ...]:
     )
 
 
-def make_loop_table(loop: VaryingLoop, size: float) -> LoopTable:
+def make_loop_table(loop: VaryingLoop, size: float) -> _LoopTable:
     """Exact steps of one size [s] of the closed loop along the path, and its outputs.
 
     Raises:
         AccuracyError: The greatest number of places does not suffice.
         ModelError: The machine floats, so that no acceleration can last.
     """
-    _require_mounted(close_loops_along(loop, 0.5 * float(loop.plant.positions[-1])))
+    _require_mounted(_close_loops_along(loop, 0.5 * float(loop.plant.positions[-1])))
     steps = tabulate_steps(
         functools.partial(_exact_step, loop), float(loop.plant.positions[-1]), size
     )
@@ -412,7 +412,7 @@ def make_loop_table(loop: VaryingLoop, size: float) -> LoopTable:
     for (space, b, direct), limit in zip(inputs, parting, strict=True):
         rows = space.c[loop.rows(space)]
         views.append((rows, direct, *_split_poles(space.a, b, rows, direct, float(limit))))
-    return LoopTable(
+    return _LoopTable(
         steps,
         *(
             CubicSpline(steps.spline.x, np.array([view[part] for view in views]))
@@ -422,7 +422,7 @@ def make_loop_table(loop: VaryingLoop, size: float) -> LoopTable:
 
 
 def solve_varying_control(
-    loop: VaryingLoop, move: SetPoint, samples: FloatArray, table: LoopTable | None = None
+    loop: VaryingLoop, move: SetPoint, samples: FloatArray, table: _LoopTable | None = None
 ) -> PathDeviation:
     """Deviation over a move, in the parts of ``solve_controlled_path``: exact steps in the pose at
     the middle of each.
@@ -452,7 +452,7 @@ def solve_varying_control(
 
 
 def solve_varying_friction(
-    loop: VaryingLoop, move: SetPoint, samples: FloatArray, table: LoopTable | None = None
+    loop: VaryingLoop, move: SetPoint, samples: FloatArray, table: _LoopTable | None = None
 ) -> tuple[PathDeviation, DrivenMotion]:
     """The same with friction in the guides; what friction does counts as dynamic.
 
@@ -464,7 +464,7 @@ def solve_varying_friction(
         table.steps.spline.x,
         functools.partial(_friction_at, loop),
         lambda times: sample_move(move, times).positions,
-        loop.rows(close_loops_along(loop, 0.0).space),
+        loop.rows(_close_loops_along(loop, 0.0).space),
     )
     motion = integrate_track(
         track,
@@ -490,7 +490,7 @@ def _friction_at(loop: VaryingLoop, position: float) -> FrictionLoop:
     given = loop.given
     guides = np.zeros((len(slides), len(given[loop.path])))
     guides[:, SET_POINTS.index("velocity")] = slides
-    return make_friction_loop(close_loops_along(loop, position), given, guides)
+    return make_friction_loop(_close_loops_along(loop, position), given, guides)
 
 
 def _plant_at(sample: SampledPlant, scales: FloatArray) -> StateSpace:
@@ -521,7 +521,7 @@ def _drive_inputs(loop: VaryingLoop, position: float) -> tuple[StateSpace, Float
     """Return the closed loop at a position, and its columns ``(n, 3 + k)`` and direct feedthrough
     ``(p, 3 + k)`` of position, speed, acceleration along the path, and loads.
     """
-    space = close_loops_along(loop, position).space
+    space = _close_loops_along(loop, position).space
     spread = spread_inputs(space.inputs, loop.given)
     return space, space.b @ spread, space.d[loop.rows(space)] @ spread
 

@@ -329,7 +329,7 @@ def make_step_table(system: VaryingSystem, size: float) -> StepTable:
     """
 
     def step(position: float, size: float) -> FloatArray:
-        return step_pose(system.at(position), system.scales, size)
+        return _step_pose(system.at(position), system.scales, size)
 
     return tabulate_steps(step, float(system.positions[-1]), size)
 
@@ -374,7 +374,7 @@ def tabulate_steps(
     )
 
 
-def step_pose(pose: SampledPlant, scales: FloatArray, size: float) -> FloatArray:
+def _step_pose(pose: SampledPlant, scales: FloatArray, size: float) -> FloatArray:
     """Return the exact step of the system frozen at one position, as a matrix ``(2m, 2m + 2k)``.
 
     It gives the state ``(scale q, q')`` after the step from the state before it and what acts at its

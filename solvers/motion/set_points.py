@@ -150,7 +150,7 @@ def average_accelerations(move: SetPoint, times: FloatArray, step: float) -> Pat
     return PathMotion(now.positions, now.speeds, np.asarray((after - before) / step))
 
 
-def step_accelerations(move: SetPoint, times: FloatArray) -> FloatArray:
+def _step_accelerations(move: SetPoint, times: FloatArray) -> FloatArray:
     """Acceleration at the beginning and at the end of each step ``(n - 1, 2)``, as seen from inside
     it.
 
@@ -328,5 +328,5 @@ def step_move(loads: PathLoads | None, move: SetPoint, samples: FloatArray) -> S
     times, places = _step_times(move, fine)
     acting = _loads_at(loads, times, sample_move(move, times).speeds)
     ends = np.stack([acting[:-1], acting[1:]], axis=1)
-    ends = np.concatenate([step_accelerations(move, times)[:, :, None], ends], axis=2)
+    ends = np.concatenate([_step_accelerations(move, times)[:, :, None], ends], axis=2)
     return SteppedInputs(times, places[::parts], ends, path_inputs(loads, move, samples)[:, 2:])

@@ -273,7 +273,7 @@ def fit(
             ``SharedFailure``.
     """
     comm = comm or MPI.COMM_SELF
-    starts = spread_starts(problem)
+    starts = _spread_starts(problem)
     records = share_work(
         comm,
         [Job()] * len(starts),
@@ -293,7 +293,7 @@ def _require_end(records: list[StartRecord]) -> None:
         )
 
 
-def spread_starts(problem: FitProblem) -> list[FloatArray]:
+def _spread_starts(problem: FitProblem) -> list[FloatArray]:
     """The start values first, then a Sobol sequence: within the prior where there is one, else
     evenly between the bounds.
 

@@ -69,7 +69,7 @@ def shape_costs(state: CaseState) -> FloatArray:
     return cost
 
 
-def follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairing:
+def _follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairing:
     """The same modes after a step, found by MAC in the norm of the mass matrix of the earlier
     state.
 
@@ -337,7 +337,7 @@ def evaluate(
     states = tuple(solve_case(model, values) for model in problem.cases)
     if anchor is not None:
         pairs = zip(anchor.states, anchor.pairings, states, strict=True)
-        pairings = tuple(follow_modes(before, pairing, state) for before, pairing, state in pairs)
+        pairings = tuple(_follow_modes(before, pairing, state) for before, pairing, state in pairs)
     else:
         pairings = tuple(_pair_targets(state) for state in states)
     return _make_point(problem, np.array(coordinates), states, pairings)

@@ -66,7 +66,7 @@ ComplianceSpread = Annotated[
 RatioSpread = Annotated[Quantity, QuantityOf((units.RATIO,)), AfterValidator(_require_spread)]
 
 
-class BodyMoveTable(StrictTable):
+class _BodyMoveTable(StrictTable):
     """Bodies that move alike in a mode: turn about an axis or shift along one, ``-`` for the other
     way round.
     """
@@ -94,7 +94,7 @@ class ModeTargetTable(StrictTable):
     """multiplies the squared residual"""
     name: Text = ""
     """in tables"""
-    moves: Annotated[list[BodyMoveTable], Field(min_length=1, max_length=100)] | None = None
+    moves: Annotated[list[_BodyMoveTable], Field(min_length=1, max_length=100)] | None = None
     """mode shape in words: which bodies move together, and how"""
     ignore: Names | None = None
     """bodies that the description says nothing about"""
@@ -118,7 +118,7 @@ class ModeTargetTable(StrictTable):
             yield "`ignore` names bodies that moves says nothing about; it goes with moves"
 
 
-class ComplianceTargetTable(StrictTable):
+class _ComplianceTargetTable(StrictTable):
     """A measured compliance: motion at a point in one direction per unit force in another, at the
     same point or elsewhere.
     """
@@ -147,7 +147,7 @@ class ComplianceTargetTable(StrictTable):
             yield "is zero; leave an entry that should vanish out, or give what was measured"
 
 
-class AtMostTable(StrictTable):
+class _AtMostTable(StrictTable):
     """At most so many modes (above `modes_above`) below a frequency."""
 
     modes: CountFromZero
@@ -176,12 +176,12 @@ class CaseTable(StrictTable):
     modes: Annotated[list[ModeTargetTable], Field(min_length=1, max_length=1000)] | None = None
     """measured natural frequencies with shapes"""
     compliances: (
-        Annotated[list[ComplianceTargetTable], Field(min_length=1, max_length=1000)] | None
+        Annotated[list[_ComplianceTargetTable], Field(min_length=1, max_length=1000)] | None
     ) = None
     """measured compliances"""
     numbers: Annotated[dict[Text, Measured], Field(min_length=1, max_length=1000)] | None = None
     """measured values of numbers by name: `frequency(mode=3)`, `compliance(point=tcp,direction=x)`"""
-    at_most: AtMostTable | None = None
+    at_most: _AtMostTable | None = None
     """a limit on the number of modes"""
     hold_out: Flag = False
     """compared, but not fitted"""

@@ -53,7 +53,7 @@ ElementKind = tuple[str, str, int]  # fidelity, cells, order
 Measure = Callable[[Scene, Results], Measured]
 
 
-def blames_surroundings(error: BaseException) -> bool:
+def _blames_surroundings(error: BaseException) -> bool:
     """Tell whether the same computation may well succeed once there is room on the disk, so that the
     error must not be kept as its result.
     """
@@ -447,7 +447,7 @@ def _describe_failure(error: Exception, comm: MPI.Comm) -> str:
     """
     cause = error.__cause__ if isinstance(error, SharedFailure) else error
     # what is no property of this point is computed when the study is started again
-    if isinstance(cause, StudyError) or blames_surroundings(error):
+    if isinstance(cause, StudyError) or _blames_surroundings(error):
         raise error
     if cause is error and comm.size > 1:
         raise error  # what other ranks do not know of ends them all

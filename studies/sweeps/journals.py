@@ -107,7 +107,7 @@ def identify_pose(positions: FloatArray, feed: FloatArray) -> bytes:
 
 
 def encode_result(result: PoseResult) -> bytes:
-    """Return a result as bytes that ``decode_result`` reads back bit by bit: text, then large arrays."""
+    """Return a result as bytes that ``_decode_result`` reads back bit by bit: text, then large arrays."""
     blocks: list[bytes] = []
 
     def keep(array: NDArray[Any]) -> str:
@@ -119,7 +119,7 @@ def encode_result(result: PoseResult) -> bytes:
     return b"".join([_HEAD.pack(len(text)), text, *blocks])
 
 
-def decode_result(content: bytes) -> PoseResult:
+def _decode_result(content: bytes) -> PoseResult:
     """Return a result from its bytes.
 
     Raises:
@@ -147,7 +147,7 @@ def decode_result(content: bytes) -> PoseResult:
     return result
 
 
-def pose_form(key: str) -> JournalForm:
+def _pose_form(key: str) -> JournalForm:
     """Form of a journal of poses whose results depend on what the key says."""
     return JournalForm(START, START + f"1 {key}\n".encode())
 
@@ -165,7 +165,7 @@ def open_journal(folder: Path, key: str, name: str) -> Journal:
     """
     make_part(folder / FOLDER)
     path = folder / FOLDER / f"{key[:KEY_LETTERS]}-{name}{SUFFIX}"
-    return Journal(path, pose_form(key), flush_seconds=FLUSH_SECONDS)
+    return Journal(path, _pose_form(key), flush_seconds=FLUSH_SECONDS)
 
 
 def read_journals(folder: Path, key: str) -> dict[bytes, PoseResult]:
@@ -177,9 +177,9 @@ def read_journals(folder: Path, key: str) -> dict[bytes, PoseResult]:
     """
     results: dict[bytes, PoseResult] = {}
     for path in sorted((folder / FOLDER).glob(f"{key[:KEY_LETTERS]}-*{SUFFIX}")):
-        for record in read_journal(path, pose_form(key)):
+        for record in read_journal(path, _pose_form(key)):
             with contextlib.suppress(ValueError):
-                result = decode_result(record)
+                result = _decode_result(record)
                 name = result.identity
                 if name not in results or results[name].state == "failed":
                     results[name] = result

@@ -52,7 +52,7 @@ POSE_ERRORS = (HeadstockError, ValueError, np.linalg.LinAlgError)
 
 
 @dataclass(frozen=True, eq=False)
-class MachinePoses:
+class _MachinePoses:
     """What all poses of a machine share.
 
     Attributes:
@@ -64,7 +64,7 @@ class MachinePoses:
     memo: CouplingMemo
 
 
-def share_machine(parts: MachineParts, superelements: Mapping[str, Superelement]) -> MachinePoses:
+def share_machine(parts: MachineParts, superelements: Mapping[str, Superelement]) -> _MachinePoses:
     """Prepare what all poses of the machine of a scene share."""
     static, frf = parts.scene.analyses.get(StaticRequest), parts.scene.analyses.get(FrfRequest)
     lobes = parts.scene.analyses.get(LobesRequest)
@@ -73,11 +73,11 @@ def share_machine(parts: MachineParts, superelements: Mapping[str, Superelement]
         *(() if static is None else static.at),
         *(name for name, dof in (() if frf is None else frf.inputs + frf.outputs) if dof != LOAD),
     }
-    return MachinePoses(parts, superelements, CouplingMemo(channels))
+    return _MachinePoses(parts, superelements, CouplingMemo(channels))
 
 
 def solve_machine_pose(
-    shared: MachinePoses, pose: Pose, positions: FloatArray, feed: FloatArray = NO_FEED
+    shared: _MachinePoses, pose: Pose, positions: FloatArray, feed: FloatArray = NO_FEED
 ) -> PoseResult:
     """Couple in a pose and compute what the scene asks for; what cannot be computed is said in the
     result.
@@ -111,7 +111,7 @@ def solve_machine_pose(
     return replace(result, state="failed" if errors else "done", error="; ".join(errors))
 
 
-def _find_condition(shared: MachinePoses, pose: Pose) -> FloatArray:
+def _find_condition(shared: _MachinePoses, pose: Pose) -> FloatArray:
     mechanism = shared.parts.scene.mechanism
     if mechanism is None:
         return np.zeros(0)

@@ -20,7 +20,7 @@ import numpy as np
 from faults.runs import FaultError, Outcome, wait_for_end
 from fixture_machines import machine
 from headstock.pipeline.storage.journals import read_journal
-from headstock.studies.sweeps.journals import pose_form
+from headstock.studies.sweeps.journals import _pose_form
 
 SCENE = machine("""
 machine = "rail"
@@ -245,7 +245,7 @@ def _count_finished(folder: Path) -> int:
         if (folder / "points.jsonl").is_file():
             return (folder / "points.jsonl").read_bytes().count(b"\n")
         return sum(
-            len(read_journal(path, pose_form(_key_of(path))))
+            len(read_journal(path, _pose_form(_key_of(path))))
             for path in folder.glob("poses/*.journal")
         )
     except OSError:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from common import approx
-from headstock.app.actions.effecting import tell_trial
+from headstock.app.actions.effecting import _tell_trial
 from headstock.app.command_line import main
 from headstock.pipeline.numbers.estimates import show_share
 from headstock.pipeline.numbers.numbers import Number, make_key
@@ -100,14 +100,14 @@ def test_advice_follows_from_what_is_moved(named: bool, share: float, advice: st
     assert trial.advice == advice
     if share:
         assert (
-            tell_trial(trial)
+            _tell_trial(trial)
             == f"coriolis: {show_share(share)} of contour gap, 38 % of run time: {advice}"
         )
 
 
 def test_an_effect_that_moves_nothing_still_says_what_it_cost() -> None:
     assert (
-        tell_trial(EffectTrial("coriolis", True, (), 10.0, 6.2))
+        _tell_trial(EffectTrial("coriolis", True, (), 10.0, 6.2))
         == "coriolis: moves nothing that was asked for (10 s with, 6.2 s without)"
     )
 

@@ -52,7 +52,7 @@ PULL, SETTLED, WATCHED = 0.005, 0.3, 1.0
 
 
 @dataclass(frozen=True)
-class TwoMasses:
+class _TwoMasses:
     """Motor, load and what is between them.
 
     Attributes:
@@ -79,7 +79,7 @@ class TwoMasses:
 
 
 def make_drive(
-    masses: TwoMasses, control: AxisControl, friction: GuideFriction | None = None
+    masses: _TwoMasses, control: AxisControl, friction: GuideFriction | None = None
 ) -> tuple[SecondOrderSystem, DriveTrain]:
     """Return the system with its motor free, and the drive ``X``; the load is the port ``("load",
     "x")``.
@@ -116,7 +116,7 @@ def make_drive(
     return free_motors(locked_motor, [train]), train
 
 
-def _characteristic(masses: TwoMasses, control: AxisControl) -> tuple[FloatArray, FloatArray]:
+def _characteristic(masses: _TwoMasses, control: AxisControl) -> tuple[FloatArray, FloatArray]:
     """Two polynomials in s, lowest power first: the closed loop's is the first plus the second
     times ``exp(-s T)``.
     """
@@ -134,7 +134,7 @@ def _characteristic(masses: TwoMasses, control: AxisControl) -> tuple[FloatArray
     )
 
 
-def _closed_loop_poles(masses: TwoMasses, control: AxisControl) -> ComplexArray:
+def _closed_loop_poles(masses: _TwoMasses, control: AxisControl) -> ComplexArray:
     """Roots of the characteristic polynomial without dead time [rad/s]."""
     plant, fed = _characteristic(masses, control)
     return np.asarray(
@@ -142,7 +142,7 @@ def _closed_loop_poles(masses: TwoMasses, control: AxisControl) -> ComplexArray:
     )
 
 
-def _delayed_pole(masses: TwoMasses, control: AxisControl, start: complex) -> complex:
+def _delayed_pole(masses: _TwoMasses, control: AxisControl, start: complex) -> complex:
     """Return the exact pole with dead time next to a start, by Newton's method on the
     quasi-polynomial [rad/s].
 
@@ -168,7 +168,7 @@ def _delayed_pole(masses: TwoMasses, control: AxisControl, start: complex) -> co
     return s
 
 
-def _set_point_response(masses: TwoMasses, control: AxisControl) -> tuple[FloatArray, FloatArray]:
+def _set_point_response(masses: _TwoMasses, control: AxisControl) -> tuple[FloatArray, FloatArray]:
     """Numerator and denominator, lowest power first, of load position over set position, without
     dead time.
     """
@@ -181,7 +181,7 @@ def _set_point_response(masses: TwoMasses, control: AxisControl) -> tuple[FloatA
     return np.asarray(numerator), np.asarray(poly.polyadd(plant, fed))
 
 
-def _step_response(masses: TwoMasses, control: AxisControl, times: FloatArray) -> FloatArray:
+def _step_response(masses: _TwoMasses, control: AxisControl, times: FloatArray) -> FloatArray:
     """Load position ``(n,)`` after a unit step of the set position, by residues at the poles.
 
     Args:
@@ -198,9 +198,9 @@ def _step_response(masses: TwoMasses, control: AxisControl, times: FloatArray) -
     return np.asarray(1.0 + (residues * np.exp(np.outer(times, poles))).sum(axis=1).real)
 
 
-MASSES = TwoMasses()
+MASSES = _TwoMasses()
 # a light load pulled slowly through a spring: it sticks and slips
-STICKING = TwoMasses(motor=1e5, load=10.0, stiffness=1e5, damping=0.0)
+STICKING = _TwoMasses(motor=1e5, load=10.0, stiffness=1e5, damping=0.0)
 
 
 def check_two_masses(comm: MPI.Comm) -> Iterator[ValidationRow]:
@@ -209,7 +209,7 @@ def check_two_masses(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """
     system, train = make_drive(MASSES, CONTROL)
     free = float(solve_modal(system).frequencies_hz[1])
-    locked_motor, _ = make_drive(TwoMasses(motor=1e12), CONTROL)
+    locked_motor, _ = make_drive(_TwoMasses(motor=1e12), CONTROL)
     locked = float(solve_modal(locked_motor).frequencies_hz[1])
     loop = close_loops(system, [train], outputs=[LOAD])
     lag = find_velocity_lag(loop, "X")[0]
@@ -338,7 +338,7 @@ def _evaluate_largest_gain() -> ValidationRow:
     """Routh: ``M s^3 + kp s^2 + kp (kv + 1/Tn) s + kp kv / Tn`` is stable while ``kp (kv + 1/Tn) >
     M kv / Tn``.
     """
-    rigid = TwoMasses(stiffness=1e13, damping=1e9)
+    rigid = _TwoMasses(stiffness=1e13, damping=1e9)
     control = AxisControl(position_gain=500.0, velocity_gain=8e3, integral_time=0.01)
     system, train = make_drive(rigid, control)
     found = find_largest_gain(system, [train], "X", scale_position_gain) or math.nan

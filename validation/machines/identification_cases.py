@@ -80,7 +80,7 @@ def _write_parameters(names: Mapping[str, float] | None = None) -> str:
     )
 
 
-def write_frequencies(values_hz: FloatArray) -> str:
+def _write_frequencies(values_hz: FloatArray) -> str:
     """Frequencies as a target file writes them."""
     return "[" + ", ".join(f'"{value:.15g} Hz"' for value in values_hz) + "]"
 
@@ -151,7 +151,9 @@ def _write_cases(frequencies_hz: Sequence[FloatArray], compliances: Sequence[Flo
         head = f'[cases.{name}]\npose = "{pose}"\n' + (
             f'variant = "{variant}"\n' if variant else ""
         )
-        text += f"{head}frequencies = {write_frequencies(frequencies)}\ncompliances = [{entries}]\n"
+        text += (
+            f"{head}frequencies = {_write_frequencies(frequencies)}\ncompliances = [{entries}]\n"
+        )
     return text
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from common import approx, call
 from fixture_machines import machine
-from headstock.app.actions.cataloguing import paste_text
+from headstock.app.actions.cataloguing import _paste_text
 from headstock.app.command_line import main
 from headstock.scene.expansion.catalogue import CATALOGUE, FROM, read_catalogue
 
@@ -55,7 +55,7 @@ def test_what_is_printed_to_be_pasted_is_the_element(
     named, _, full = (
         capsys.readouterr().out.partition("By its name:")[2].partition("With its values:")
     )
-    assert full.strip() == paste_text(ENTRIES[name])
+    assert full.strip() == _paste_text(ENTRIES[name])
     joint = tomllib.loads(full)["joints"]["NAME"]
     assert ENTRIES[name].joint.items() <= joint.items()
     assert tomllib.loads(named)["joints"]["NAME"][FROM] == f"{CATALOGUE}{name}"

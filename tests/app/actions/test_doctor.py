@@ -10,15 +10,15 @@ from headstock.app.actions.doctor import (
     LIBRARIES,
     PYTHON_PACKAGES,
     Check,
-    Package,
-    Question,
+    _check_environment,
+    _check_package,
+    _describe_checks,
+    _free_memory_mb,
+    _Package,
+    _Question,
+    _run_child,
     ask,
-    check_environment,
-    check_package,
-    describe_checks,
     doctor_command,
-    free_memory_mb,
-    run_child,
 )
 from headstock.app.commands.tool_commands import DoctorOptions
 
@@ -32,7 +32,7 @@ SLOW = Check("BLAS", "reference", "warning", "install a fast one")
 
 
 def test_this_environment_is_healthy() -> None:
-    checks = check_environment()
+    checks = _check_environment()
     assert [check for check in checks if check.status == "missing"] == []
     assert {"dolfinx", "PETSc", "MUMPS", "SLEPc", "gmsh", "h5py", "MPI, 2 ranks", "C compiler"} <= {
         check.name for check in checks
@@ -78,11 +78,11 @@ def test_a_question_imports_the_packages_it_stands_for() -> None:
 
 
 def test_an_optional_package_is_shown_as_optional_with_what_is_lost() -> None:
-    missing = check_package(Package("no-such-package-of-any-kind", without="singing"))
+    missing = _check_package(_Package("no-such-package-of-any-kind", without="singing"))
     assert (missing.status, missing.remedy) == ("warning", "without: singing")
     assert missing.found == "not installed (optional)"
-    assert check_package(Package("numpy", without="singing")).found.endswith("(optional)")
-    assert not check_package(Package("numpy")).found.endswith("(optional)")
+    assert _check_package(_Package("numpy", without="singing")).found.endswith("(optional)")
+    assert not _check_package(_Package("numpy")).found.endswith("(optional)")
 
 
 def test_what_is_missing_makes_the_exit_code_1_and_is_named(
@@ -107,7 +107,7 @@ def test_the_json_file_holds_every_check(tmp_path: Path) -> None:
 
 
 def test_values_are_aligned() -> None:
-    lines = describe_checks([GOOD, Check("a longer name", "x", "ok")]).splitlines()
+    lines = _describe_checks([GOOD, Check("a longer name", "x", "ok")]).splitlines()
     assert lines[0].index("3.13.5") == lines[1].index("x")
 
 
@@ -119,25 +119,25 @@ def test_values_are_aligned() -> None:
 def test_a_library_that_is_absent_crashing_wrong_or_silent_is_missing_with_a_remedy(
     code: str,
 ) -> None:
-    check = ask(Question("library", code, expected="0.9", remedy="do this"))
+    check = ask(_Question("library", code, expected="0.9", remedy="do this"))
     assert (check.status, check.remedy) == ("missing", "do this")
 
 
 def test_an_optional_library_only_warns() -> None:
-    assert ask(Question("library", "import no_such_module", needed=False)).status == "warning"
+    assert ask(_Question("library", "import no_such_module", needed=False)).status == "warning"
 
 
 def test_a_package_that_is_not_installed_is_missing() -> None:
-    assert check_package(Package("no-such-package-of-any-kind")).status == "missing"
+    assert _check_package(_Package("no-such-package-of-any-kind")).status == "missing"
 
 
 def test_a_child_that_hangs_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(environment_checks, "TIME_LIMIT_S", 0.2)
-    code, answer = run_child([sys.executable, "-c", "import time; time.sleep(60)"])
+    code, answer = _run_child([sys.executable, "-c", "import time; time.sleep(60)"])
     assert code == 1
     assert "no answer within" in answer
 
 
 def test_free_memory_is_what_the_kernel_calls_available(tmp_path: Path) -> None:
     (tmp_path / "meminfo").write_text("MemTotal:  9999999 kB\nMemAvailable:  2048000 kB\n")
-    assert free_memory_mb(tmp_path / "meminfo") == 2000
+    assert _free_memory_mb(tmp_path / "meminfo") == 2000

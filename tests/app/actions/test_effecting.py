@@ -2,7 +2,7 @@
 
 import pytest
 
-from headstock.app.actions.effecting import COLUMNS, print_findings
+from headstock.app.actions.effecting import COLUMNS, _print_findings
 from headstock.pipeline.numbers.numbers import make_key
 from headstock.studies.kind_changes import Change
 from headstock.studies.model_influence import ModelFinding, RunPrice
@@ -36,7 +36,7 @@ def test_lines_fit_what_moves_nothing_shares_one_and_rounding_is_not_shown(
         ),
         finding("polynomial", change(2e-6, 48.0, 48.0)),
     ]
-    print_findings(found)
+    _print_findings(found)
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= COLUMNS
     said = "\n".join(lines)

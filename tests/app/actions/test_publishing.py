@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from common import call
-from headstock.app.actions.publishing import publish_again, publish_run
+from headstock.app.actions.publishing import _publish_again, publish_run
 from headstock.app.command_line import main
 from headstock.app.pictures import pictures
 from headstock.app.pictures.pictures import draw_machine
-from headstock.app.pictures.scenes import rest_picture
+from headstock.app.pictures.scenes import _rest_picture
 from headstock.app.tables.table import PlainTable, encode_csv
 from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import Frame
@@ -141,7 +141,7 @@ def test_a_report_without_pyvista_says_why_it_has_no_picture_and_still_has_chart
     (tmp_path / "pyvista.py").write_text("raise ModuleNotFoundError('no such room: pyvista')\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "empty"))
-    remarks = publish_again(folder, FinishedRun(read_summary(folder), machine=read_view(folder)))
+    remarks = _publish_again(folder, FinishedRun(read_summary(folder), machine=read_view(folder)))
     why = "ModuleNotFoundError: no such room: pyvista; ./headstock doctor tells what is missing"
     assert remarks == [f"no picture of the machine: {why}", f"no pictures of modes: {why}"]
     assert f"No picture of the machine: {why}." in (folder / "report.html").read_text()
@@ -217,7 +217,7 @@ def test_a_picture_of_the_machine_shows_bodies_where_they_stand_and_the_tool_whe
         {},
         {"tcp": PointView("a.tip", "ground", np.array([1.0, 0.0, 1.0]))},
     )
-    picture = rest_picture(
+    picture = _rest_picture(
         "p", MachineView({"a": box_skin(np.zeros(3), np.ones(3))}, {}, {"p": pose}), pose, (10, 10)
     )
     np.testing.assert_array_equal(

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from headstock.app.actions.schemas import scene_schema, targets_schema
+from headstock.app.actions.schemas import _targets_schema, scene_schema
 from headstock.app.command_line import main
 from headstock.scene.building.joints import KINDS
 from headstock.scene.reading.units import (
@@ -56,7 +56,7 @@ def scenes() -> Any:
 
 @pytest.fixture(scope="module")
 def targets() -> Any:
-    schema = targets_schema()
+    schema = _targets_schema()
     jsonschema.Draft202012Validator.check_schema(schema)
     return jsonschema.Draft202012Validator(schema)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from common import approx, call, present
-from headstock.app.charts.sweep import middle_plane, way_of
+from headstock.app.charts.sweep import _middle_plane, _way_of
 from headstock.app.command_line import main
 
 SCENE = Path(__file__).parents[2] / "data" / "slide.toml"
@@ -122,7 +122,7 @@ def test_a_plane_of_tool_poses_of_a_mechanism_has_its_condition_number_and_blank
     condition = np.array(summary["condition_number"], dtype=float)
     assert np.isfinite(condition[states == "done"]).all()
     assert np.isnan(condition[states == "unreachable"]).all()
-    assert middle_plane(summary, condition, [0, 1]).shape == (6, 3)
+    assert _middle_plane(summary, condition, [0, 1]).shape == (6, 3)
 
 
 def test_an_unknown_sweep_and_a_scene_that_asks_for_nothing_are_bad_input(
@@ -139,12 +139,12 @@ def test_an_unknown_sweep_and_a_scene_that_asks_for_nothing_are_bad_input(
 
 
 def test_a_way_with_corners_is_counted_in_poses() -> None:
-    places, label = way_of(
+    places, label = _way_of(
         {"positions": [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]], "units": ["m", "m"], "axes": ["X", "Y"]}
     )
     assert places.tolist() == [1.0, 2.0, 3.0]
     assert label == "pose"
-    places, label = way_of({"positions": [[0.0], [0.1]], "units": ["m"], "axes": ["X"]})
+    places, label = _way_of({"positions": [[0.0], [0.1]], "units": ["m"], "axes": ["X"]})
     assert places.tolist() == [0.0, 100.0]
     assert label == "X [mm]"
 

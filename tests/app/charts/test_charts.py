@@ -13,9 +13,9 @@ from common import approx, sketch
 from headstock.app.charts import comparison, results, study, sweep
 from headstock.app.charts.axis_kit import FIGURE_NAME, draw_axis_kit
 from headstock.app.charts.charts import label_decades, new_figure
-from headstock.app.charts.comparison import draw_comparison, spread_labels
-from headstock.app.charts.results import draw_responses
-from headstock.app.charts.study import describe_column, draw_study
+from headstock.app.charts.comparison import _spread_labels, draw_comparison
+from headstock.app.charts.results import _draw_responses
+from headstock.app.charts.study import _describe_column, draw_study
 from headstock.app.charts.sweep import draw_sweep
 from headstock.app.drawings.frf import draw_overlay
 from headstock.app.report.pages import render_comparison
@@ -23,7 +23,7 @@ from headstock.app.texts.curves import response_unit, round_ticks
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.studies import Study, StudyFamily
-from headstock.studies.comparison_summary import ComparisonSummary, LinkSummary
+from headstock.studies.comparison_summary import ComparisonSummary, _LinkSummary
 from headstock.studies.parameters.records import StudyRecord
 from headstock.studies.parameters.tables import StudyTable, tabulate_study, varied_numbers
 from headstock.studies.sweeps.files import SweepSummary
@@ -150,11 +150,11 @@ def test_words_among_quantities_are_no_numbers() -> None:
     ],
 )
 def test_a_watched_path_is_titled_in_words_with_its_unit(path: str, short: str, title: str) -> None:
-    assert describe_column(path, short) == title
+    assert _describe_column(path, short) == title
 
 
 def test_labels_that_would_touch_are_moved_up() -> None:
-    assert spread_labels([1.0, 1.1, 5.0], 1.0) == [1.0, 2.0, 5.0]
+    assert _spread_labels([1.0, 1.1, 5.0], 1.0) == [1.0, 2.0, 5.0]
 
 
 def make_comparison() -> ComparisonSummary:
@@ -237,7 +237,7 @@ def test_labels_of_a_comparison_do_not_touch_and_have_no_bare_point(figures: lis
 def test_a_comparison_of_single_parts_names_no_weak_links() -> None:
     summary = make_comparison()
     assert "weak link" not in render_comparison(summary, {})
-    link: LinkSummary = {"name": "bed", "share": 0.5, "change_if_doubled": -0.2}
+    link: _LinkSummary = {"name": "bed", "share": 0.5, "change_if_doubled": -0.2}
     summary["variants"]["variant_with_a_long_name_1"]["static"]["tcp"]["weak_link"]["y"] = link
     page = render_comparison(summary, {})
     assert "weak link y" in page and "weak link x" not in page
@@ -303,7 +303,7 @@ def test_labels_of_a_logarithmic_axis_do_not_touch(ends: tuple[float, float]) ->
 
 def test_the_responses_of_all_poses_are_drawn_over_each_other(figures: list[Figure]) -> None:
     curves = [make_curves("b", 1.0), make_curves("a", 2.0)]
-    assert list(draw_responses(curves)) == ["frf_b", "frf_a", "frf_all_poses"]
+    assert list(_draw_responses(curves)) == ["frf_b", "frf_a", "frf_all_poses"]
     words = [[text.get_text() for text in figure.axes[0].texts] for figure in figures]
     assert words[2][-2:] == ["pose a", "pose b"]
     assert words[0][-4:] == ["20", "50", "100", "200 Hz"]
@@ -314,7 +314,7 @@ def test_the_responses_of_all_poses_are_drawn_over_each_other(figures: list[Figu
         and "pose b" in drawn
         and ">50<" in drawn
     )
-    assert "frf_all_poses" not in draw_responses(curves[:1])
+    assert "frf_all_poses" not in _draw_responses(curves[:1])
 
 
 def test_compliances_are_shown_in_one_unit_everywhere() -> None:

@@ -13,7 +13,7 @@ import scipy.io
 from PIL import Image
 
 from common import approx, present
-from headstock.app.charts.results import draw_responses
+from headstock.app.charts.results import _draw_responses
 from headstock.app.command_line import main
 from headstock.app.drawings.frf import draw_response
 from headstock.app.report.report import render_report
@@ -161,7 +161,7 @@ def test_a_gap_is_a_gap_in_curve_table_and_data() -> None:
 
 
 def test_every_pose_has_a_chart_with_something_in_it() -> None:
-    (image,) = draw_responses([curves_with_a_gap()]).values()
+    (image,) = _draw_responses([curves_with_a_gap()]).values()
     pixels = np.asarray(Image.open(io.BytesIO(image)))
     assert pixels.shape[2] == 4 and len(np.unique(pixels.reshape(-1, 4), axis=0)) > 20
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from headstock.app.drawings.path import draw_path
 from headstock.app.texts.curves import thin_curve
-from headstock.app.views.path import path_stem, tabulate_path
+from headstock.app.views.path import _path_stem, _tabulate_path
 from headstock.pipeline.answers.path import PathCurves
 from headstock.solvers.motion.deviation import PathDeviation
 from headstock.solvers.motion.set_points import Ramp, SetPoint, sample_move
@@ -40,7 +40,7 @@ def make_curves(feed: float) -> PathCurves:
 
 
 def test_a_table_has_a_row_per_sample_and_its_parts_add_up() -> None:
-    table = tabulate_path(make_curves(0.05))
+    table = _tabulate_path(make_curves(0.05))
     assert table.name == "path_3000"
     assert table.headings[3:7] == (
         "deviation tcp z [um]",
@@ -77,7 +77,7 @@ def test_the_drawing_shades_both_ramps_and_shows_every_feed() -> None:
 
 
 def test_stems_of_odd_feeds_are_file_names() -> None:
-    assert [path_stem(feed) for feed in ("600 mm/min", "1234.5 deg/min")] == [
+    assert [_path_stem(feed) for feed in ("600 mm/min", "1234.5 deg/min")] == [
         "path_600",
         "path_1234_5",
     ]

@@ -24,13 +24,13 @@ from headstock.app.report.report import render_report
 from headstock.app.report.viewer_data import (
     RIGID_SHARE,
     Caption,
+    _pack_columns,
+    _pose_shapes,
     encode_machine,
-    pack_columns,
-    pose_shapes,
 )
 from headstock.app.tables.table import Column
-from headstock.app.terminal.console import Screen
-from headstock.app.terminal.summary import tell_rows
+from headstock.app.terminal.console import _Screen
+from headstock.app.terminal.summary import _tell_rows
 from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skins import Skin, box_skin
@@ -477,7 +477,7 @@ def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_what_i
             np.testing.assert_array_equal(kept_simplices, shown_simplices)
     assert data["bytes"] == 2
     for shape, force in zip(data["poses"][0]["shapes"], (1000.0, 1.0, 1.0), strict=True):
-        parts = pose_shapes(pose)[shape["id"]]
+        parts = _pose_shapes(pose)[shape["id"]]
         largest = max(np.linalg.norm(part, axis=1).max() for part in parts.values())
         assert shape["largest"] == approx(force * largest, rel=1e-4)
         for (part_name, part), rigid, order in zip(
@@ -514,7 +514,7 @@ def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_what_i
 
 def test_packed_columns_wrap_round_and_hold_every_number() -> None:
     values = np.array([[-32768, 5], [32767, -1], [0, 0]], dtype=np.int16)
-    raw = np.frombuffer(pack_columns(values), np.uint8).reshape(2, -1)
+    raw = np.frombuffer(_pack_columns(values), np.uint8).reshape(2, -1)
     steps = np.ascontiguousarray(raw.T).view("<u2").reshape(2, 3)
     np.testing.assert_array_equal(
         np.cumsum(steps, axis=1, dtype=np.uint16).T.view(np.int16), values
@@ -721,7 +721,7 @@ def test_roundoff_beside_numbers_in_the_same_unit_is_shown_as_zero() -> None:
         "0.5000",
     ]
     screen = io.StringIO()
-    Screen(file=screen, width=60).print(tell_rows(columns, rows[:2]))
+    _Screen(file=screen, width=60).print(_tell_rows(columns, rows[:2]))
     cells = [word for word in screen.getvalue().split() if word[0].isdigit()]
     assert cells == ["1", "12.5", "0", "2", "11", "0"]
 

@@ -9,7 +9,7 @@ import pytest
 
 from common import sketch
 from headstock.app.tables.static import shared_budget
-from headstock.app.terminal.console import Screen, add_row, make_console, make_table, print_table
+from headstock.app.terminal.console import _Screen, add_row, make_console, make_table, print_table
 from headstock.app.terminal.summary import print_summary
 from headstock.app.texts.bounded_values import (
     bound_size,
@@ -19,7 +19,7 @@ from headstock.app.texts.bounded_values import (
     show_damped,
     show_damping,
 )
-from headstock.app.views.modal import describe_position
+from headstock.app.views.modal import _describe_position
 from headstock.app.views.registry import list_tables
 from headstock.app.views.view import FinishedRun
 from headstock.geometry.machine.machine import show_position
@@ -84,7 +84,7 @@ WORDS = (
 
 def print_narrow(width: int | None, *, terminal: bool = True) -> str:
     stream = io.StringIO()
-    console = Screen(file=stream, width=width, force_terminal=terminal, color_system=None)
+    console = _Screen(file=stream, width=width, force_terminal=terminal, color_system=None)
     table = make_table(
         ">no.", ">undamped Hz", "<± Hz", ">damped Hz", ">damping", "mode", "strain energy in"
     )
@@ -177,7 +177,7 @@ def test_terminal_and_csv_have_the_same_errors_and_the_damped_frequencies(
     assert "± 0.27" in printed
     assert [row[4] for row in tables["compliance_reference_tcp"].rows] == [0.27, None, 7e-5]
     assert "Natural modes in pose left (Y = 30 mm, B = 5.72958 deg)" in printed
-    assert describe_position(summary["modal"][0]) == "Y = 30 mm, B = 5.72958 deg"
+    assert _describe_position(summary["modal"][0]) == "Y = 30 mm, B = 5.72958 deg"
     assert show_damped(0.0, None, rigid=False) == ("overdamped", "")
 
 

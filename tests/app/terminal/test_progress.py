@@ -14,7 +14,7 @@ import pytest
 
 from common import approx
 from headstock.app.terminal import progress
-from headstock.app.terminal.progress_renderer import render_bar, render_line
+from headstock.app.terminal.progress_renderer import _render_bar, _render_line
 
 TIME_SCALE = "0.02"
 PROGRAM = """
@@ -123,13 +123,13 @@ def test_a_renderer_that_is_killed_or_cannot_start_stops_nothing(
 def test_the_bar_is_never_full_however_long_it_takes(
     elapsed: float, expected: float, share: float
 ) -> None:
-    bar = render_bar("mesh", elapsed, expected, 200)
+    bar = _render_bar("mesh", elapsed, expected, 200)
     filled, rest = bar.count("━"), bar.count("─")
     assert rest >= 1
     assert filled / (filled + rest) == approx(share, abs=0.04)
 
 
 def test_a_narrow_terminal_gets_one_line_and_a_stage_nobody_can_estimate_gets_its_seconds() -> None:
-    assert len(render_bar("reduce  a_component_with_a_long_name", 12.0, 30.0, 40)) == 39
-    assert render_bar("reduce  part", 12.0, 0.0, 80).split() == ["reduce", "part", "12", "s"]
-    assert render_line("reduce  part", 12.0, 0.0).split() == ["reduce", "part", "for", "12", "s"]
+    assert len(_render_bar("reduce  a_component_with_a_long_name", 12.0, 30.0, 40)) == 39
+    assert _render_bar("reduce  part", 12.0, 0.0, 80).split() == ["reduce", "part", "12", "s"]
+    assert _render_line("reduce  part", 12.0, 0.0).split() == ["reduce", "part", "for", "12", "s"]

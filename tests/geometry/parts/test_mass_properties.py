@@ -3,8 +3,8 @@ import pytest
 
 from common import approx
 from headstock.geometry.parts.components import Component, Interface, Material, Patch
-from headstock.geometry.parts.mass_properties import box_sum_properties, closed_form_properties
-from headstock.geometry.parts.patches import clear_spans, planar_boxes, rect_union, rib_spans
+from headstock.geometry.parts.mass_properties import _box_sum_properties, closed_form_properties
+from headstock.geometry.parts.patches import _clear_spans, _rib_spans, planar_boxes, rect_union
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
@@ -88,9 +88,9 @@ def test_patches_without_closed_form_are_left_to_the_cad_kernel(patch: Patch) ->
 
 
 def test_ribs_leave_equal_clear_gaps() -> None:
-    gaps = [high - low for low, high in clear_spans(3, 0.01, -0.1, 0.13)]
+    gaps = [high - low for low, high in _clear_spans(3, 0.01, -0.1, 0.13)]
     assert np.allclose(gaps, 0.05, rtol=1e-12, atol=0.0)
-    assert all(high - low == approx(0.01) for low, high in rib_spans(3, 0.01, -0.1, 0.13))
+    assert all(high - low == approx(0.01) for low, high in _rib_spans(3, 0.01, -0.1, 0.13))
 
 
 def test_union_of_rectangles_has_the_area_of_a_fine_raster() -> None:
@@ -106,9 +106,9 @@ def test_union_of_rectangles_has_the_area_of_a_fine_raster() -> None:
 
 
 def test_inertia_of_a_sum_of_boxes_does_not_depend_on_how_it_is_cut() -> None:
-    whole = box_sum_properties(planar_boxes(Box((0.2, 0.3, 0.4))))
+    whole = _box_sum_properties(planar_boxes(Box((0.2, 0.3, 0.4))))
     low, high = np.array([-0.1, -0.15, 0.0]), np.array([0.1, 0.15, 0.4])
     middle = np.array([0.1, 0.15, 0.13])
-    parts = box_sum_properties([(1.0, low, middle), (1.0, np.array([-0.1, -0.15, 0.13]), high)])
+    parts = _box_sum_properties([(1.0, low, middle), (1.0, np.array([-0.1, -0.15, 0.13]), high)])
     assert parts[0] == approx(whole[0], rel=1e-13)
     assert np.allclose(parts[2], whole[2], rtol=1e-12, atol=0.0)

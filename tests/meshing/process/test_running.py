@@ -9,7 +9,7 @@ from headstock.geometry.parts.solids import Box
 from headstock.meshing.errors import MeshError
 from headstock.meshing.process.job import MeshJob
 from headstock.meshing.process.running import run_job
-from headstock.studies.parameters.runs import blames_surroundings
+from headstock.studies.parameters.runs import _blames_surroundings
 
 pytestmark = [pytest.mark.process, pytest.mark.workers]
 
@@ -28,8 +28,8 @@ def test_child_without_room_for_its_mesh_is_named_and_the_mesh_is_not_blamed() -
         set_room(1000)
         with pytest.raises(MeshError, match=r"column: .*File too large.*make room") as caught:
             run_job(job, what="column", time_limit=60.0)
-    assert blames_surroundings(caught.value)
-    assert not blames_surroundings(MeshError("column: a cell is inverted"))
+    assert _blames_surroundings(caught.value)
+    assert not _blames_surroundings(MeshError("column: a cell is inverted"))
 
 
 def test_child_does_not_import_from_the_working_folder(

@@ -14,16 +14,16 @@ from common import approx
 from headstock.app.drawings.lobes import draw_milled_faces
 from headstock.app.drawings.path import draw_contour
 from headstock.app.views.contouring import (
+    _contour_words,
     _list_faces,
-    contour_words,
-    tabulate_contour,
-    tabulate_profiles,
+    _tabulate_contour,
+    _tabulate_profiles,
 )
 from headstock.geometry.errors import PoseError
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
 from headstock.pipeline.motion.contour_run import SETTLING, ContourRun
-from headstock.pipeline.motion.contouring import evaluate_contour, explain_gaps
+from headstock.pipeline.motion.contouring import _explain_gaps, evaluate_contour
 from headstock.pipeline.motion.lumped_contour import run_lumped_contour
 from headstock.pipeline.motion.milled_faces import mill_faces
 from headstock.scene.analyses.contouring import ContouringRequest
@@ -77,7 +77,7 @@ def test_the_summary_tells_faces_assumptions_and_drive_forces(short_run: Contour
     assert -20.0 < found["faces"][0]["mean_um"][0] < -5.0
     assert found["face_3_over_face_1"] == {"x as assumed": None, "x reversed": None}
     assert any("which way x points" in text for text in found["assumptions"])
-    table = tabulate_contour(found)
+    table = _tabulate_contour(found)
     assert len(table.rows) == len(found["series"]["time_s"]) == 2000 and len(table.headings) == 10
     # with a lead of 10 mm a motor turns 2 pi per 10 mm: power in is power out
     forces, torques = (
@@ -125,9 +125,9 @@ def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: 
     answer = evaluate_contour(request, run, milled=faces).summarise()
     rows = _list_faces(answer)
     assert [row.face for row in rows] == [1] and rows[0].gap is None
-    assert "cut-off of 0.8 mm" in str(contour_words(answer))
+    assert "cut-off of 0.8 mm" in str(_contour_words(answer))
     assert str(draw_milled_faces(answer["milled_faces"])).count("<polyline") == 2
-    names = [table.name for table in tabulate_profiles(answer["milled_faces"][0])]
+    names = [table.name for table in _tabulate_profiles(answer["milled_faces"][0])]
     assert names == ["profile_face_1", "profile_detail_face_1"]
 
 
@@ -284,11 +284,11 @@ def test_waves_decay_below_the_lobes_of_a_lumped_mechanism_and_grow_above_in_tim
 
 def test_a_face_that_is_passed_too_fast_has_no_gap_and_a_reason(short_run: ContourRun) -> None:
     request, run = contour_request("al7075-t6"), short_run
-    assert explain_gaps(run) == []
+    assert _explain_gaps(run) == []
     cut = run.plan.cuts[0]
     hasty = dataclasses.replace(cut, ends=cut.begins + 1.5 * SETTLING)
     assert hasty.ends < run.times[-1]
     hurried = dataclasses.replace(run, plan=dataclasses.replace(run.plan, cuts=(hasty,)))
-    (reason,) = explain_gaps(hurried)
+    (reason,) = _explain_gaps(hurried)
     assert reason.startswith("face 1 has no gap") and "write a lower feed" in reason
     assert _list_faces(evaluate_contour(request, hurried).summarise()) == []

@@ -14,7 +14,7 @@ from common import approx, present
 from fixture_machines import machine, write_scene
 from headstock.app.report.report import render_report
 from headstock.app.views.registry import list_tables
-from headstock.app.views.transient import tabulate_transient
+from headstock.app.views.transient import _tabulate_transient
 from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
@@ -150,7 +150,7 @@ def test_probes_are_tabled_written_and_drawn(tmp_path: Path) -> None:
     assert np.array_equal(stress, found.trace.stress)
     tables = {table.name: table for table in list_tables(FinishedRun(summary))}  # type: ignore[arg-type]
     assert tables["probes_over_time_reference"].rows[0][0] in ("inside", "foot")
-    headings = tabulate_transient(curves).headings
+    headings = _tabulate_transient(curves).headings
     assert "von Mises foot [MPa]" in headings and "stress xy inside [MPa]" in headings
     page = render_report(FinishedRun(summary, [read]))  # type: ignore[arg-type]
     assert "Equivalent stress at probes [MPa]" in page

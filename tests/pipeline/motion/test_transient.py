@@ -15,13 +15,13 @@ from scipy.optimize import brentq
 from common import approx, present
 from fixture_machines import machine
 from headstock.app.report.report import render_report
-from headstock.app.views.transient import tabulate_transient
+from headstock.app.views.transient import _tabulate_transient
 from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.transient import TRUNCATION, TransientAnswer
-from headstock.pipeline.motion.transient import SMOOTHING, respond_in_time
+from headstock.pipeline.motion.transient import SMOOTHING, _respond_in_time
 from headstock.pipeline.results.files import open_results
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
@@ -279,7 +279,7 @@ def test_guides_of_machines_rub_under_loads_over_time(machine: str, tmp_path: Pa
     model = posed_model(scene, tmp_path, pose)
     driven = drive_machine(model, lambda text: None)
     system, names = driven.system, [train.name for train in driven.trains]
-    answer = respond_in_time(model, judged=False).answer
+    answer = _respond_in_time(model, judged=False).answer
     times = answer.curves.times
     damping = np.zeros_like(system.mass) if system.damping is None else system.damping
     lighter = np.linalg.inv(system.mass)
@@ -324,15 +324,15 @@ def test_guides_of_machines_rub_under_loads_over_time(machine: str, tmp_path: Pa
     energy = present(answer.energy)
     assert energy.work > energy.final and energy.error < 1e-6
     loose, _ = rubbing_scene(machine, "effects.friction=false")
-    free = respond_in_time(posed_model(loose, tmp_path, pose), judged=False).answer
+    free = _respond_in_time(posed_model(loose, tmp_path, pose), judged=False).answer
     assert np.abs(free.curves.displacements - found).max() > 0.05 * scale
 
 
 def test_peaks_with_friction_have_an_error(tmp_path: Path) -> None:
     scene, pose = rubbing_scene("slide")
-    own = respond_in_time(posed_model(scene, tmp_path, pose)).answer
+    own = _respond_in_time(posed_model(scene, tmp_path, pose)).answer
     sharp, _ = rubbing_scene("slide", 'drives.X.friction.smoothing="0.02 mm/min"')
-    exact = respond_in_time(posed_model(sharp, tmp_path, pose), judged=False).answer
+    exact = _respond_in_time(posed_model(sharp, tmp_path, pose), judged=False).answer
     share = present(next(iter(own.errors.values())).shares[SMOOTHING])
     off = abs(abs(own.figures[0].peak) - abs(exact.figures[0].peak))
     assert off < share < 1.5 * off
@@ -347,7 +347,7 @@ def test_a_segmented_machine_moves_as_direct_integration_says(tmp_path: Path) ->
         '[effects]\ndamping = { modal = "2 %" }',
     )
     model = posed_model(scene, tmp_path, "reference")
-    answer = respond_in_time(model, judged=False).answer
+    answer = _respond_in_time(model, judged=False).answer
     times = answer.curves.times[::50]
     exact = integrate(model, model.system.inputs["tcp", "y"], times)
     moved = answer.curves.displacements[::50, 1]
@@ -368,7 +368,7 @@ def test_the_lumped_tripteor_moves_as_direct_integration_says(tmp_path: Path) ->
     assert scene.is_lumped
     pose = next(iter(scene.poses))
     model = posed_model(scene, tmp_path, pose)
-    answer = respond_in_time(model).answer
+    answer = _respond_in_time(model).answer
     times = answer.curves.times[::40]
     exact = integrate(model, model.system.inputs["tcp", "x"], times)
     expected = model.system.outputs["tcp", "x"] @ exact
@@ -387,7 +387,7 @@ KNOCK = (
 def follow_knock(scene: Scene, folder: Path) -> None:
     """Compare the motion under a knock with direct integration of all dofs of the reduced machine."""
     model = posed_model(scene, folder, next(iter(scene.poses)))
-    answer = respond_in_time(model, judged=False).answer
+    answer = _respond_in_time(model, judged=False).answer
     times = answer.curves.times[::20]
     exact = integrate(model, model.system.inputs["tcp", "x"], times)
     expected = model.system.outputs["tcp", "x"] @ exact
@@ -543,7 +543,7 @@ def test_results_are_written_read_and_shown(tmp_path: Path) -> None:
     read = answer_of(open_results(tmp_path / "out"))
     curves = read.curves
     assert np.array_equal(curves.displacements, answer_of(results).curves.displacements)
-    table = tabulate_transient(curves)
+    table = _tabulate_transient(curves)
     assert table.headings[:3] == ("time [s]", "press [N]", "tcp x [um]")
     assert len(table.rows) == 401 and table.rows[-1][1] == 100.0
     page = render_report(FinishedRun(summary, [read]))

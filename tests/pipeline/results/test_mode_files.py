@@ -17,7 +17,7 @@ from headstock.geometry.parts.skins import box_skin
 from headstock.pipeline.answers.modal import ModesSummary
 from headstock.pipeline.results.mode_files import (
     SHOWN_SHARE,
-    encode_glb,
+    _encode_glb,
     file_stem,
     machine_size,
     write_mode_files,
@@ -137,7 +137,7 @@ def test_the_poses_are_the_steps_of_one_collection_with_the_same_arrays(tmp_path
 def test_a_glb_moves_every_body_from_rest_to_the_shown_amplitude_and_back() -> None:
     view = make_view()
     pose = view.poses["a/b"]
-    gltf, binary = read_glb(encode_glb(view, pose, MODES, 1))
+    gltf, binary = read_glb(_encode_glb(view, pose, MODES, 1))
     assert [mesh["name"] for mesh in gltf["meshes"]] == list(NAMES)
     assert gltf["scenes"][0]["name"] == "87.250 Hz: slider moves"
     largest = 0.0

@@ -18,7 +18,7 @@ from headstock.geometry.parts.skins import box_skin, split_skin
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import mesh_skin
-from headstock.pipeline.results.views import skin_recovery, surface_energy_density
+from headstock.pipeline.results.views import _skin_recovery, surface_energy_density
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 
@@ -71,7 +71,7 @@ def test_a_bent_cantilever_is_strained_as_beam_theory_says() -> None:
     skin = mesh_skin(mesh)
     loads = np.zeros(len(bar.labels))
     loads[[label[-1] for label in bar.labels].index("x")] = force
-    shift = (skin_recovery(bar, skin) @ np.linalg.solve(bar.stiffness, loads)).reshape(-1, 3)
+    shift = (_skin_recovery(bar, skin) @ np.linalg.solve(bar.stiffness, loads)).reshape(-1, 3)
     density = surface_energy_density(skin.points, skin.triangles, shift, STEEL)
     x, y, z = skin.points.T
     inside = (

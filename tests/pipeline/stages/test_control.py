@@ -29,7 +29,7 @@ from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.response_forms import find_poles
+from headstock.solvers.linear.response_forms import _find_poles
 from headstock.solvers.milling.forces import cutting_forces
 from scene_runs import run
 
@@ -186,7 +186,7 @@ def test_poles_are_those_of_the_unsymmetric_second_order_system_by_another_solve
         damping=present(free.damping) + kp * np.outer(motor, motor),
         stiffness=free.stiffness + kp * kv * np.outer(motor, scale),
     )
-    theirs = find_poles(whole)
+    theirs = _find_poles(whole)
     ours = find_loop_poles(close_loops(free, trains)).poles
     assert len(ours) >= 5
     for pole in ours:

@@ -9,10 +9,10 @@ import pytest
 from mpi4py import MPI
 
 from common import approx
-from headstock.app.drawings.figures import draw_map, map_layers, map_values
+from headstock.app.drawings.figures import _map_values, draw_map, map_layers
 from headstock.app.views.registry import list_tables
 from headstock.app.views.view import FinishedRun
-from headstock.app.views.volumetric import tabulate_map
+from headstock.app.views.volumetric import _tabulate_map
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.map import _map_workspace
@@ -73,7 +73,7 @@ def test_poses_beyond_a_limit_are_empty_in_summary_table_and_picture(tmp_path: P
         '{ X = ["-300 mm", "2 m", 4], Y = ["-100 mm", "100 mm", 3], Z = ["200 mm", "200 mm", 1] }'
     )
     found = run(tmp_path, f"sweeps.plane.axes={spans}")
-    values = map_values(found["map"], "f1_hz")
+    values = _map_values(found["map"], "f1_hz")
     assert np.isfinite(values[0]).all() and np.isnan(values[-1]).all()
     table = next(table for table in list_tables(FinishedRun(found)) if table.name == "map")
     assert table.rows[-1][-1] is None and len(table.rows) == 12
@@ -117,7 +117,7 @@ def test_a_volume_holds_its_planes_and_is_drawn_in_layers() -> None:
     layers = map_layers(found)
     assert [layer.place for layer in layers] == [0, 2, 4] and layers[1].title == "Z = 200 mm"
     assert 'id="map_f1_hz_2"' in str(draw_map(found, "f1_hz", 2))
-    table = tabulate_map("map", found)
+    table = _tabulate_map("map", found)
     assert table.headings[:3] == ("X", "Y", "Z") and len(table.rows) == 30
     assert (
         table.rows[7][3] == np.array(found["quantities"]["condition_number"], dtype=float)[0, 1, 2]

@@ -8,7 +8,7 @@ import pytest
 from common import approx
 from fixture_machines import machine, write_scene
 from headstock.pipeline.preview.doubts import free_motion_warnings
-from headstock.scene.building.joints import KINDS, build_joint, find_joint_faults, joint_rotation
+from headstock.scene.building.joints import KINDS, _joint_rotation, build_joint, find_joint_faults
 from headstock.scene.building.loader import load_scene
 from headstock.scene.schema.joints import JointTable
 
@@ -102,7 +102,7 @@ def test_joint_axes_are_right_handed_and_point_where_the_scene_says(
     kind: str, axis: object, normal: object
 ) -> None:
     table = make_table(kind, axis=axis, normal=normal)
-    rotation = joint_rotation(table)
+    rotation = _joint_rotation(table)
     np.testing.assert_allclose(rotation.T @ rotation, np.eye(3), atol=1e-15)
     assert np.linalg.det(rotation) == approx(1.0, abs=1e-14)
     column = 2 if KINDS[kind].axis_is == "z" else 0
@@ -112,7 +112,7 @@ def test_joint_axes_are_right_handed_and_point_where_the_scene_says(
 
 @pytest.mark.parametrize("kind", ["bolted", "mount", "spring", "rigid"])
 def test_joints_without_directions_have_the_machine_s_axes(kind: str) -> None:
-    np.testing.assert_array_equal(joint_rotation(make_table(kind)), np.eye(3))
+    np.testing.assert_array_equal(_joint_rotation(make_table(kind)), np.eye(3))
 
 
 def test_damping_stands_beside_stiffness() -> None:

@@ -29,7 +29,7 @@ from headstock.solvers.second_order import (
     input_columns,
     output_rows,
 )
-from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
+from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_drive
 
 LEAD = 0.01
 PITCH = LEAD / (2.0 * math.pi)
@@ -157,7 +157,7 @@ def test_a_stiff_loop_holds_the_motor_and_a_soft_one_lets_it_go() -> None:
 
 def test_a_screw_drive_responds_as_its_state_space_does() -> None:
     control = AxisControl(60.0, 5e4, integral_time=0.01)
-    system, train = make_drive(TwoMasses(), control)
+    system, train = make_drive(_TwoMasses(), control)
     model = prepare_closed_frf(system, [train], inputs=[LOAD], outputs=[LOAD])
     space = close_loops(system, [train], inputs=[LOAD], outputs=[LOAD]).space
     lines: FloatArray = np.asarray(np.geomspace(0.3, 900.0, 40), dtype=float)

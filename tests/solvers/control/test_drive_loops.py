@@ -12,9 +12,9 @@ from headstock.geometry.machine.drives import AxisControl
 from headstock.solvers.control.drive_loops import (
     ENCODER,
     LARGEST_ANGLE,
+    _make_dead_time,
     close_loops,
     find_velocity_lag,
-    make_dead_time,
 )
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
 from headstock.solvers.control.margins import find_margins
@@ -24,14 +24,14 @@ from headstock.solvers.linear.time_response import solve_time_response
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 from headstock.validation.machines.drive_cases import (
     LOAD,
-    TwoMasses,
     _closed_loop_poles,
     _delayed_pole,
     _step_response,
+    _TwoMasses,
     make_drive,
 )
 
-MASSES = TwoMasses()
+MASSES = _TwoMasses()
 CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
 change = partial(dataclasses.replace, CONTROL)
 
@@ -89,7 +89,7 @@ def test_poles_with_dead_time_solve_the_transcendental_equation() -> None:
 
 
 def test_the_dead_time_has_gain_one_and_the_right_phase_as_far_as_it_promises() -> None:
-    block = make_dead_time(2.0)
+    block = _make_dead_time(2.0)
     angles = np.linspace(0.1, LARGEST_ANGLE, 20)
     resolvent = 0.5j * angles[:, None, None] * np.eye(len(block.a)) - block.a
     values = (block.c @ np.linalg.solve(resolvent, block.b[None]) + block.d)[:, 0, 0]

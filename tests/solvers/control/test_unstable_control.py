@@ -13,18 +13,18 @@ from common import approx, present
 from headstock.geometry.machine.drives import AxisControl
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.stability import (
+    _scale_velocity_gain,
     find_largest_gain,
     find_loop_poles,
     require_stable,
     scale_position_gain,
-    scale_velocity_gain,
 )
 from headstock.solvers.errors import UnstableControlError
-from headstock.validation.machines.drive_cases import TwoMasses, make_drive
+from headstock.validation.machines.drive_cases import _TwoMasses, make_drive
 
 pytestmark = pytest.mark.hard("H31")
 
-MASSES = TwoMasses(damping=50.0)
+MASSES = _TwoMasses(damping=50.0)
 SOFT = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
 soft_with = partial(dataclasses.replace, SOFT)
 
@@ -54,7 +54,7 @@ def test_a_position_gain_that_is_too_high_is_named_with_the_largest_that_is_stab
 
 def test_the_largest_stable_kv_of_a_rigid_axis_is_that_of_rouths_criterion() -> None:
     # M s^3 + kp s^2 + kp (kv + 1/Tn) s + kp kv / Tn: stable while kp (kv + 1/Tn) > M kv / Tn
-    rigid = TwoMasses(stiffness=1e13, damping=1e9)
+    rigid = _TwoMasses(stiffness=1e13, damping=1e9)
     control = AxisControl(position_gain=500.0, velocity_gain=8e3, integral_time=0.01)
     system, train = make_drive(rigid, control)
     mass, kp, rate = rigid.motor + rigid.load, control.velocity_gain, 1.0 / control.integral_time
@@ -67,8 +67,8 @@ def test_a_velocity_gain_that_no_kv_helps_is_named() -> None:
     system, train = make_drive(MASSES, soft_with(velocity_gain=2e6, dead_time=1e-3))
     with pytest.raises(UnstableControlError, match=r"velocity loop.*largest stable velocity_gain"):
         require_stable(system, [train])
-    largest = present(find_largest_gain(system, [train], "X", scale_velocity_gain))
-    gains = [scale_velocity_gain(train.control, factor * largest) for factor in (0.999, 1.001)]
+    largest = present(find_largest_gain(system, [train], "X", _scale_velocity_gain))
+    gains = [_scale_velocity_gain(train.control, factor * largest) for factor in (0.999, 1.001)]
     loops = [close_loops(system, [dataclasses.replace(train, control=gain)]) for gain in gains]
     assert [len(find_loop_poles(loop).growing()) > 0 for loop in loops] == [False, True]
 

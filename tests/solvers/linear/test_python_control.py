@@ -16,7 +16,7 @@ from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.linear.state_space import to_control
 from headstock.solvers.second_order import SecondOrderSystem
-from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
+from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_drive
 
 control = pytest.importorskip("control")
 
@@ -25,7 +25,7 @@ GAINS = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, c
 
 def plant_and_controller() -> tuple[SecondOrderSystem, DriveTrain, Any, Any]:
     """Force to motor position by python-control, and the controller as transfer functions."""
-    system, train = make_drive(TwoMasses(), GAINS)
+    system, train = make_drive(_TwoMasses(), GAINS)
     plant = to_control(open_plant(system, [train], outputs=[LOAD]))
     motor = control.ss(plant.A, plant.B, plant.C[1:2], 0.0)
     pi = control.tf(
@@ -60,7 +60,7 @@ def test_margins_are_those_of_python_control() -> None:
 
 
 def test_two_axes_on_one_machine_closed_one_after_the_other_are_those_closed_at_once() -> None:
-    system, train = make_drive(TwoMasses(), GAINS)
+    system, train = make_drive(_TwoMasses(), GAINS)
     fixed = dataclasses.replace(
         system,
         mass=np.diag([120.0, 60.0]),

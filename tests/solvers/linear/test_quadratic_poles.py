@@ -6,7 +6,7 @@ import pytest
 from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.linear.damping import damping_of_undamped, solve_damped
-from headstock.solvers.linear.quadratic_poles import SMALL, find_poles_within, state_eigenpairs
+from headstock.solvers.linear.quadratic_poles import SMALL, _find_poles_within, state_eigenpairs
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 pytestmark = pytest.mark.slow
@@ -50,7 +50,7 @@ def test_no_pole_in_the_circle_is_missing_or_off(kind: str, strength: float) -> 
     eigenvalues, viscous = _modal(strength, kind)
     radius = 0.5 * float(np.sqrt(eigenvalues[INSIDE - 1]) + np.sqrt(eigenvalues[INSIDE]))
     expected = _all_within(eigenvalues, viscous, radius)
-    found = find_poles_within(eigenvalues, viscous, radius, tolerance=1e-10)
+    found = _find_poles_within(eigenvalues, viscous, radius, tolerance=1e-10)
     if found is None:
         # nearly all motions creep in the circle: as many poles as a whole state matrix has
         assert strength >= 3e4 and kind == "losses"
@@ -79,7 +79,7 @@ def test_a_negative_damper_is_left_to_the_whole_state_matrix() -> None:
     eigenvalues, viscous = _modal(30.0, "dashpots")
     viscous -= 0.5 * np.eye(SIZE)
     assert (
-        find_poles_within(eigenvalues, viscous, float(np.sqrt(eigenvalues[20])), tolerance=1e-9)
+        _find_poles_within(eigenvalues, viscous, float(np.sqrt(eigenvalues[20])), tolerance=1e-9)
         is None
     )
 
@@ -119,7 +119,7 @@ def test_defective_poles_of_critical_dampers_and_poles_that_nearly_meet_are_all_
     viscous[[3, 4], [3, 4]] = 2.0 * omega
     radius = 0.5 * float(np.sqrt(eigenvalues[INSIDE - 1]) + np.sqrt(eigenvalues[INSIDE]))
     expected = _all_within(eigenvalues, viscous, radius)
-    found = find_poles_within(eigenvalues, viscous, radius, tolerance=1e-10)
+    found = _find_poles_within(eigenvalues, viscous, radius, tolerance=1e-10)
     assert found is not None
     for double in omega:
         # half the digits, as both parts of a defective pole move with the root of rounding
@@ -154,7 +154,7 @@ def test_poles_of_lattices_with_equal_springs_and_dampers_of_any_strength(seed: 
         # the rim passes a pole by a millionth
         rim = float(np.abs(_all_within(eigenvalues, viscous, radius)).max())
         radius = rim * (1.0 + random.choice([-1e-6, 1e-6]))
-    found = find_poles_within(eigenvalues, viscous, radius, tolerance=1e-10)
+    found = _find_poles_within(eigenvalues, viscous, radius, tolerance=1e-10)
     assert found is not None
     expected = _all_within(eigenvalues, viscous, radius)
     assert len(found.poles) == len(expected)

@@ -10,7 +10,7 @@ import scipy.io
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
-from headstock.pipeline.exports import encode_mat
+from headstock.pipeline.exports import _encode_mat
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.state_space import StateSpace, to_control, to_state_space
@@ -28,7 +28,7 @@ def beam_space(zeta: float) -> StateSpace:
 
 def test_matlab_reads_the_same_matrices_and_names() -> None:
     space = beam_space(0.02)
-    read = scipy.io.loadmat(io.BytesIO(encode_mat(space)), simplify_cells=True)
+    read = scipy.io.loadmat(io.BytesIO(_encode_mat(space)), simplify_cells=True)
     for name in "abcd":
         np.testing.assert_array_equal(
             np.reshape(read[name.upper()], getattr(space, name).shape), getattr(space, name)

@@ -10,7 +10,7 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import solve_damped
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.response_forms import find_poles
+from headstock.solvers.linear.response_forms import _find_poles
 from headstock.solvers.linear.symmetric_matrices import SYMMETRY_TOLERANCE, is_symmetric
 from headstock.solvers.second_order import SecondOrderSystem
 
@@ -69,7 +69,7 @@ def test_circulating_forces_make_one_whirl_grow_and_it_is_seen() -> None:
     )
     assert found.damping_ratios.min() < 0.0
     np.testing.assert_allclose(
-        np.sort(find_poles(system).real),
+        np.sort(_find_poles(system).real),
         np.sort(np.concatenate([exact.real, exact.real])),
         rtol=1e-8,
     )

@@ -22,16 +22,16 @@ from headstock.solvers.motion.friction_loop import friction_channels
 from headstock.solvers.motion.set_points import PathLoads, Ramp, SetPoint
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.solvers.watched_outputs import Watch
-from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
+from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_drive
 
-MASSES = TwoMasses()
+MASSES = _TwoMasses()
 CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, dead_time=1e-4)
 MOVE = SetPoint(0.05, 0.05, Ramp("s_curve", 0.1, 0.03))
 SAMPLES: FloatArray = 4e-4 * np.arange(3500.0, dtype=np.float64)
 
 
 def path_with(
-    control: AxisControl = CONTROL, masses: TwoMasses = MASSES, law: GuideFriction | None = None
+    control: AxisControl = CONTROL, masses: _TwoMasses = MASSES, law: GuideFriction | None = None
 ) -> ControlledPath:
     system, train = make_drive(masses, control, law)
     loop = close_loops(system, [train], inputs=friction_channels((train,)), outputs=[LOAD])

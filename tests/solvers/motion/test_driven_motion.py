@@ -17,7 +17,7 @@ from headstock.solvers.linear.time_response import solve_stepped_response, solve
 from headstock.solvers.motion.driven_motion import solve_motion
 from headstock.solvers.motion.friction import friction_force, friction_slope
 from headstock.solvers.motion.friction_loop import friction_channels, make_friction_loop
-from headstock.validation.machines.drive_cases import LOAD, TwoMasses, make_drive
+from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_drive
 
 pytestmark = pytest.mark.slow
 
@@ -31,7 +31,7 @@ TIMES = np.linspace(0.0, 0.2, 201, dtype=np.float64)
 
 
 def loop_with(law: GuideFriction | None) -> ClosedLoop:
-    system, train = make_drive(TwoMasses(), CONTROL, law)
+    system, train = make_drive(_TwoMasses(), CONTROL, law)
     return close_loops(system, [train], inputs=[LOAD, *friction_channels((train,))], outputs=[LOAD])
 
 
@@ -127,12 +127,12 @@ def test_friction_is_breakaway_at_rest_and_coulomb_with_viscous_when_fast() -> N
 
 
 def test_a_loop_closed_without_its_friction_is_refused() -> None:
-    system, train = make_drive(TwoMasses(), CONTROL, LAW)
+    system, train = make_drive(_TwoMasses(), CONTROL, LAW)
     with pytest.raises(ValueError, match="among its inputs"):
         make_friction_loop(close_loops(system, [train]))
 
 
 def test_a_port_that_does_not_exist_is_named() -> None:
-    system, train = make_drive(TwoMasses(), CONTROL)
+    system, train = make_drive(_TwoMasses(), CONTROL)
     with pytest.raises(ModelError, match="no input"):
         close_loops(system, [train], inputs=[("nose", "x")])

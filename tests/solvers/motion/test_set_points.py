@@ -9,10 +9,10 @@ from common import approx
 from headstock.solvers.motion.set_points import (
     Ramp,
     SetPoint,
+    _step_accelerations,
     find_move_fault,
     list_breaks,
     sample_move,
-    step_accelerations,
 )
 
 RAMPS = [
@@ -69,7 +69,7 @@ def test_steps_see_the_acceleration_on_their_side_of_a_jump(ramp: Ramp) -> None:
     move = SetPoint(0.0723, 0.05, ramp)
     breaks = list_breaks(move)
     times = np.sort(np.concatenate([np.linspace(0.0, move.duration, 173), breaks[1:-1]]))
-    loads = step_accelerations(move, times)
+    loads = _step_accelerations(move, times)
     motion = sample_move(move, times)
     # the mean over each step is what the speed gains
     np.testing.assert_allclose(

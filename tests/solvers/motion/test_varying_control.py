@@ -20,7 +20,7 @@ from headstock.solvers.motion.closed_loop import (
     ControlledPath,
     RigidTravel,
     VaryingLoop,
-    close_loops_along,
+    _close_loops_along,
     loop_channels,
     make_loop_table,
     solve_controlled_path,
@@ -326,7 +326,7 @@ def test_poles_between_sampled_poses_are_those_of_the_machine_there() -> None:
     places = [float(place) for place in np.linspace(0.0, LENGTH, 9) * 0.93]
     own = np.array([np.linalg.eigvals(freeze(case, place).loop.space.a) for place in places])
     found = np.array(
-        [np.linalg.eigvals(close_loops_along(loop, place).space.a) for place in places]
+        [np.linalg.eigvals(_close_loops_along(loop, place).space.a) for place in places]
     )
     missed = np.abs(found[:, :, None] - own[:, None]).min(axis=2)
     assert (missed <= 1e-6 * np.abs(found)).all()

@@ -15,10 +15,10 @@ from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.motion.deviation import PathDeviation
 from headstock.solvers.motion.exact import (
     PathModel,
+    _step_pose,
     make_step_table,
     solve_path,
     solve_varying_path,
-    step_pose,
 )
 from headstock.solvers.motion.plant import PosedModes, VaryingSystem
 from headstock.solvers.motion.sampling import sample_system
@@ -247,5 +247,5 @@ def test_a_step_table_is_exact_at_and_between_its_places() -> None:
     table = make_step_table(system, 4e-4)
     for position in np.linspace(0.0, LENGTH, 17) * 0.987:
         np.testing.assert_allclose(
-            table.spline(position), step_pose(system.at(position), system.scales, 4e-4), atol=2e-9
+            table.spline(position), _step_pose(system.at(position), system.scales, 4e-4), atol=2e-9
         )

@@ -10,9 +10,9 @@ import pytest
 
 from common import approx
 from headstock.solvers.errors import ModelError
-from headstock.studies.identification.descent import spread_starts
+from headstock.studies.identification.descent import _spread_starts
 from headstock.studies.identification.identification import fit_parameters
-from headstock.studies.identification.problem import FitProblem, evaluate, follow_modes
+from headstock.studies.identification.problem import FitProblem, _follow_modes, evaluate
 from headstock.validation.machines.identification_cases import (
     _evaluate_blindness,
     _evaluate_seeds,
@@ -20,8 +20,8 @@ from headstock.validation.machines.identification_cases import (
     _prepare_text,
     _solve_truth,
     _true_values,
+    _write_frequencies,
     _write_parameters,
-    write_frequencies,
 )
 
 pytestmark = pytest.mark.slow
@@ -40,15 +40,15 @@ frequencies = {stiff}
 
 def make_targets(folder: Path) -> str:
     """Targets that the true values meet exactly."""
-    any_hz = write_frequencies(np.arange(10.0, 16.0, dtype=np.float64))
+    any_hz = _write_frequencies(np.arange(10.0, 16.0, dtype=np.float64))
     problem = _prepare_text(
         folder,
         CASES.format(written=any_hz, stiff=any_hz, compliance=1.0) + _write_parameters(TRUTH),
     )
     written, stiff = _solve_truth(problem, TRUTH).states
     return CASES.format(
-        written=write_frequencies(written.frequencies_hz[:6]),
-        stiff=write_frequencies(stiff.frequencies_hz[:6]),
+        written=_write_frequencies(written.frequencies_hz[:6]),
+        stiff=_write_frequencies(stiff.frequencies_hz[:6]),
         compliance=1e9 * float(written.compliances[0]),
     )
 
@@ -112,7 +112,7 @@ def test_modes_are_followed_by_shape_through_a_crossing(tmp_path: Path) -> None:
     anew = _solve_truth(problem, {**TRUTH, "guide_lateral": 4.0 * 55e6})
     assert point.pairings != anew.pairings
     assert sorted(point.pairings[1].modes) != list(point.pairings[1].modes)
-    back = follow_modes(point.states[1], point.pairings[1], point.states[1])
+    back = _follow_modes(point.states[1], point.pairings[1], point.states[1])
     assert back == point.pairings[1]
 
 
@@ -193,7 +193,7 @@ def test_starts_fill_the_bounds_and_follow_the_priors(tmp_path: Path) -> None:
     names = {"feet_x": 120e6, "feet_y": 75e6}
     text = make_targets(tmp_path) + _write_parameters(names) + "prior_sigma = 0.1\n"
     problem = with_settings(_prepare_text(tmp_path, text), starts=33)
-    starts = np.array(spread_starts(problem))
+    starts = np.array(_spread_starts(problem))
     shares = (starts - problem.lower) / (problem.upper - problem.lower)
     assert len(starts) == 33
     assert (shares >= 0.0).all() and (shares <= 1.0).all()

@@ -18,7 +18,7 @@ from headstock.pipeline.storage.store import Store
 from headstock.studies.identification.identification import prepare_problem
 from headstock.studies.identification.problem import data_jacobian, evaluate
 from headstock.studies.identification.target_files import load_targets
-from headstock.validation.machines.identification_cases import SCENE, write_frequencies
+from headstock.validation.machines.identification_cases import SCENE, _write_frequencies
 
 SHORT = (
     """[parameters]
@@ -64,7 +64,7 @@ def write_case(name: str, scene: Path, *, variant: str | None, pose: str) -> str
     found = measure(hs.load(scene, variant=variant, set=TRUE_KEYS), pose)
     choice = f'variant = "{variant}"\n' if variant else ""
     return (
-        f'[cases.{name}]\n{choice}pose = "{pose}"\nfrequencies = {write_frequencies(found[:6])}\n'
+        f'[cases.{name}]\n{choice}pose = "{pose}"\nfrequencies = {_write_frequencies(found[:6])}\n'
     )
 
 
@@ -178,7 +178,7 @@ def test_the_wall_of_an_elastic_part_is_found_again(
     """Each value is another mesh, so that the fit ends near the truth and not at it."""
     scene.write_text(ELASTIC)
     truth = hs.load(scene, variant="fine", set={"parameters.wall": "43 mm"})
-    case = f'[cases.fine]\nvariant = "fine"\npose = "middle"\nfrequencies = {write_frequencies(measure(truth, "middle")[:6])}\n'
+    case = f'[cases.fine]\nvariant = "fine"\npose = "middle"\nfrequencies = {_write_frequencies(measure(truth, "middle")[:6])}\n'
     targets = write_scene(tmp_path, case + WALL, name="targets")
     assert main(["identify", str(scene), str(targets), "-o", str(tmp_path / "out")]) == 0
     assert "column is meshed and reduced anew at every value of wall" in capsys.readouterr().out

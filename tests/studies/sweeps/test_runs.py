@@ -23,12 +23,12 @@ from headstock.studies.sweeps.files import SWEEP_FILE, write_sweep
 from headstock.studies.sweeps.journals import (
     FOLDER,
     PoseResult,
-    decode_result,
+    _decode_result,
     encode_result,
     open_journal,
     read_journals,
 )
-from headstock.studies.sweeps.poses import MachinePoses, solve_machine_pose
+from headstock.studies.sweeps.poses import _MachinePoses, solve_machine_pose
 from headstock.studies.sweeps.results import SweepResults, collect_results
 from headstock.studies.sweeps.runs import Part, SweepJob, SweepOutcome, run_sweep, select_analyses
 
@@ -195,7 +195,7 @@ def test_a_pose_that_fails_is_named_and_the_others_are_computed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail_in_one(
-        shared: MachinePoses, pose: Pose, positions: FloatArray, feed: FloatArray
+        shared: _MachinePoses, pose: Pose, positions: FloatArray, feed: FloatArray
     ) -> PoseResult:
         if pose.positions["X"] == 0.0:
             return PoseResult(
@@ -231,7 +231,7 @@ def test_a_result_survives_its_bytes() -> None:
         links=("a", "b", ""),
         figures=np.array([[np.nan, 1.0]]),
     )
-    back = decode_result(encode_result(result))
+    back = _decode_result(encode_result(result))
     np.testing.assert_equal(vars(back), vars(result))
     kinds = [
         {name: getattr(v, "dtype", type(v)) for name, v in vars(x).items()} for x in (back, result)
@@ -239,7 +239,7 @@ def test_a_result_survives_its_bytes() -> None:
     assert kinds[0] == kinds[1]
     for length in range(len(encode_result(result))):
         with pytest.raises(ValueError, match=r".*"):
-            decode_result(encode_result(result)[:length])
+            _decode_result(encode_result(result)[:length])
 
 
 def test_two_writers_of_one_journal_are_refused(tmp_path: Path) -> None:
