@@ -665,29 +665,34 @@ def test_what_is_written_inside_lies_on_the_host(entered: Host, tmp_path: Path) 
     outside = tmp_path / "outside"
     (outside / "here").mkdir(parents=True)
     (outside / "link").symlink_to("here")
-    for given, lies in (
-        ("{outside}/results/new/x", "{outside}/results/new/x"),
-        ("results/x", "{outside}/here/results/x"),
-        ("../beside/x", "{outside}/beside/x"),
-        ("{outside}/link/x", "{outside}/here/x"),
-        ("{outside}/link/../x", "{outside}/x"),
-        ("~/x", "{outside}/here/~/x"),
-        ("{outside}/two words/x", "{outside}/two words/x"),
-    ):
-        done = write_inside(entered, given.format(outside=outside), outside / "here")
-        assert done.returncode == 0, done.stderr
-        assert Path(lies.format(outside=outside)).read_text() == "inside\n", given
+    host_files = {
+        f"{outside}/results/new/x": outside / "results/new/x",
+        "results/x": outside / "here/results/x",
+        "../beside/x": outside / "beside/x",
+        f"{outside}/link/x": outside / "here/x",
+        f"{outside}/link/../x": outside / "x",
+        "~/x": outside / "here/~/x",
+        f"{outside}/two words/x": outside / "two words/x",
+    }
+    written = {}
+    for path, host_file in host_files.items():
+        done = write_inside(entered, path, outside / "here")
+        written[path] = (done.returncode, done.stderr, host_file.read_text())
+    assert written == dict.fromkeys(host_files, (0, "", "inside\n"))
 
 
 def test_what_would_be_lost_is_refused(entered: Host, tmp_path: Path) -> None:
     (root,) = (entered.cache / "headstock").glob("root-*")
     before = sorted(root.rglob("*"))
-    for folder in ("/newfolder", "/run", "/var", "/usr", "/etc", "/usr/lib", "/boot"):
-        done = write_inside(entered, f"{folder}/lost/x", tmp_path)
-        assert done.returncode in (1, 2), folder
-        assert "Read-only file system" in done.stderr or "Directory nonexistent" in done.stderr
-        assert sorted(root.rglob("*")) == before
-        assert not Path(folder, "lost").exists()
+    folders = ("/newfolder", "/run", "/var", "/usr", "/etc", "/usr/lib", "/boot")
+    refused = [write_inside(entered, f"{folder}/lost/x", tmp_path) for folder in folders]
+    assert {done.returncode for done in refused} <= {1, 2}
+    reasons = ("Read-only file system", "Directory nonexistent")
+    assert [
+        done.stderr for done in refused if not any(map(done.stderr.__contains__, reasons))
+    ] == []
+    assert sorted(root.rglob("*")) == before
+    assert [folder for folder in folders if Path(folder, "lost").exists()] == []
 
 
 def test_what_is_written_for_longer_than_a_boot_is_the_hosts(entered: Host, tmp_path: Path) -> None:
