@@ -146,6 +146,7 @@ def try_effects(
                 lambda run: run[1],
                 quick=QUICK,
                 least=1 if settings else 2,
+                comm=MPI.COMM_SELF,
             )
             return _Run(done[0][0], [seconds for _, seconds in done])
         except HeadstockError as error:

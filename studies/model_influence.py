@@ -441,6 +441,7 @@ class _Models:
             lambda number: self._run(planned),
             lambda results: _seconds(_of_machine(results.stages)),
             quick=QUICK,
+            comm=MPI.COMM_SELF,
         )
         machine = min((_of_machine(results.stages) for results in runs), key=_seconds)
         followed = _follow_model(written, family, family.change(self._restore(planned)))

@@ -76,7 +76,7 @@ def repeat_quick[T](
     *,
     quick: float,
     least: int = 1,
-    comm: MPI.Comm = MPI.COMM_SELF,
+    comm: MPI.Comm,
 ) -> list[T]:
     """Run something, ``REPEATS`` times where the first took less than ``quick`` seconds; collective.
 

@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, SupportsFloat, cast
@@ -252,7 +253,9 @@ def work_here(
     there takes longer than what most tests mesh.
     """
     gmsh = sys.modules.get("gmsh")
-    if gmsh is not None and gmsh.isInitialized():  # the test has a model of its own there
+    open_model = gmsh is not None and gmsh.isInitialized()  # the test has a model of its own there
+    # gmsh and standard input are one for all threads
+    if open_model or threading.current_thread() is not threading.main_thread():
         return worker.call_apart(
             functions, *words, limits=limits, readable=readable, content=content, result=result
         )

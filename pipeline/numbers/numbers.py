@@ -86,6 +86,8 @@ def make_key(kind: str, **at: str | int) -> Key:
     Raises:
         KeyError: The kind is unknown, or has no such role.
     """
+    if kind not in KINDS:
+        raise KeyError(f"{kind} is no kind of number; add it to pipeline/numbers/kinds.py")
     roles = KINDS[kind].roles
     if missing := at.keys() - set(roles):
         raise KeyError(f"{kind} has no {', '.join(sorted(missing))}")

@@ -1,7 +1,7 @@
 """``summary.json``: what a run found as one typed mapping."""
 
 import math
-from typing import Literal, NotRequired, TypedDict, cast
+from typing import Any, Literal, NotRequired, TypedDict, cast, get_type_hints
 
 from headstock.pipeline.answers.accuracy import (
     AccuracySummary,
@@ -20,6 +20,7 @@ from headstock.pipeline.answers.probes import ProbeSummary
 from headstock.pipeline.answers.static import PointSummary, StaticAnswer
 from headstock.pipeline.answers.transient import TransientSummary
 from headstock.pipeline.answers.volumetric import VolumetricSummary
+from headstock.pipeline.planning.analyses import load_answer_types
 from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.storage.provenance import ProvenanceSummary
@@ -95,6 +96,17 @@ class RunSummary(TypedDict):
     accuracy: NotRequired[AccuracySummary]
     model_errors: NotRequired[ModelErrorsSummary]
     interface_errors: NotRequired[InterfaceErrorsSummary]
+
+
+def list_entry_types() -> dict[str, Any]:
+    """Return the type of every entry that ``summary.json`` may hold, by its key: those that
+    :class:`RunSummary` names, and of other answers what they summarise, by pose or as it is.
+    """
+    entries: dict[str, Any] = {}
+    for kind in load_answer_types():
+        content = get_type_hints(kind.summarise)["return"]
+        entries[kind.entry] = dict[str, content] | content
+    return entries | get_type_hints(RunSummary)
 
 
 def summarise(results: Results) -> RunSummary:

@@ -19,7 +19,7 @@ from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure, search_once, watch_memory
 from headstock.pipeline.preview.watched_numbers import find_name_fault
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.results.summary import RunSummary, summarise
+from headstock.pipeline.results.summary import list_entry_types, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.run_state import Announcer
 from headstock.pipeline.stages.shared_components import deal_out, expect_job, load_elastic
@@ -170,7 +170,7 @@ def _find_watch_fault(text: str, scenes: Sequence[Scene]) -> str:
     if root in NAMES and root not in analyses:
         return f"{text}: no point runs the analysis {root}; {suggest_names(root, analyses, what='analyses')}"
     poses = {pose for scene in scenes for pose in scene.poses}
-    fault = _find_fault(path.steps, RunSummary, "", poses)
+    fault = _find_fault(path.steps, list_entry_types(), "", poses)
     return f"{text}: {fault}" if fault else ""
 
 
@@ -178,14 +178,14 @@ def _find_fault(steps: Sequence[Step], hint: object, label: str, poses: Collecti
     """Return where steps leave what a type can hold; empty where they do not.
 
     Args:
-        hint: Type of the value that they start at.
+        hint: Type of the value that they start at, or types by key.
     """
     options = [hint]
     if get_origin(hint) in (Union, types.UnionType):
         options = [option for option in get_args(hint) if option is not type(None)]
     faults = []
     for option in options:
-        table = isinstance(option, type) and is_typeddict(option)
+        table = isinstance(option, Mapping) or is_typeddict(option)
         follow = _follow_keys if table else _FOLLOWERS.get(get_origin(option))
         if follow is not None:
             faults.append(follow(steps, option, label, poses))
@@ -196,7 +196,7 @@ def _find_fault(steps: Sequence[Step], hint: object, label: str, poses: Collecti
 
 def _follow_keys(steps: Sequence[Step], hint: Any, label: str, poses: Collection[str]) -> str:
     """As ``_find_fault``, of a table whose keys are known."""
-    keys = get_type_hints(hint)
+    keys = hint if isinstance(hint, Mapping) else get_type_hints(hint)
     if not steps:
         return f"{label} is a table; name one of {', '.join(keys)}"
     step, rest = steps[0], steps[1:]

@@ -12,7 +12,9 @@ from fixture_machines import machine
 
 ROOT = Path(__file__).resolve().parents[2]
 # as documents and `--help` write files: a word in capitals stands for a name
-NAMED_FILE = re.compile(r"[`/ ]((?:[a-z]+/)?\w+\.(?:csv|html|h5|jsonl?|png|pvd|vtu|glb))[`,. \"]")
+NAMED_FILE = re.compile(
+    r"[`/ ](?!self\.)((?:[a-z]+/)?\w+\.(?:csv|html|h5|jsonl?|png|pvd|vtu|glb))[`,. \"]"
+)
 STANDS_FOR = re.compile(r"[A-Z]{2,}|(?<=_)N(?=\.)")
 # of other programs; examples of what a name in capitals stands for; what needs controlled drives, a
 # study of costs or an elastic machine that mills
