@@ -1,5 +1,5 @@
-"""Dead code by vulture; keys of typed dictionaries are read by their strings, and what is loaded late
-is named in a text ``module:name``, which vulture does not see.
+"""Dead code by vulture; keys of typed dictionaries and of tables of a scene are read by texts that
+hold them, and what is loaded late is named in a text ``module:name``, which vulture does not see.
 """
 
 import ast
@@ -12,8 +12,8 @@ from vulture import Vulture
 ROOT = Path(__file__).resolve().parent.parent
 
 
-def typed_keys(folders: list[str]) -> set[str]:
-    """Keys of all classes that derive from ``TypedDict``."""
+def fields_of(kind: str, folders: list[str]) -> set[str]:
+    """Fields of all classes that derive from one."""
     classes = [
         node
         for folder in folders
@@ -21,10 +21,12 @@ def typed_keys(folders: list[str]) -> set[str]:
         for node in ast.parse(path.read_text()).body
         if isinstance(node, ast.ClassDef)
     ]
-    typed = {"TypedDict"}
+    typed = {kind}
     while (
         found := {
-            node.name for node in classes if {ast.unparse(base) for base in node.bases} & typed
+            node.name
+            for node in classes
+            if {ast.unparse(base).rpartition(".")[2] for base in node.bases} & typed
         }
         - typed
     ):
@@ -39,15 +41,15 @@ def typed_keys(folders: list[str]) -> set[str]:
     return {target.id for target in fields if isinstance(target, ast.Name)}
 
 
-def named_in_texts(folders: list[str]) -> set[str]:
-    """Names in texts such as ``module:name``."""
+def named_in_texts(form: str, folders: list[str]) -> set[str]:
+    """Names in texts of a form."""
     return {
         match.group(1)
         for folder in folders
         for path in (ROOT / folder).rglob("*.py")
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
-        if (match := re.fullmatch(r"[\w.]+:(\w+)", node.value))
+        if (match := re.fullmatch(form, node.value))
     }
 
 
@@ -56,8 +58,13 @@ settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["vulture
 vulture = Vulture(
     ignore_names=settings["ignore_names"], ignore_decorators=settings["ignore_decorators"]
 )
-vulture.scavenge([str(ROOT / path) for path in settings["paths"]])
-keys = typed_keys(settings["paths"]) | named_in_texts(settings["paths"])
+paths = settings["paths"]
+keys = (
+    fields_of("TypedDict", paths)
+    | (fields_of("StrictTable", paths) & named_in_texts(r"(\w+)", paths))
+    | named_in_texts(r"[\w.]+:(\w+)", paths)
+)
+vulture.scavenge([str(ROOT / path) for path in paths])
 found = [
     item for item in vulture.get_unused_code(settings["min_confidence"]) if item.name not in keys
 ]

@@ -1,6 +1,7 @@
 """``summary.json``: what a run found as one typed mapping."""
 
 import math
+import types
 from typing import Any, Literal, NotRequired, TypedDict, cast, get_type_hints
 
 from headstock.pipeline.answers.accuracy import (
@@ -104,8 +105,8 @@ def list_entry_types() -> dict[str, Any]:
     """
     entries: dict[str, Any] = {}
     for kind in load_answer_types():
-        content = get_type_hints(kind.summarise)["return"]
-        entries[kind.entry] = dict[str, content] | content
+        content: Any = get_type_hints(kind.summarise)["return"]
+        entries[kind.entry] = types.GenericAlias(dict, (str, content)) | content
     return entries | get_type_hints(RunSummary)
 
 

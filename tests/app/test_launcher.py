@@ -485,18 +485,26 @@ def test_a_killed_build_ends_and_what_it_left_is_cleared_by_the_next(
     assert [".growing." in name for name in host.roots()] == [False]
 
 
+def user_without(tool: str) -> Callable[[Host], None]:
+    def hinder(host: Host) -> None:
+        host.ordinary_user()
+        host.lack(tool)
+
+    return hinder
+
+
 # what stands in the way of a root: what the host lacks, the words that are said, how often it is built
 HINDRANCES: dict[str, tuple[Callable[[Host], object], str, int]] = {
     "failed build": (lambda host: host.mmdebstrap(code=25), "E: no such mirror", 1),
     "log of a failed build": (lambda host: host.mmdebstrap(code=25), "build.log", 1),
     "no room": (lambda host: host.write("df", DF.format(kb=1_000_000)), "XDG_CACHE_HOME", 0),
     "no tools": (
-        lambda host: (host.ordinary_user(), host.lack("mmdebstrap")),
+        user_without("mmdebstrap"),
         "sudo apt-get install mmdebstrap bubblewrap",
         0,
     ),
     "no uidmap": (
-        lambda host: (host.ordinary_user(), host.lack("newuidmap")),
+        user_without("newuidmap"),
         "missing: newuidmap. Install with: sudo apt-get install mmdebstrap bubblewrap debian-archive-keyring uidmap",
         0,
     ),
