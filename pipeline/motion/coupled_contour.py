@@ -97,9 +97,7 @@ from headstock.solvers.second_order import Channel
 POSES_PER_PIECE = 6  # at least, and doubled where they do not suffice
 SHORTEST = 1e-6  # share of the whole trajectory: bends closer than that are one
 STEPS_PER_PERIOD = 20  # of the highest mode that is kept: with fewer its frequency is wrong
-RESIDUAL_REACH = (
-    4.0  # frequency of the mode for the residual flexibility, over the highest one kept
-)
+RESIDUAL_REACH = 4.0  # frequency of the residual modes, over the highest one kept
 RESIDUAL_DAMPING = 0.3
 TURNING_NODES = 101  # at which rotation rates are evaluated
 IDEAL = "motors follow their set points; no control loop is closed along a contour"

@@ -26,13 +26,7 @@ CELLS = 1000
 LEAST_SAMPLES = 4  # of a profile within its cut-off
 DETAIL = 2e-3  # length of the piece that is kept sample by sample [m]
 BEYOND = 0.5  # share of the tool's radius that is evaluated beyond the ends of a face
-DEPTH_SHARES = (
-    0.0,
-    0.25,
-    0.5,
-    0.75,
-    1.0,
-)  # heights at which the location error is reported, over the depth of cut
+DEPTH_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # heights at which location errors are reported
 SPARSE = 8  # sampling step of its mean
 MARKS_APART = 1.5  # shortest wavelength of the profile, over the distance of tooth marks
 

@@ -269,9 +269,7 @@ def _observe(name: str, probe: PlacedProbe, model: MovingModel, loads: Sequence[
 
 
 def _size(values: FloatArray) -> FloatArray:
-    """Return the equivalent stress and the size of the displacement ``(2, n)`` from outputs ``(n,
-    9)``.
-    """
+    """Return the equivalent stress and the size of the displacement ``(2, n)`` of outputs."""
     moved = np.linalg.norm(values[:, :MOVED], axis=1)
     return np.stack([largest_von_mises(values[:, MOVED:]), moved])
 
