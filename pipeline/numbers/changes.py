@@ -18,7 +18,7 @@ from headstock.pipeline.numbers.estimates import (
 )
 from headstock.pipeline.numbers.numbers import Key, Number
 
-# the component alone that has a source of error, empty for all, or the key of a coefficient; and the source
+# the component with a source of error, empty for all, or the key of a coefficient; and the source
 type Owner = tuple[str, str]
 type Split = Callable[[Key, float], Mapping[str, float]]
 type Join = Literal["sum", "largest", "replace"]

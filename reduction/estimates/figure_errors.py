@@ -20,7 +20,7 @@ from headstock.solvers.pairing.response_peaks import (
     measure_levels,
 )
 
-GROUPS = 0.1  # range of the logarithm of the chatter frequency in which modes left out are linearised once
+GROUPS = 0.1  # of the logarithm of chatter frequencies: modes left out are linearised once in it
 
 # numbers of further modes in which partners of the modes with peaks are searched
 BEYOND, FURTHER = 2, 6

@@ -312,7 +312,7 @@ def compliance_mesh_errors(
     }
 
 
-def doubted_energies(
+def interface_kind_energies(
     coupled: CoupledMachine,
     motions: FloatArray,
     squares: FloatArray,
@@ -345,8 +345,8 @@ def doubted_energies(
             np.sqrt(area / np.pi),
             parts[name].youngs_modulus / (1.0 - parts[name].poisson_ratio ** 2),
         )
-        pushes, turns = (forces[:3] ** 2).sum(axis=0), (forces[3:] ** 2).sum(axis=0)
+        forces_2, moments_2 = (forces[:3] ** 2).sum(axis=0), (forces[3:] ** 2).sum(axis=0)
         energies[f"{name}.{interface}"] = (
-            FORCE_DOUBT * pushes / radius + MOMENT_DOUBT * turns / radius**3
+            FORCE_DOUBT * forces_2 / radius + MOMENT_DOUBT * moments_2 / radius**3
         ) / modulus
     return energies
