@@ -25,10 +25,10 @@ from headstock.reduction.estimates.mesh_errors import (
     compliance_feature_errors,
     compliance_mesh_errors,
     compliance_shape_errors,
-    interface_kind_energies,
     frequency_feature_errors,
     frequency_mesh_errors,
     frequency_shape_errors,
+    interface_kind_energies,
 )
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.solvers.linear.modal_analysis import ModalResult
