@@ -1,6 +1,6 @@
-"""A path of linear axes, with motors that follow their set points or under control, in one pose or as
-the pose changes along it, with what errors of guides and torque ripple add. Control loops are checked
-for stability before any run in time.
+"""Deviation of a machine from a straight path of its linear axes, with motors that follow their set
+points exactly or under control, in one pose or with the pose changing along the path, and with
+guide errors and torque ripple. Control loops are checked for stability before any time integration.
 """
 
 import dataclasses
@@ -103,8 +103,8 @@ from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.watched_outputs import Extreme, Watch
 
 ENERGY_LIMIT = 1e-6
-# modes up to so many times the band looked at are states of the loop, the others act directly; fewer
-# with friction, whose steps take all states together, or where they are interpolated along the path
+# modes up to this multiple of the frequency band are states of the loop, the others act statically;
+# fewer with friction, whose steps take all states together, or if interpolated along the path
 LINEAR_REACH, FRICTION_REACH, VARYING_REACH = 12.0, 3.0, 3.0
 
 
@@ -115,10 +115,11 @@ Observed = tuple[dict[str, dict[str, Extreme]], dict[str, ProbeMotion]]
 
 @dataclass(frozen=True, eq=False)
 class AxesPath(ABC):
-    """A machine whose linear axes go along a path: one solver of paths.
+    """Solve the moves of a machine whose linear axes travel along a straight path.
 
     Attributes:
-        error_nodes: Poses between which what errors of guides do at rest is interpolated.
+        error_nodes: Number of poses between which static deviations by guide errors are
+            interpolated.
     """
 
     state: RunState
@@ -127,22 +128,22 @@ class AxesPath(ABC):
 
     @functools.cached_property
     def model(self) -> PathModel:
-        """The model that a deviation is computed with."""
+        """The model of the deviation, with the loads of the cut."""
         return dataclasses.replace(choose_model(self.request), loads=self.loads)
 
     @functools.cached_property
     def middle(self) -> CoupledPose:
-        """The machine in the middle of the path."""
+        """The machine in the pose at the middle of the path."""
         return couple_at(self.state, self.request, 0.5 * self.request.path.length)
 
     @functools.cached_property
     def plant(self) -> PosedModes:
-        """The machine with ideal motors there."""
+        """The machine with ideal motors at the middle of the path."""
         return self.build_plant(0.5 * self.request.path.length)
 
     def build_plant(self, position: float) -> PosedModes:
-        """Return the machine with ideal motors at a position of the path [m]: the damping the scene names, and
-        the acceleration along the path as an input.
+        """Return the machine with ideal motors at a position of the path [m], damped as the scene
+        says, with the acceleration along the path as an input.
         """
         scene, pose = self.state.scene, self.request.path.pose_at(position)
         coupled = couple(self.state.parts.superelements, scene.machine, pose)
@@ -154,13 +155,13 @@ class AxesPath(ABC):
 
     @property
     def _step(self) -> float:
-        """Of time between samples as the loads need them [s]."""
+        """Time step that resolves the loads between two samples [s]."""
         fine, _ = cut_times(sample_path(self.request, self.request.moves[0]), self.loads)
         return float(fine[1] - fine[0])
 
     @property
     def frequencies_hz(self) -> FloatArray:
-        """Natural frequencies in the middle of the path [Hz]."""
+        """Natural frequencies at the middle of the path [Hz]."""
         return self.plant.modes.frequencies_hz
 
     @property
@@ -170,17 +171,17 @@ class AxesPath(ABC):
 
     @functools.cached_property
     def directions(self) -> dict[str, FloatArray]:
-        """Of every component that travels, its velocity ``(3,)`` per speed along the path."""
+        """Velocity ``(3,)`` of every component that travels, per speed along the path."""
         return travel_directions(self.state.scene.machine, self.request.path)
 
     @functools.cached_property
     def loads(self) -> PathLoads | None:
-        """The cut; None without one."""
+        """Cutting forces; None without a cut."""
         return path_loads(self.state.scene.machine, self.directions, self.request.cut)
 
     @functools.cached_property
     def errors(self) -> PathErrors | None:
-        """Errors of guides along the path; None where there are none."""
+        """Guide errors along the path; None where there are none."""
         return find_path_errors(
             self.state.parts.superelements,
             self.state.scene.machine,
@@ -196,13 +197,13 @@ class AxesPath(ABC):
 
     @property
     def disturbed(self) -> bool:
-        """True where errors of guides or torque ripple act."""
+        """True where guide errors or torque ripple act."""
         return self.errors is not None or bool(self.rippling)
 
     @functools.cached_property
     def disturbances(self) -> dict[SetPoint, PathDeviation | None]:
-        """Deviations by errors of guides and torque ripple on every move in the pose of the middle, from that
-        at its beginning.
+        """Deviations by guide errors and torque ripple on every move, relative to the beginning of
+        the move, in the pose at the middle of the path.
         """
         return {
             move: self._disturb(move) if self.disturbed else None for move in self.request.moves
@@ -211,51 +212,55 @@ class AxesPath(ABC):
     @property
     @abstractmethod
     def machine(self) -> PoseModel:
-        """The machine in the middle of the path, its motors locked or free."""
+        """The machine at the middle of the path, its motors locked or free."""
 
     @property
     @abstractmethod
     def system(self) -> SecondOrderSystem:
-        """Its equations of motion, with damping."""
+        """Equations of motion of that machine, with damping."""
 
     @functools.cached_property
     def observers(self) -> PathObservers:
-        """Joints and probes there."""
+        """Joints and probes of that machine."""
         return observe_path(self.state, self.machine)
 
     @abstractmethod
     def _solve_frozen(self) -> SolveDeviation:
-        """Return what solves a move in the pose of the middle, without disturbances."""
+        """Return a function that solves a move in the pose at mid-path, without disturbances."""
 
     @abstractmethod
     def _solve_posed(self) -> tuple[SolveDeviation, VaryingSystem, StepTable]:
-        """Return what solves a move as the pose changes, without disturbances; the machine along the path, and
-        the steps in time.
+        """Return a function that solves a move as the pose changes, without disturbances; with the
+        machine along the path and its time steps.
         """
 
     @abstractmethod
     def _truncate(self, kept: PathDeviation) -> tuple[PathDeviation, PathDeviation]:
-        """The last move in the pose of the middle, without the modes that are left out along the path,
-        and with them.
+        """Return the last move in the pose at mid-path: without the modes that are left out along
+        the path, and with them.
         """
 
     @abstractmethod
     def _disturb(self, move: SetPoint) -> PathDeviation:
-        """Return the deviation by errors of guides and torque ripple on a move in the pose of the middle."""
+        """Return the deviation by guide errors and torque ripple on a move, in the
+        mid-path pose.
+        """
 
     def _find_offset_motions(self, travel: ErrorTravel, system: SecondOrderSystem) -> OffsetMotions:
-        """Return the motions of the machine by unit offsets."""
+        """Return the motions of the machine under unit offsets of its guides."""
         return find_offset_motions(self.middle.coupled, travel, system)
 
     @functools.cached_property
-    def _erring(self) -> tuple[SecondOrderSystem, tuple[Channel, ...], Feedthrough | None]:
-        """The observed machine with errors of guides as inputs, these, and their direct feedthrough."""
+    def _error_inputs(self) -> tuple[SecondOrderSystem, tuple[Channel, ...], Feedthrough | None]:
+        """Return the system with guide errors as inputs and observed outputs, the channels of these
+        inputs, and their direct feedthrough.
+        """
         observers, errors = self.observers, self.errors
         system = observers.join(self.system)
         if errors is None:
             return system, (), None
         motions = self._find_offset_motions(errors.travel, system)
-        passed = pass_offsets(
+        feedthrough = pass_offsets(
             coupled_machine(self.machine),
             errors.travel,
             motions,
@@ -263,11 +268,11 @@ class AxesPath(ABC):
             observers.joints,
             probe_values(observers.probes),
         )
-        return *add_error_inputs(system, errors.travel, motions), passed
+        return *add_error_inputs(system, errors.travel, motions), feedthrough
 
     def _load_by_errors(self, move: SetPoint) -> Disturbance:
-        """Errors of guides, then torque ripple, as loads during a move."""
-        errors, (_, channels, passed) = self.errors, self._erring
+        """Return guide errors, then torque ripple, as loads during a move."""
+        errors, (_, channels, feedthrough) = self.errors, self._error_inputs
 
         def loads(times: FloatArray) -> FloatArray:
             positions = sample_move(move, times).positions
@@ -276,11 +281,11 @@ class AxesPath(ABC):
 
         step = self._shortest_wave / move.feed / STEPS_PER_WAVE
         ripple = ((drive.name, FORCE) for drive in self.rippling)
-        return Disturbance((*channels, *ripple), loads, step, passed)
+        return Disturbance((*channels, *ripple), loads, step, feedthrough)
 
     def _ripple(self, drive: Drive, positions: FloatArray) -> FloatArray:
-        """Force ``(n, 1)`` of a drive at ``(n,)`` positions along the path by the ripple of its torque, from
-        that at the beginning [N].
+        """Return the force ``(n, 1)`` of a drive by its torque ripple at ``(n,)`` positions along
+        the path, less that at the beginning [N].
         """
         start = self.request.path.start.positions.get(drive.axis, 0.0)
         share = axis_shares(self.request).get(drive.axis, 0.0)
@@ -289,7 +294,9 @@ class AxesPath(ABC):
 
     @property
     def _shortest_wave(self) -> float:
-        """Shortest wave of guides and motor torques along the path [m]; infinite without any."""
+        """Shortest wavelength of guide errors and torque ripple along the path [m]; infinite
+        without any.
+        """
         shares = axis_shares(self.request)
         ripples = [
             drive.lead / wave.per_turn / abs(shares[drive.axis])
@@ -301,17 +308,19 @@ class AxesPath(ABC):
 
     @abstractmethod
     def _observe(self, move: SetPoint, total: PathDeviation) -> Observed:
-        """Return the largest forces of joints on a move, and what probes observed."""
+        """Return the largest forces of joints during a move, and the outputs of probes."""
 
     def _record_drives(
         self, move: SetPoint, total: PathDeviation, *, along: bool = False
     ) -> DriveHistory:
-        """Return what drives did on a move that watched them, as the pose changed along the path or did not."""
+        """Return forces, torques and position errors of drives during a move, solved with the pose
+        changing (``along``) or frozen at mid-path.
+        """
         none = np.zeros((len(total.times), 0))
         return record_drives((), total.times, none, none)
 
     def freeze(self) -> SolveMove:
-        """Return what solves a move in the pose of the middle."""
+        """Return a function that solves a move in the pose at the middle of the path."""
         disturbances, solve = self.disturbances, self._solve_frozen()
 
         def solve_move(move: SetPoint) -> SolvedMove:
@@ -323,7 +332,7 @@ class AxesPath(ABC):
         return solve_move
 
     def follow(self, kept: Sequence[SolvedMove]) -> PosedMoves:
-        """Return what solves moves as the pose changes."""
+        """Return a function that solves a move as the pose changes along the path."""
         solve, system, table = self._solve_posed()
 
         def solve_move(move: SetPoint) -> SolvedMove:
@@ -349,7 +358,9 @@ class AxesPath(ABC):
 
 
 class IdealAxes(AxesPath):
-    """Axes whose motors follow their set points: what deviates is by the acceleration and the cut."""
+    """Solve moves of axes whose motors follow their set points exactly, so that only structural
+    deformation by acceleration and cutting forces deviates from the path.
+    """
 
     @property
     def machine(self) -> PoseModel:
@@ -358,7 +369,7 @@ class IdealAxes(AxesPath):
 
     @property
     def system(self) -> SecondOrderSystem:
-        """With the acceleration along the path as an input."""
+        """Equations of motion with the acceleration along the path as an input."""
         return self.plant.system
 
     def _solve_frozen(self) -> SolveDeviation:
@@ -383,7 +394,7 @@ class IdealAxes(AxesPath):
 
     def _disturb(self, move: SetPoint) -> PathDeviation:
         return solve_loads(
-            self._erring[0],
+            self._error_inputs[0],
             self.request.outputs,
             self._load_by_errors(move),
             samples=sample_path(self.request, move),
@@ -404,11 +415,11 @@ class IdealAxes(AxesPath):
 
 
 class DrivenAxes(AxesPath):
-    """Axes whose motors are under control."""
+    """Solve moves of axes whose motors are under control."""
 
     @functools.cached_property
     def driven(self) -> DrivenMachine:
-        """The machine with its motors free in the middle of the path."""
+        """The machine with its motors free at the middle of the path."""
         return drive_machine(self.middle, self.state.warn)
 
     @property
@@ -418,12 +429,12 @@ class DrivenAxes(AxesPath):
 
     @property
     def system(self) -> SecondOrderSystem:
-        """With the forces of drives as inputs."""
+        """Equations of motion with the forces of drives as inputs."""
         return self.driven.system
 
     @functools.cached_property
     def drives(self) -> tuple[Drive, ...]:
-        """All of them."""
+        """All drives of the scene."""
         return tuple(self.state.scene.drives.values())
 
     @property
@@ -432,13 +443,13 @@ class DrivenAxes(AxesPath):
         return bool(friction_channels(self.driven.trains))
 
     def _close_loops(self, reach: float) -> ControlledPath:
-        """The closed loops of the drives in the middle of the path.
+        """Return the closed loops of the drives at the middle of the path.
 
         Args:
-            reach: Modes up to so many times the band are states.
+            reach: Modes up to this multiple of the frequency band are states.
 
         Raises:
-            UnstableControlError: A pole grows.
+            UnstableControlError: A loop has a growing pole.
         """
         request, driven, observers = self.request, self.driven, self.observers
         require_stable(driven.system, driven.trains)
@@ -477,7 +488,7 @@ class DrivenAxes(AxesPath):
     def _balance(
         self, move: SetPoint, deviation: PathDeviation, motion: DrivenMotion
     ) -> PathDeviation:
-        """The deviation over a move with friction; warns where its energy balance misses too much."""
+        """Return the deviation over a move with friction, and warn where energy is not balanced."""
         if motion.energy.error > ENERGY_LIMIT:
             self.state.warn(
                 f"path analysis at {move.name}: the energy balance misses {motion.energy.error:.2g} of the work, more than"
@@ -488,11 +499,10 @@ class DrivenAxes(AxesPath):
 
     @functools.cached_property
     def _along(self) -> VaryingLoop:
-        """The closed loops as the pose changes, checked for stability in every pose in which the machine is
-        coupled.
+        """The closed loops as the pose changes, checked for stability in every sampled pose.
 
         Raises:
-            UnstableControlError: A pole grows in one of them.
+            UnstableControlError: A loop has a growing pole in one of these poses.
         """
         state, request, directions = self.state, self.request, self.directions
         trains = self.driven.trains
@@ -546,18 +556,20 @@ class DrivenAxes(AxesPath):
 
     @property
     def _watch(self) -> Watch:
-        """Joints, probes and drives."""
+        """Outputs of joints, probes and drives."""
         return self.observers.watch.join(watch_drives(self.drives))
 
     def _find_offset_motions(self, travel: ErrorTravel, system: SecondOrderSystem) -> OffsetMotions:
-        """The same with what linear scales read held, and motors turned by their housings."""
+        """Return the motions under unit offsets with the readings of linear scales constrained to
+        zero, and the inertia of motors whose housings rotate.
+        """
         driven, machine = self.driven, self.state.scene.machine
         read = [drive for drive in self.drives if drive.control.encoder == SCALE]
         unmoved = scale_rows(driven.coupled, machine, read)
         motions = find_offset_motions(driven.coupled, travel, system, unmoved=unmoved)
-        turned = housing_rows(driven.coupled, machine, self.drives) @ motions.moved
-        spun = housing_loads(driven.trains, turned, len(system.mass))
-        return dataclasses.replace(motions, accelerations=motions.accelerations + spun)
+        rotations = housing_rows(driven.coupled, machine, self.drives) @ motions.moved
+        inertial = housing_loads(driven.trains, rotations, len(system.mass))
+        return dataclasses.replace(motions, accelerations=motions.accelerations + inertial)
 
     def _disturb(self, move: SetPoint) -> PathDeviation:
         if self.has_friction:
@@ -566,7 +578,7 @@ class DrivenAxes(AxesPath):
             )
         outputs, loads = self.request.outputs, self._load_by_errors(move)
         loop = close_loops(
-            self._erring[0],
+            self._error_inputs[0],
             self.driven.trains,
             inputs=loads.channels,
             outputs=(*outputs, *self.observers.outputs),
@@ -590,7 +602,7 @@ class DrivenAxes(AxesPath):
             total.watched.of((drive.name, what) for drive in self.drives)
             for what in (FORCE, ENCODER)
         )
-        # what a controller reads as the pose changes is the deviation from the rigid machine
+        # along the changing pose a controller reads the deviation from the rigid machine
         shares = (
             [travel.axis - travel.encoder for travel in self._along.travels]
             if along
@@ -601,5 +613,5 @@ class DrivenAxes(AxesPath):
 
 
 def _add(deviation: PathDeviation, disturbance: PathDeviation | None) -> PathDeviation:
-    """A deviation with what disturbs it; None for nothing."""
+    """Return a deviation plus that by disturbances, where there are any."""
     return deviation if disturbance is None else deviation + disturbance

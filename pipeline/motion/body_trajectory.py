@@ -1,5 +1,6 @@
-"""Trajectories of bodies that may turn: of a mechanism that leads its tool along a path, and of axes some of
-which are rotary. The accelerations of every body, along and about the machine's axes, are channels.
+"""Trajectories of bodies that may rotate: of a mechanism that guides its tool along a path, and of
+axes some of which are rotary. The translational and angular accelerations of every body, in machine
+axes, are channels.
 """
 
 import functools
@@ -46,7 +47,7 @@ from headstock.solvers.milling.path_drives import MarkerMotion, move_markers
 from headstock.solvers.motion.set_points import PathMotion
 from headstock.solvers.second_order import Channel
 
-STEP = 0.01  # of the fastest body, between frames from which its motion is differenced [rad]
+STEP = 0.01  # rotation of the fastest body between frames of finite differences [rad]
 # central differences of fourth order
 FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
 SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
@@ -54,15 +55,15 @@ SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
 
 @dataclass(frozen=True, eq=False)
 class _DriveMotion:
-    """What ``d`` drives of bodies do at ``n`` instants.
+    """Set points of ``d`` drives and the rigid motion they cause, at ``n`` instants.
 
     Attributes:
         positions: ``(n, d)`` set positions [m].
         speeds: ``(n, d)`` set speeds [m/s].
         accelerations: ``(n, d)`` set accelerations [m/s^2].
-        rotation: Orientation ``(n, 3, 3)`` of a body.
-        travel: Motion ``(n, 6, d)`` of a point of a body, in the body's own axes, per travel of each
-            drive.
+        rotation: Orientation ``(n, 3, 3)`` of the body.
+        travel: Motion ``(n, 6, d)`` of a point of the body, in the body's own axes, per travel of
+            each drive.
     """
 
     positions: FloatArray
@@ -74,26 +75,28 @@ class _DriveMotion:
 
 @dataclass(frozen=True, eq=False)
 class BodyTrajectory(Trajectory):
-    """Bodies that move along a trajectory."""
+    """Describe how bodies of a machine move along a trajectory."""
 
     parts: MachineParts
 
     @property
     @abstractmethod
     def names(self) -> tuple[str, ...]:
-        """Bodies that move."""
+        """Names of the bodies that move."""
 
     @abstractmethod
     def drive(self, drives: Sequence[Drive], motion: PathMotion) -> _DriveMotion:
-        """Return what drives do during a motion along it."""
+        """Return the set points of drives and the motion they cause during a motion along the
+        trajectory.
+        """
 
     @property
     def bodies(self) -> tuple[Channel, ...]:
-        """Accelerations of bodies along and about the machine's axes."""
+        """Channels: translational and angular accelerations of bodies, in machine axes."""
         return tuple((name, f"acceleration {dof}") for name in self.names for dof in DOF_NAMES)
 
     def loads(self, model: PoseModel) -> dict[Channel, FloatArray]:
-        """Return the inertial loads of bodies."""
+        """Return the inertial load per acceleration of each body."""
         columns = [
             model.body_loads(name)
             if isinstance(model, LumpedPose)
@@ -103,7 +106,7 @@ class BodyTrajectory(Trajectory):
         return dict(zip(self.bodies, np.hstack(columns).T, strict=True))
 
     def travels(self, coupled: CoupledMachine) -> FloatArray:
-        """Return the motion per travel of bodies."""
+        """Return the motion of the machine's dofs per travel of each body."""
         columns = []
         for name in self.names:
             moved = np.zeros((coupled.layout.size, len(DOF_NAMES)))
@@ -112,7 +115,7 @@ class BodyTrajectory(Trajectory):
         return np.hstack(columns)
 
     def move_motors(self, drives: Sequence[Drive], outputs: Sequence[Channel]) -> MotorTravel:
-        """Return what motors move of bodies."""
+        """Return the rigid motion of bodies that each motor causes."""
         parts, gravity = self.parts, gravity_vector(self.parts)
 
         def at(motion: PathMotion) -> MovedMachine:
@@ -146,8 +149,8 @@ class BodyTrajectory(Trajectory):
         return at
 
     def _move_output(self, channel: Channel, moved: _DriveMotion) -> FloatArray:
-        """Return the motion ``(n, d)`` at an output: of the tool of a point less its work, or of an
-        interface.
+        """Return the motion ``(n, d)`` at an output per travel of each motor: of a tool point
+        relative to its workpiece, or of an interface.
         """
         name, dof = channel
         point = self.parts.scene.machine.points.get(name)
@@ -169,13 +172,13 @@ class BodyTrajectory(Trajectory):
 
 @dataclass(frozen=True, eq=False)
 class MechanismTrajectory(BodyTrajectory):
-    """A mechanism that leads its tool along a path without turning it.
+    """Describe a mechanism that moves its tool along a path at constant orientation.
 
     Attributes:
-        path: Of the tool point over the parameter.
-        direction: ``(3,)`` of the tool, machine frame.
+        path: Path of the tool point over the parameter.
+        direction: Direction ``(3,)`` of the tool, machine frame.
         pose_at: The pose at a value of the parameter.
-        coriolis: Speeds accelerate bodies, too: those that turn, as bodies of linear axes do not.
+        coriolis: Velocity terms act as well: the bodies rotate, unlike those of linear axes.
     """
 
     mechanism: SceneMechanism
@@ -186,7 +189,7 @@ class MechanismTrajectory(BodyTrajectory):
 
     @functools.cached_property
     def _markers(self) -> dict[str, int]:
-        """Number of the marker of each body that is carried."""
+        """Number of the marker of each moving body."""
         markers = self.mechanism.mounted.mechanism.markers
         return {
             name: markers.index(marker)
@@ -196,12 +199,12 @@ class MechanismTrajectory(BodyTrajectory):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Bodies that are carried."""
+        """Names of the bodies that the mechanism moves."""
         return tuple(self._markers)
 
     @property
     def turning(self) -> tuple[str, ...]:
-        """All of them, where speeds act."""
+        """All moving bodies where velocity terms act, else none."""
         return self.names if self.coriolis else ()
 
     @property
@@ -224,7 +227,7 @@ class MechanismTrajectory(BodyTrajectory):
         )
 
     def turn_rates(self, motion: PathMotion) -> dict[str, float]:
-        """Return how fast bodies turn at most, where speeds act."""
+        """Return the largest rotation rates of bodies, where velocity terms act."""
         if not self.coriolis:
             return {}
         omega = self._follow(motion).omega
@@ -234,11 +237,11 @@ class MechanismTrajectory(BodyTrajectory):
         }
 
     def accelerate(self, motion: PathMotion) -> FloatArray:
-        """Return the accelerations of bodies: of their centres of mass, and about these as fast as Euler's
-        moment asks for.
+        """Return the accelerations of bodies: of their centres of mass, and angular accelerations
+        that include the gyroscopic moment of Euler's equations.
 
         Raises:
-            PoseError: The path cannot be followed.
+            PoseError: The mechanism cannot follow the path.
         """
         moved = self._follow(motion, velocity_terms=self.coriolis)
         turn, columns = self.mechanism.mounted.mounting.rotation, []
@@ -250,7 +253,7 @@ class MechanismTrajectory(BodyTrajectory):
             rotation = moved.rotations[:, marker]
             arm = rotation @ (placement.origin + placement.rotation @ body.center_of_mass)
             omega, alpha = moved.omega[:, marker], moved.alpha[:, marker]
-            # Euler's moment of a body that turns: as if it were accelerated faster
+            # gyroscopic moment of Euler's equations, as an angular acceleration
             axes = rotation @ placement.rotation
             inertia = axes @ body.inertia @ np.swapaxes(axes, -1, -2)
             moment = np.cross(omega, (inertia @ omega[..., None])[..., 0])
@@ -265,8 +268,8 @@ class MechanismTrajectory(BodyTrajectory):
 
     @functools.cached_property
     def leg_forces(self) -> Remembered[PathMotion, FloatArray]:
-        """Forces ``(n, d)`` that hold up and accelerate the legs themselves, between their drives and their
-        screws, during a motion.
+        """Return the forces ``(n, d)`` between drives and screws that carry and accelerate the legs
+        themselves during a motion.
         """
         return Remembered(self._find_leg_forces)
 
@@ -289,7 +292,7 @@ class MechanismTrajectory(BodyTrajectory):
         return forces
 
     def drive(self, drives: Sequence[Drive], motion: PathMotion) -> _DriveMotion:
-        """Return what motors of legs do."""
+        """Return the set points of leg motors and the motion they cause."""
         mounted, moved = self.mechanism.mounted, self._follow(motion)
         chains, turn = mounted.mechanism, mounted.mounting.rotation
         legs = [chains.driven.index(drive.axis) for drive in drives]
@@ -318,25 +321,27 @@ class MechanismTrajectory(BodyTrajectory):
 
 
 def has_coriolis(state: RunState) -> bool:
-    """Return True where the speeds of a mechanism accelerate it: its bodies turn, unlike those of axes."""
+    """Return True where velocity terms act in a mechanism, whose bodies rotate, unlike those of
+    linear axes.
+    """
     return CORIOLIS in state.scene.effects and state.scene.mechanism is not None
 
 
 @dataclass(frozen=True, eq=False)
 class RotaryTrajectory(BodyTrajectory):
-    """Axes that move along a path of the machine, some of them rotary.
+    """Describe axes that move along a path of the machine, some of them rotary.
 
-    A body at ``c(s)`` with the orientation ``R(s)`` is accelerated by ``c'' v^2 + c' a`` and turned
-    by ``alpha = w' v^2 + w a``, ``[w] = R' R^T``: tangential (Euler), centripetal and Coriolis terms
-    of all axes together; its Euler moment ``w x I w v^2`` is as if it were turned faster. Motors are
-    those of linear axes; those of rotary axes are ideal.
+    A body at ``c(s)`` with the orientation ``R(s)`` has the acceleration ``c'' v^2 + c' a`` and the
+    angular acceleration ``alpha = w' v^2 + w a``, ``[w] = R' R^T``: tangential (Euler), centripetal
+    and Coriolis terms of all axes together. The gyroscopic moment ``w x I w v^2`` counts as further
+    angular acceleration. Motors of linear axes are modelled; those of rotary axes are ideal.
     """
 
     path: MachinePath
 
     @functools.cached_property
     def names(self) -> tuple[str, ...]:
-        """Bodies that any axis moves."""
+        """Names of the bodies that any axis moves."""
         moved = {name for axis in self.parts.scene.machine.axes.values() for name in axis.moves}
         return tuple(name for name in self.parts.superelements if name in moved)
 
@@ -357,12 +362,12 @@ class RotaryTrajectory(BodyTrajectory):
 
     @property
     def turning(self) -> tuple[str, ...]:
-        """Bodies on rotary axes."""
+        """Names of the bodies on rotary axes."""
         return tuple(name for name in self.names if name in self.rotation_speeds)
 
     @property
     def drives(self) -> tuple[Drive, ...]:
-        """All drives."""
+        """Names of all drives."""
         return tuple(self.parts.scene.drives.values())
 
     def pose(self, where: float) -> Pose:
@@ -370,13 +375,13 @@ class RotaryTrajectory(BodyTrajectory):
         return self.path.pose_at(where)
 
     def turn_rates(self, motion: PathMotion) -> dict[str, float]:
-        """Return how fast bodies turn at most."""
+        """Return the largest rotation rates of bodies."""
         fastest = float(np.abs(motion.speeds).max())
         return {name: fastest * speed for name, speed in self.rotation_speeds.items()}
 
     @functools.cached_property
     def _step(self) -> float:
-        """Between positions of frames that are differenced."""
+        """Parameter step of the finite differences of frames."""
         return STEP / max(self.rotation_speeds.values())
 
     @functools.cached_property
@@ -386,7 +391,7 @@ class RotaryTrajectory(BodyTrajectory):
     def place(
         self, position: float, further: Mapping[str, float] = MappingProxyType({})
     ) -> dict[str, Frame]:
-        """Return the frames of all components at a position, the ends of the path no limits.
+        """Return the frames of all components at a position; the path is continued beyond its ends.
 
         Args:
             further: Travel of axes beyond that.
@@ -402,7 +407,7 @@ class RotaryTrajectory(BodyTrajectory):
         return place_components(self._machine, Pose("on the path", positions))
 
     def place_around(self, position: float) -> list[dict[str, Frame]]:
-        """Return the frames at five positions, from which motion at the middle one is differenced."""
+        """Return the frames at five positions, for central differences at the middle one."""
         return [self.place(position + self._step * side) for side in range(-2, 3)]
 
     def accelerate(self, motion: PathMotion) -> FloatArray:
@@ -427,7 +432,7 @@ class RotaryTrajectory(BodyTrajectory):
         return np.array(rows).reshape(len(rows), -1)
 
     def drive(self, drives: Sequence[Drive], motion: PathMotion) -> _DriveMotion:
-        """Return what motors of linear axes do."""
+        """Return the set points of linear-axis motors and the motion they cause."""
         first, last = (
             np.array([end.positions.get(drive.axis, 0.0) for drive in drives])
             for end in (self.path.start, self.path.end)
@@ -458,11 +463,11 @@ class RotaryTrajectory(BodyTrajectory):
     def feed(
         self, point: str, up: FloatArray, positions: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the travel ``(n, 3)`` of a tool against its work per travel along the path, and the direction
-        ``(n, 3)`` of its axis, machine axes, at positions.
+        """Return the travel ``(n, 3)`` of a tool relative to its workpiece per travel along the
+        path, and the direction ``(n, 3)`` of the tool axis, in machine axes, at positions.
 
         Args:
-            up: ``(3,)`` of its axis with all axes at zero.
+            up: Direction ``(3,)`` of the tool axis with all axes at zero.
         """
         machine, still = self.parts.scene.machine, Frame(np.zeros(3), np.eye(3))
         named = machine.points[point]
@@ -480,7 +485,7 @@ class RotaryTrajectory(BodyTrajectory):
                 for end in (tool, work)
             )
             carriers = tools if tool.component else [works[2]] * len(works)
-            # where the tool is in the axes of its work
+            # position of the tool in the axes of its workpiece
             points = np.array(
                 [
                     base.rotation.T @ (frame.origin + frame.rotation @ local - base.origin)
@@ -495,8 +500,8 @@ class RotaryTrajectory(BodyTrajectory):
 def _accelerate_body(
     body: Superelement, frames: list[Frame], step: float, speed: float, acceleration: float
 ) -> FloatArray:
-    """Acceleration ``(6,)`` of a body in the middle of five frames of its path, of its centre of mass
-    and about it.
+    """Return the acceleration ``(6,)`` of a body in the middle of five frames of its path, of its
+    centre of mass and about it.
     """
     turns = np.array([frame.rotation for frame in frames])
     centers = np.array([frame.origin + frame.rotation @ body.center_of_mass for frame in frames])
@@ -506,13 +511,13 @@ def _accelerate_body(
     alpha = _axial(twice @ turn.T) * speed**2 + omega * acceleration
     inertia = turn @ body.inertia @ turn.T
     moment = np.cross(omega, inertia @ omega) * speed**2
-    # a point mass without inertia takes no moment
+    # a point mass without inertia needs no moment
     spin = alpha + np.linalg.lstsq(inertia, moment)[0]
     center = (SECOND @ centers) / step**2 * speed**2 + (FIRST @ centers) / step * acceleration
     return np.concatenate([center, spin])
 
 
 def _axial(matrix: FloatArray) -> FloatArray:
-    """Vector of the antisymmetric part of a matrix."""
+    """Return the axial vector of the antisymmetric part of a matrix."""
     odd = 0.5 * (matrix - matrix.T)
     return np.array([odd[2, 1], odd[0, 2], odd[1, 0]])

@@ -1,5 +1,5 @@
-"""What is cut along a contour: forces of rigid teeth, measured ones, or chips as thick as the last
-teeth left them.
+"""Cutting forces along a contour: of rigid teeth, measured, or regenerative, with chips as thick as
+the previous teeth left them.
 """
 
 import dataclasses
@@ -29,13 +29,13 @@ from headstock.solvers.motion.alpha import (
 
 @dataclass(frozen=True, eq=False)
 class CutMotion:
-    """A machine that has cut a contour, in the axes of its motion.
+    """Store the motion of a machine that has cut a contour, in the axes of its motion.
 
     Attributes:
-        tip: ``(n, 3)`` motion of the tip of the tool, of all motions that are kept [m].
+        tip: ``(n, 3)`` motion of the tool tip by the modes that are kept [m].
         force: ``(n, 3)`` on the tip [N].
-        carried: ``(n, 3)`` on the machine, where it is not that on the tip: less what accelerates
-            the modes of the tool [N].
+        carried: ``(n, 3)`` force on the machine, less what accelerates the modes of the tool, where
+            that differs from ``force`` [N].
     """
 
     history: CompliantHistory
@@ -52,7 +52,7 @@ def cut_contour(
     rotation: FloatArray,
     record: ForceRecord | None,
 ) -> CutMotion:
-    """The motion of a machine along its trajectory, with the modes of its tool.
+    """Integrate the motion of a machine along its trajectory, with the modes of its tool.
 
     Args:
         request: Path, tool and cut.
@@ -80,13 +80,13 @@ def cut_contour(
         history = integrate_linear(tipped, load)
     carried, after = force, history.compliant.shape[1]
     for mode in reversed(modes):
-        # in its directions spring and damper pass on what its mass leaves
+        # in its directions spring and damper transmit the force less that of its mass
         part_of_mode = slice(after - mode.directions.shape[1], after)
-        passed = (
+        transmitted = (
             mode.stiffness * history.compliant[:, part_of_mode]
             + mode.damper * history.rate[:, part_of_mode]
         )
-        carried = carried @ (np.eye(3) - mode.projector) + passed @ mode.directions.T
+        carried = carried @ (np.eye(3) - mode.projector) + transmitted @ mode.directions.T
         after = part_of_mode.start
     kept = slice(0, size)
     return CutMotion(
@@ -100,7 +100,7 @@ def cut_contour(
 
 
 def turned_modes(modes: Sequence[ToolMode], rotation: FloatArray) -> tuple[ToolMode, ...]:
-    """Modes of a tool in other axes.
+    """Return the modes of a tool in rotated axes.
 
     Args:
         rotation: ``(3, 3)`` from the other axes to those of the machine.
@@ -113,7 +113,9 @@ def turned_modes(modes: Sequence[ToolMode], rotation: FloatArray) -> tuple[ToolM
 def _mount_tool(
     motion: LinearMotion, plan: ContourPlan, modes: Sequence[ToolMode], rotation: FloatArray
 ) -> LinearMotion:
-    """A machine with the modes of its tool; their weight is left out as gravity is of the gap."""
+    """Return a machine with the modes of its tool; the tool's weight is left out, as the gap is
+    measured from equilibrium under gravity.
+    """
     mounted = mount_modes(motion.mass, motion.damping, motion.stiffness, motion.tool, modes)
     extra = mounted.mass.shape[-1] - motion.mass.shape[-1]
     load = np.pad(motion.load, ((0, 0), (0, extra)))
@@ -132,8 +134,8 @@ def _mount_tool(
 
 
 def travel_frames(velocity: FloatArray, part: Side) -> FloatArray:
-    """``(n, 3, 3)`` with rows along the travel, away from the part on one side of it, and up, from
-    velocities ``(n, 3)``.
+    """Return frames ``(n, 3, 3)`` from velocities ``(n, 3)``: rows along the travel, away from the
+    part on one side of it, and up.
     """
     along = velocity / np.maximum(np.hypot(velocity[:, 0], velocity[:, 1]), 1e-9)[:, None]
     zero = np.zeros(len(velocity))
@@ -148,8 +150,8 @@ def _regenerative_cut(
     times: FloatArray,
     mounting: FloatArray,
 ) -> RegenerativeCut:
-    """What the teeth cut along the path, for a machine whose axes of motion are
-    turned by a rotation ``(3, 3)``.
+    """Return the regenerative cut along the path, for a machine whose axes of motion are rotated by
+    ``(3, 3)``.
     """
     feed = np.hypot(velocity[:, 0], velocity[:, 1]) * request.cut.tooth_period
     return RegenerativeCut(
@@ -168,8 +170,8 @@ def _given_force(
     times: FloatArray,
     record: ForceRecord | None,
 ) -> FloatArray:
-    """``(n, 3)`` force on the tool that does not depend on the motion, machine frame: as recorded, or of
-    rigid teeth, of a tool that enters and leaves over its radius.
+    """Return the force ``(n, 3)`` on the tool that does not depend on the motion, machine frame: as
+    recorded, or of rigid teeth, of a tool that enters and leaves over its radius.
     """
     if not request.cutting:
         return np.zeros((len(times), 3))

@@ -1,5 +1,5 @@
-"""A contour laid out in time, along its path as planned or as measured positions of axes or legs lead the
-tool; and as it has been run, by any machine, with what is measured on it.
+"""A contour laid out in time, along its path as planned or as measured positions of axes or legs
+move the tool; and the contour as run by any machine, with what is measured on it.
 """
 
 import dataclasses
@@ -32,13 +32,13 @@ SETTLING = 0.3  # left out at both ends of each face [s]
 
 @dataclass(frozen=True, eq=False)
 class Remembered[Given: FloatArray | PathMotion, Found]:
-    """A function of times or of a motion that computes nothing twice."""
+    """Cache the values of a function of times or of a motion."""
 
     find: Callable[[Given], Found]
     _known: dict[bytes, Found] = field(default_factory=dict)
 
     def __call__(self, given: Given) -> Found:
-        """Its value."""
+        """Return the value, computed once."""
         arrays = dataclasses.astuple(given) if isinstance(given, PathMotion) else (given,)
         key = b"".join(values.tobytes() for values in arrays)
         if key not in self._known:
@@ -47,10 +47,10 @@ class Remembered[Given: FloatArray | PathMotion, Found]:
 
 
 class RememberedPath:
-    """A path of which nothing is computed twice: a contour is run again for its ±."""
+    """Cache the points of a path, since a contour is run again for its ±."""
 
     def __init__(self, path: ToolPath) -> None:
-        """Of a path."""
+        """Wrap a path."""
         self.span = path.span
         self.at = Remembered(path.at)
         self.velocity = Remembered(path.velocity)
@@ -61,11 +61,11 @@ def plan_request(
     names: tuple[str, ...],
     find_tool: Callable[[FloatArray, PathPoints], FloatArray],
 ) -> tuple[ContourPlan, TraceFit | None]:
-    """The contour of a request, laid out in time; its path as measured where there are traces.
+    """Lay the contour of a request out in time; its path as measured where there are traces.
 
     Args:
-        find_tool: Points ``(n, 3)`` of the tool at positions ``(n, k)`` of these, near those of the
-            planned path.
+        find_tool: Returns the points ``(n, 3)`` of the tool at positions ``(n, k)`` of the named
+            axes or legs, near those of the planned path.
 
     Raises:
         CsvError: The traces cannot be read or do not cover the path.
@@ -82,7 +82,7 @@ def plan_request(
             f"{request.traces}: positions were measured from {measured[0]:g} to {measured[-1]:g} s, and 0 to {end:.6g} s are needed"
         )
     within = (measured >= 0.0) & (measured <= end)
-    # the samples next to both ends as well: the spline reaches over the path
+    # with the samples beyond both ends, so that the spline covers the whole path
     within[:-1] |= within[1:]
     within[1:] |= within[:-1]
     times = measured[within]
@@ -99,14 +99,16 @@ def plan_request(
 
 
 def request_times(request: ContouringRequest, plan: ContourPlan, until: float) -> FloatArray:
-    """Steps ``(n,)`` of a contour up to a time: so many per revolution of the tool [s]."""
+    """Return the steps ``(n,)`` of a contour up to a time, a fixed number per revolution of the
+    tool [s].
+    """
     step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
     return np.asarray(np.arange(0.0, min(plan.path.span[1], until), step), dtype=float)
 
 
 @dataclass(frozen=True, eq=False)
 class ContourDrives:
-    """What the drives do on a contour.
+    """Store forces and torques of the drives on a contour.
 
     Attributes:
         forces: Forces ``(k, d)`` at ``(k,)`` steps [N].
@@ -121,7 +123,7 @@ class ContourDrives:
 
 @dataclass(frozen=True, eq=False)
 class ContourRun:
-    """A contour that has been run.
+    """Store the motion of a machine on a contour.
 
     Attributes:
         times: ``(n,)`` steps [s].
@@ -130,10 +132,10 @@ class ContourRun:
         gravity_deflection: ``(n, 3)`` static deflection under gravity [m].
         force: ``(n, 3)`` on the tool, machine frame [N].
         plan: The contour, laid out in time.
-        fit: How a spline went through measured positions; None for the computed path.
+        fit: Quality of the spline through measured positions; None for the computed path.
         highest_hz: Highest natural frequency along the trajectory.
         coriolis: Velocity terms are in the equations of motion.
-        probes: What each observed, less what the weight does; none of a lumped mechanism.
+        probes: Outputs of each probe, less those under gravity; none of a lumped mechanism.
     """
 
     times: FloatArray
@@ -152,14 +154,14 @@ class ContourRun:
 
 
 def face_instants(run: ContourRun, face: int) -> FloatArray:
-    """Return the mask of the steps that lie on a face, counted from zero, its ends left out."""
+    """Return the mask of the steps on a face, counted from zero, without its ends."""
     cut = run.plan.cuts[face]
     return np.asarray((run.times > cut.begins + SETTLING) & (run.times < cut.ends - SETTLING))
 
 
 def high_share(run: ContourRun) -> float:
-    """Share of the gap's root mean square above twice the highest natural frequency, in the
-    direction where it is largest.
+    """Return the share of the gap's root mean square above twice the highest natural frequency, in
+    the direction where it is largest.
     """
     flat = run.gap - run.gap.mean(axis=0)
     power = np.abs(np.fft.rfft(flat, axis=0)) ** 2

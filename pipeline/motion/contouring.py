@@ -2,7 +2,7 @@
 the tool's deviation.
 
 For each face also the stability of the cut: the largest Floquet multiplier, and the depth of cut at
-which chatter starts.
+the stability limit.
 """
 
 import dataclasses
@@ -49,24 +49,24 @@ from headstock.solvers.milling.forces import MillingCut, describe_sense
 from headstock.solvers.milling.tip_poles import TipDynamics, require_poles
 from headstock.solvers.milling.tool_path import SquareContour, plan_contour
 
-DEEPEST = 0.2  # depth of cut up to which a limit is looked for [m]
+DEEPEST = 0.2  # largest depth of cut at which a stability limit is searched [m]
 SERIES_POINTS = 2000
-FACE_POINTS = 8192  # of each face, in a row, for the forces of its drives
+FACE_POINTS = 8192  # consecutive steps of each face that drive forces are evaluated at
 OF_BLOCKS = "faces 1 and 3 are those at the lowest and the highest x; which way x points is assumed, so the ratio is reported for both"
 GRAVITY_APART = "the static deflection under gravity is subtracted from the gap"
-FAR_OFF = 1e-3  # of a measured path off the planned one [m]
-MUCH_LEFT = 5e-6  # of measured positions beside the spline [m]
-MOST_LOST = 0.1  # of the rms of measured forces
+FAR_OFF = 1e-3  # distance of a measured path from the planned one that is worth a warning [m]
+MUCH_LEFT = 5e-6  # residual of measured positions about the spline that is worth a warning [m]
+MOST_LOST = 0.1  # share of the rms of measured forces whose loss is worth a warning
 
 
 def face_stability(
     tip: TipDynamics, request: ContouringRequest, face: int, at: str = ""
 ) -> FaceStability:
-    """Stability of the cut in the middle of a face: largest Floquet multiplier at the depth of cut,
-    and the limit depth.
+    """Return the stability of the cut in the middle of a face: largest Floquet multiplier at the
+    depth of cut, and the limit depth.
 
     Args:
-        tip: The machine at the tip of the tool there.
+        tip: Dynamics of the machine at the tool tip in the middle of the face.
         request: Contour, tool and cut.
         face: Number of the straight cut, counted from zero.
     """
@@ -77,7 +77,7 @@ def face_stability(
 
 
 def cut_multiplier(tip: TipDynamics, request: ContouringRequest, depth: float) -> float:
-    """Largest Floquet multiplier over a tooth period; the cut is stable below one.
+    """Return the largest Floquet multiplier over a tooth period; the cut is stable below one.
 
     Args:
         depth: Axial depth of cut [m].
@@ -138,12 +138,12 @@ def evaluate_contour(
 
 @dataclass(frozen=True, eq=False)
 class _Milled:
-    """A contour that was run, without its histories.
+    """Store the answer of a contour that was run, without its histories.
 
     Attributes:
         times: ``(n,)`` steps [s].
         reasons: Why numbers are missing.
-        course: That of a machine of components; None of a lumped one.
+        course: Course of a machine of components; None of a lumped one.
     """
 
     answer: ContourAnswer
@@ -158,7 +158,7 @@ def _mill(
     record: ForceRecord | None,
     like: ContourCourse | None = None,
 ) -> _Milled:
-    """A contour of a machine, which may differ little from another one that was run."""
+    """Run a contour of a machine, which may differ little from another one that was run."""
     run, tips = _run_machine(state, request, record, like)
     milled, reasons = mill_faces(request, run) if request.cutting else ((), ())
     stability = tuple(
@@ -250,10 +250,10 @@ def run_contour_stage(state: RunState, stage: Stage) -> Outcome:
 def _warn_of_run(
     state: RunState, request: ContouringRequest, milled: _Milled, loss: float | None
 ) -> None:
-    """Warn of what steps in time, measured forces and measured positions leave out.
+    """Warn of approximations by time steps, measured forces and measured positions.
 
     Args:
-        loss: Of the rms of measured forces; None without any.
+        loss: Share of the rms of measured forces that is lost; None without measured forces.
     """
     fit, step = milled.answer.fit, float(milled.times[1] - milled.times[0])
     if loss is not None and loss > MOST_LOST:
@@ -287,8 +287,8 @@ def _run_machine(
     record: ForceRecord | None,
     like: ContourCourse | None,
 ) -> tuple[ContourRun, tuple[TipDynamics, ...]]:
-    """The contour on the machine of a scene, and the machine at the tip of the tool on each face
-    where chips make waves.
+    """Run the contour on the machine of a scene, and return with it the machine at the tool tip on
+    each face where chips regenerate.
     """
     faces = range(len(plan_contour(request.contour).cuts) if request.regeneration else 0)
     mechanism, placed = state.scene.mechanism, placed_mechanism(state)
@@ -299,7 +299,7 @@ def _run_machine(
         raise ValueError("a placed mechanism needs a mechanism in the scene")
     if not request.damping:
         state.warn('the contour runs without damping: write [effects] damping = { modal = "2 %" }')
-    # the linear model is one about the rigid path, the nonlinear one includes the rotation of gravity
+    # the model is linearised about the rigid path; the nonlinear one includes rotating gravity
     model = dataclasses.replace(
         placed.model, velocity_terms=CORIOLIS in state.scene.effects, gravity_stiffening=False
     )

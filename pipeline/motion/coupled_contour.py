@@ -1,8 +1,9 @@
-"""A contour on a machine coupled of components, rigid to finite elements: axes that follow the path,
-or a mechanism whose legs bend.
+"""A contour on a machine coupled of components, rigid to finite elements: axes that travel along
+the path, or a mechanism whose legs bend.
 
-The machine is coupled in poses along the path and reduced to its modes there; the rigid machine
-travels as its set points say, and its inertia is a load. Motors follow their set points.
+The machine is coupled in poses along the path and reduced to its modes there. The rigid machine
+moves as its set points say, and its inertia is a load. Motors follow their set points exactly, or
+are under control.
 """
 
 import dataclasses
@@ -93,27 +94,26 @@ from headstock.solvers.motion.plant_motion import (
 from headstock.solvers.motion.sampling import MOST_SAMPLES, sample_motion, vary_motion
 from headstock.solvers.second_order import Channel
 
-POSES_PER_PIECE = 6  # of a trajectory, at the least, and as many again where they do not suffice
-SHORTEST = 1e-6  # of the whole trajectory: closer bends are one
-STEPS_PER_PERIOD = 20  # of the highest mode that is kept: with fewer its frequency is off
-RESIDUAL_REACH = 4.0  # frequency at which what is left out deforms, in highest modes kept
+POSES_PER_PIECE = 6  # at least, and doubled where they do not suffice
+SHORTEST = 1e-6  # share of the whole trajectory: bends closer than that are one
+STEPS_PER_PERIOD = 20  # of the highest mode that is kept: with fewer its frequency is wrong
+RESIDUAL_REACH = 4.0  # frequency of the residual modes, over the highest one kept
 RESIDUAL_DAMPING = 0.3
-TURNING_NODES = 101  # at which speeds of turning are looked at
+TURNING_NODES = 101  # at which rotation rates are evaluated
 IDEAL = "motors follow their set points; no control loop is closed along a contour"
 OF_SCREWS = "motor torques are the forces of the screws times lead over 2 pi"
 
 
 @dataclass(frozen=True, eq=False)
 class ContourCourse:
-    """What a machine of components is to do along a contour: all that a machine that differs little shares
-    with it.
+    """Store what machines that differ little share on a contour.
 
     Attributes:
         plan: The contour, laid out in time.
-        fit: How a spline went through measured positions; None for the computed path.
-        followed: The trajectory of the rigid machine, without errors.
+        fit: Quality of the spline through measured positions; None for the computed path.
+        followed: Trajectory of the rigid machine, without guide errors.
         motors: Drives under control; None without control.
-        sampled: The machine along it; None before it was sampled.
+        sampled: The machine in poses along the trajectory; None before it was sampled.
     """
 
     state: RunState
@@ -126,11 +126,11 @@ class ContourCourse:
 
 @dataclass(frozen=True, eq=False)
 class CoupledRun(ContourRun):
-    """A contour that has been run on a machine of components.
+    """Store a contour that has been run on a machine of components.
 
     Attributes:
         course: That of the machine.
-        sampled: The machine along it.
+        sampled: The machine in poses along the trajectory.
     """
 
     course: ContourCourse
@@ -138,14 +138,15 @@ class CoupledRun(ContourRun):
 
 
 def _list_breaks(plan: ContourPlan, rounding: float, end: float) -> list[float]:
-    """Times at which pieces of a contour's trajectory meet, each followed by splines of its own [s].
+    """Return the times at which pieces of a contour's trajectory meet, each piece with splines of
+    its own [s].
 
-    Averages take so long to round a corner, half of that on either side of its bend. Of more bends
-    than poses may be taken there are no pieces: poses are then as dense as corners are.
+    Rounding by moving averages takes this long per corner, half of it on either side of the bend.
+    With more bends than poses allowed there are no pieces: poses are then as dense as corners.
 
     Args:
-        rounding: Of a corner [s].
-        end: Of what is computed [s].
+        rounding: Duration of the rounding of a corner [s].
+        end: End of the computed time [s].
     """
     last = plan.path.span[1]
     sides = (-0.5 * rounding, 0.0, 0.5 * rounding)
@@ -161,12 +162,12 @@ def _list_breaks(plan: ContourPlan, rounding: float, end: float) -> list[float]:
 
 
 def _tool_channels(request: ContouringRequest) -> tuple[Channel, ...]:
-    """Where the cut pushes, and where the tool moves."""
+    """Return the channels of the cutting force and of the motion of the tool."""
     return tuple((request.point or "", direction) for direction in DIRECTIONS)
 
 
 def _push_channels(screws: Iterable[str]) -> tuple[Channel, ...]:
-    """Forces of the screws."""
+    """Return the channels of the forces of screws."""
     return tuple((name, FORCE) for name in screws)
 
 
@@ -183,7 +184,8 @@ def run_coupled_contour(
         request: Path, tool and cut.
         record: Measured forces in place of computed ones; its time starts with the path.
         until: Stop at this time [s].
-        like: That of a machine that differs little: the differences are sampled in a few poses.
+        like: Course of a machine that differs little: only the differences are sampled, in a few
+            poses.
 
     Raises:
         PoseError: A mechanism cannot follow the path.
@@ -250,7 +252,7 @@ def run_coupled_contour(
 
 
 def _lay_course(state: RunState, request: ContouringRequest) -> ContourCourse:
-    """Lay a contour out in time, with what the rigid machine and its motors do."""
+    """Lay a contour out in time, with the motion of the rigid machine and its motors."""
     plan, fit = plan_request(request, *_trace_tool(state, request))
     plan = dataclasses.replace(plan, path=RememberedPath(plan.path))
     trajectory = _plan_trajectory(state, request, plan.path)
@@ -266,7 +268,9 @@ def _sample_contour(
     driven: DrivenTrajectory,
     end: float,
 ) -> SampledMotion:
-    """The machine in poses up to a time [s]; what it differs by where the course was sampled already."""
+    """Sample the machine in poses up to a time [s]; only the differences where the course was
+    sampled already.
+    """
     names, screws = tuple(state.scene.machine.probes), find_ball_screws(state.scene.machine)
     trajectory, probes = driven.followed.trajectory, probe_channels(names)
     channels = PlantChannels(
@@ -296,7 +300,8 @@ def _drive_screws(
     times: FloatArray,
     cut: CutMotion,
 ) -> tuple[ContourDrives, tuple[str, ...]]:
-    """What motors do that follow their set points, and what is assumed of them.
+    """Return forces and torques of motors that follow their set points exactly, and the assumptions
+    behind them.
 
     Args:
         times: ``(n,)`` steps [s].
@@ -316,7 +321,7 @@ def _drive_screws(
         )
         if not isinstance(trajectory, MechanismTrajectory):
             return pushed
-        # a drive at the base of a leg also carries the leg, and pushes against what its tip feels
+        # a drive at the base of a leg also carries the leg, besides the force at its tip
         carried = interpolate_smooth(
             lambda now: trajectory.leg_forces(followed.law(now)), times[some]
         )
@@ -327,11 +332,10 @@ def _drive_screws(
 
 
 def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int) -> TipDynamics:
-    """The machine with its tool in the middle of a face: forces along, away and up, chips by
-    motions along and away.
+    """Return the dynamics of the machine with its tool in the middle of a face: forces along, away
+    and up, chips by motions along and away.
 
-    What is left out deforms by a mode of its own in each direction, far above those that are
-    kept.
+    The modes left out are represented by one mode in each direction, far above those that are kept.
 
     Args:
         request: Contour, tool and cut.
@@ -342,7 +346,7 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
     frame: FloatArray = travel_frames(cut.travel[None], cut.part)[0]
     tip = frame @ now.rows_of(tool)[0]
     rest = frame @ now.direct_of(tool, tool)[0] @ frame.T
-    # of unit mass, flexible as what is left out: shapes are its square root times the frequency
+    # of unit mass and the residual flexibility, whose square root times the frequency is the shape
     omega = RESIDUAL_REACH * 2.0 * np.pi * max(run.highest_hz, request.modes_to_hz)
     values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
     extra = vectors * np.sqrt(np.maximum(values, 0.0)) * omega
@@ -367,7 +371,7 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
 def _trace_tool(
     state: RunState, request: ContouringRequest
 ) -> tuple[tuple[str, ...], Callable[[FloatArray, PathPoints], FloatArray]]:
-    """What is measured of a machine's motion, and where it leads the tool."""
+    """Return the measured positions of a machine, and the tool points they lead to."""
     mechanism, machine = state.scene.mechanism, state.scene.machine
     if mechanism is not None:
         mounted, tool = mechanism.mounted, mechanism.tool
@@ -394,8 +398,8 @@ def _plan_trajectory(state: RunState, request: ContouringRequest, path: ToolPath
 def _motor_torques(
     state: RunState, names: tuple[str, ...], trajectory: Trajectory, times: FloatArray
 ) -> tuple[Callable[[NDArray[np.intp], FloatArray], FloatArray] | None, tuple[str, ...]]:
-    """Torques of the motors: those of the screws, of the motors' inertia and of friction where the
-    scene has drives; and what they leave out.
+    """Return the torques of motors: of the screw forces, of the motors' inertia and of friction
+    where the scene has drives; and which of these are left out.
     """
     mechanism, machine = state.scene.mechanism, state.scene.machine
     if mechanism is not None:
@@ -426,7 +430,9 @@ def _motor_torques(
 
 
 def _describe_torques(drives: Collection[Drive]) -> str:
-    """Say what torques of the motors of axes are made of, and what is left out."""
+    """Describe which contributions the torques of the motors of axes contain, and which are left
+    out.
+    """
     if not drives:
         return f"{OF_SCREWS}: no inertia of motor and screw, no friction"
     if any(drive.friction is not None for drive in drives):
@@ -435,8 +441,8 @@ def _describe_torques(drives: Collection[Drive]) -> str:
 
 
 def drive_torque(drive: Drive, speed: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Torque ``(n,)`` that a motor needs beside the force of its screw: for its own inertia and
-    that of its screw, and against friction [N m].
+    """Return the torque ``(n,)`` that a motor needs besides that for the force of its screw: for
+    its own inertia and that of its screw, and against friction [N m].
 
     Args:
         speed: ``(n,)`` of the axis [m/s].
@@ -452,7 +458,7 @@ def drive_torque(drive: Drive, speed: FloatArray, acceleration: FloatArray) -> F
 def _check_steps(
     state: RunState, request: ContouringRequest, sampled: SampledMotion, step: float
 ) -> None:
-    """Warn of modes that the steps do not resolve, and of effects that do not act."""
+    """Warn of modes that the time steps do not resolve, and of effects that are left out."""
     if sampled.highest_hz * step * STEPS_PER_PERIOD > 1.0:
         needed = math.ceil(
             request.steps_per_turn * sampled.highest_hz * step * STEPS_PER_PERIOD / 24.0

@@ -1,5 +1,6 @@
-"""Errors of guides, screws and legs along a trajectory, as preload of their springs or as motion of what
-rigid guides hold: what a machine in a pose feels of a unit of each, and how large each is along the trajectory.
+"""Errors of guides, screws and legs along a trajectory, as preload of their springs or as motion
+imposed by rigid guides: the effect of a unit of each on a machine in a pose, and the size of each
+along the trajectory.
 """
 
 from collections.abc import Callable
@@ -41,10 +42,11 @@ def find_trajectory_errors(
     """Find the errors of a machine along a trajectory; None where it has none.
 
     Args:
-        nodes: ``(k,)`` even values of its parameter, between which what errors depend on is interpolated.
+        nodes: ``(k,)`` even values of the trajectory's parameter, between which the arguments of
+            errors are interpolated.
 
     Raises:
-        ModelError: A rigid direction has an offset, or a place lies outside a table.
+        ModelError: A rigid direction has an offset, or a position lies outside a table.
     """
     mechanism, machine = state.scene.mechanism, state.scene.machine
     poses = [pose_at(float(node)) for node in nodes]
@@ -73,12 +75,13 @@ def find_trajectory_errors(
 
 @dataclass(frozen=True, eq=False)
 class _Offsets:
-    """Offsets of joints of a machine of components.
+    """Describe offsets of joints of a machine of components.
 
     Attributes:
         travel: The ``k`` offsets along the trajectory.
         rigid: Those in directions that are fixed.
-        rated: Those whose rates act: through dampers, or because all that follows moves with them.
+        rated: Those whose rates act: through dampers, or because all that moves with the joint is
+            imposed to move with them.
         accelerated: Those whose accelerations act.
     """
 
@@ -90,7 +93,7 @@ class _Offsets:
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Offsets, rates that act and accelerations that act."""
+        """Channels of offsets, of rates that act and of accelerations that act."""
         travel = self.travel
         return (
             *travel.channels,
@@ -99,7 +102,7 @@ class _Offsets:
         )
 
     def act_on(self, model: PoseModel) -> PosedErrors:
-        """Return what a unit of each does to a machine in a pose."""
+        """Return the effect of a unit of each on a machine in a pose."""
         coupled, system, scene = coupled_machine(model), model.system, self.state.scene
         rated, accelerated = list(self.rated), list(self.accelerated)
         if rated:
@@ -108,12 +111,12 @@ class _Offsets:
         columns = [motions.loads, motions.rates[:, rated], motions.accelerations[:, accelerated]]
         outputs = [(name, dof) for name, dof in coupled.system.outputs if dof in DOF_NAMES]
         probes = probe_values(scene.machine.probes)
-        passed = pass_offsets(coupled, self.travel, motions, outputs, model.joints, probes)
+        feedthrough = pass_offsets(coupled, self.travel, motions, outputs, model.joints, probes)
         return PosedErrors(
             loads=dict(zip(self.channels, UNIT * np.hstack(columns).T, strict=True)),
             feedthrough={
-                (passed.outputs[row], passed.inputs[column]): UNIT * float(share)
-                for (row, column), share in np.ndenumerate(passed.shares)
+                (feedthrough.outputs[row], feedthrough.inputs[column]): UNIT * float(share)
+                for (row, column), share in np.ndenumerate(feedthrough.shares)
                 if share
             },
             moved=UNIT * motions.moved[:, accelerated] if self.rigid else None,
@@ -126,7 +129,7 @@ def _split_offsets(state: RunState, travel: ErrorTravel) -> _Offsets:
     rigid = [n for n, (name, dof) in enumerate(travel.directions) if dof in joints[name].fixed]
     damped = [n for n, (name, _) in enumerate(travel.directions) if np.any(joints[name].damping)]
     rated = sorted({*rigid, *damped}) if DAMPING in state.scene.effects else []
-    # motors under control feel the inertia of all that follows directly, springs that are stiff, too
+    # all that moves with a leg acts on motors under control and stiff springs by its inertia
     accelerated = numbers if state.scene.drives else rigid
     return _Offsets(state, travel, tuple(rigid), tuple(rated), tuple(accelerated))
 
@@ -134,8 +137,8 @@ def _split_offsets(state: RunState, travel: ErrorTravel) -> _Offsets:
 def _leg_errors(
     mechanism: SceneMechanism, poses: list[Pose], nodes: FloatArray, *, driven: bool
 ) -> TrajectoryErrors:
-    """Errors of legs of a lumped mechanism, longer than commanded: nothing but their springs along
-    themselves resists. Driven ones feel the inertia of what follows directly.
+    """Find the length errors of legs of a lumped mechanism, which only their axial springs resist.
+    The inertia of all that moves with a leg acts directly on its motor where that is under control.
     """
     states = np.array([solve_pose(mechanism, pose.positions) for pose in poses])
     legs = tuple(mechanism.leg_errors)

@@ -149,8 +149,8 @@ def _free_motion(
     times: FloatArray,
     names: Sequence[str],
 ) -> tuple[LinearMotion, FloatArray | None]:
-    """The linear model with free motors of some legs, and the loads ``(n, c)`` in it of springs that are at
-    rest where legs are longer than commanded [N]; None where none is.
+    """Return the linear model with the motors of some legs free, and the loads ``(n, c)`` in it of
+    springs that are unstressed where legs are longer than commanded [N]; None where none is.
     """
     free = linear_motion(model, drive, times, request.damping, names)
     if not mechanism.leg_errors:
@@ -173,14 +173,14 @@ def _close_legs(
     drives: Sequence[Drive],
     friction: FrictionSpeeds,
 ) -> ServoMotion:
-    """A linear model with free motors with the loops of its legs closed."""
+    """Close the loops of the legs of a linear model with free motors."""
     legs = [leg.axis for leg in drives]
     columns = [model.mechanism.driven.index(name) for name in legs]
     now = drive.at(free.times)
     size = free.mass.shape[-1]
     scales = np.zeros((len(legs), size))
     for row, name in enumerate(legs):
-        # a scale reads the leg up to its joint at the platform, its spring along itself included
+        # a scale reads the leg up to its joint at the platform, its axial spring included
         scales[row, [2 * LENGTHS.index(name) + 1, size - len(legs) + row]] = 1.0
     weights = linearise_poses(model, drive.rigid_states(free.nodes), legs).gravity
     return close_drives(
@@ -202,8 +202,8 @@ def _leg_drives(
     times: FloatArray,
     cut: CutMotion,
 ) -> ContourDrives:
-    """Forces of the legs' drives (eq. 14 of Bonnemains et al. 2010, with the work of springs that
-    soften as a leg grows).
+    """Return the forces of the legs' drives (eq. 14 of Bonnemains et al. 2010, with the work of
+    springs that soften as a leg grows).
     """
     lead = mechanism.screw_lead
 
@@ -221,15 +221,15 @@ def _leg_drives(
 def lumped_face_dynamics(
     mechanism: SceneMechanism, model: CompliantMechanism, request: ContouringRequest, face: int
 ) -> TipDynamics:
-    """The mechanism with its tool in the middle of a face: forces along, away and up, chips by
-    motions along and away.
+    """Return the dynamics of the mechanism with its tool in the middle of a face: forces along,
+    away and up, chips by motions along and away.
 
     Args:
         request: Contour and damping ratios.
         face: Number of the straight cut, counted from zero.
 
     Raises:
-        PoseError: The tool cannot get there.
+        PoseError: The tool cannot reach that position.
     """
     cut = plan_contour(request.contour).cuts[face]
     point = cut.start + 0.5 * cut.length * cut.travel + request.contour.offset * cut.outward

@@ -25,16 +25,16 @@ ENTRIES = 1.5  # radii of the tool over which it enters and settles
 CELLS = 1000
 LEAST_SAMPLES = 4  # of a profile within its cut-off
 DETAIL = 2e-3  # length of the piece that is kept sample by sample [m]
-BEYOND = 0.5  # so much of the tool's radius is looked at beyond the ends of a face
-DEPTH_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # heights at which the location error is told
-SPARSE = 8  # of every so many samples its mean is taken
-MARKS_APART = 1.5  # waves are so many times as long as the marks of teeth
+BEYOND = 0.5  # share of the tool's radius that is evaluated beyond the ends of a face
+DEPTH_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)  # heights at which location errors are reported
+SPARSE = 8  # sampling step of its mean
+MARKS_APART = 1.5  # shortest wavelength of the profile, over the distance of tooth marks
 
 
 def mill_faces(
     request: ContouringRequest, run: ContourRun
 ) -> tuple[tuple[MilledFace, ...], tuple[str, ...]]:
-    """The profile of each face that was milled from end to end, and why others have none.
+    """Return the profile of each face that was milled from end to end, and why others have none.
 
     Args:
         request: Tool, cut and cut-off.
@@ -53,7 +53,7 @@ def mill_faces(
 
 @dataclass(frozen=True, eq=False)
 class _SampledFace:
-    """Positions along a face at which its profile is found.
+    """Store the positions along a face at which its profile is found.
 
     Attributes:
         spacing: Between two of them [m].
@@ -69,10 +69,10 @@ class _SampledFace:
 def _sample_face(
     request: ContouringRequest, run: ContourRun, cut: StraightCut, motion: ToolMotion
 ) -> _SampledFace:
-    """Lay positions along a face.
+    """Choose the positions along a face.
 
     Raises:
-        ModelError: The cut-off is too short for them, or corners leave nothing of the face.
+        ModelError: The cut-off is too short for them, or corners leave no part of the face.
     """
     beyond = 0.5 * BEYOND * min(request.cut.mill.diameter, cut.length)
     first = max(0.0, float(motion.along[0]) + beyond)
@@ -126,7 +126,7 @@ def _mill_face(
         per_tooth=per_tooth,
         cusp=per_tooth**2 / (4.0 * milling.mill.diameter),
         parameters=parameters,
-        # where the tool stays engaged up to a corner nothing is left out beside it
+        # where the tool stays engaged up to a corner, nothing next to it is left out
         marks=(
             float(off_mean[: inside.start].max(initial=0.0)),
             float(off_mean[inside.stop :].max(initial=0.0)),
@@ -148,8 +148,8 @@ def _mill_face(
 
 
 def _left_out(request: ContouringRequest, run: ContourRun, cut: StraightCut) -> tuple[float, float]:
-    """How much of a face is not evaluated at its start and at its end: more where the tool enters
-    or leaves the part [m].
+    """Return the lengths at the start and at the end of a face that are not evaluated: longer where
+    the tool enters or leaves the part [m].
     """
     usual = min(SETTLING * cut.feed, MOST_LEFT_OUT * cut.length)
     entry = min(
@@ -161,11 +161,11 @@ def _left_out(request: ContouringRequest, run: ContourRun, cut: StraightCut) -> 
 
 
 def _tool_motion(request: ContouringRequest, run: ContourRun, cut: StraightCut) -> ToolMotion:
-    """The axis of the tool along a face and a little beyond: where the rigid machine leads it, and
-    its gap.
+    """Return the tool axis along a face and a little beyond: positions of the rigid machine, and
+    the gap.
 
     Args:
-        cut: The straight cut that leaves the face.
+        cut: The straight cut that generates the face.
     """
     beyond = BEYOND * 0.5 * request.cut.mill.diameter / cut.feed
     begins, ends = cut.begins - beyond, cut.begins + cut.length / cut.feed + beyond
@@ -176,5 +176,5 @@ def _tool_motion(request: ContouringRequest, run: ContourRun, cut: StraightCut) 
 
 
 def _mark_distance(cut: MillingCut, feed: float) -> float:
-    """Distance of the marks of teeth that repeat: with runout every turn of the tool differs."""
+    """Return the distance after which tooth marks repeat: with runout a full revolution."""
     return feed * cut.tooth_period * (cut.mill.teeth if cut.mill.runout else 1)

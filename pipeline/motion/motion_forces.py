@@ -1,5 +1,5 @@
-"""What drives and joints take while a machine moves: torques of motors, position errors and forces
-of joints, from the states of its motion.
+"""Loads of drives and joints while a machine moves: motor torques, position errors and joint
+forces, from the states of its motion.
 """
 
 import math
@@ -27,8 +27,8 @@ ROUNDOFF = 1e-10  # of the largest force, or the largest moment
 
 @dataclass(frozen=True, eq=False)
 class SteppedStates:
-    """A motion at the begin and at the end of each of its steps, between which it may jump: ``N = 2 (n - 1)``
-    instants, all begins first.
+    """Store a motion at the beginning and at the end of each of its steps, between which it may
+    jump: ``N = 2 (n - 1)`` instants, all beginnings first.
 
     Attributes:
         times: ``(n,)`` of its grid [s].
@@ -42,7 +42,7 @@ class SteppedStates:
 
     @property
     def instants(self) -> FloatArray:
-        """``(N,)`` [s]."""
+        """Times ``(N,)`` [s]."""
         return np.concatenate([self.times[:-1], self.times[1:]])
 
     def observe(self, watched: WatchedOutputs) -> FloatArray:
@@ -50,18 +50,18 @@ class SteppedStates:
         return watched.evaluate(self.states, self.acting)
 
     def at_times(self, values: FloatArray) -> FloatArray:
-        """Return those of values ``(N, k)`` at every time ``(n, k)``, just after what happens there."""
+        """Select from values ``(N, k)`` those at every time ``(n, k)``, just after a jump."""
         return np.concatenate([values[: len(self.times) - 1], values[-1:]])
 
 
 def follow_drives(
     drives: Collection[Drive], space: StateSpace, motion: SteppedStates
 ) -> DriveHistory:
-    """Return torques of motors, those that their own inertia takes among them, and position errors, with
+    """Return torques of motors, including those for their own inertia, and position errors, with
     set points at rest.
 
     Args:
-        drives: Whose loops are closed.
+        drives: Drives whose loops are closed.
         space: With forces and encoders of the drives as outputs.
     """
     forces, read = (
@@ -79,7 +79,7 @@ def follow_drives(
 def record_drives(
     drives: Collection[Drive], times: FloatArray, forces: FloatArray, errors: FloatArray
 ) -> DriveHistory:
-    """Return torques of motors and position errors that are known at times.
+    """Return motor torques and position errors from forces known at times.
 
     Args:
         drives: ``d`` under control.
@@ -94,7 +94,7 @@ def record_drives(
 
 
 def watch_joints(joints: Iterable[JointForces]) -> Watch:
-    """Springs of joints, with their dampers, as outputs."""
+    """Return the forces of joints, springs with their dampers, as outputs."""
     joints = tuple(joints)
     springs = [channel for joint in joints for channel in joint.channels(SPRING)]
     dampers = [channel for joint in joints for channel in joint.channels(DAMPER)]
@@ -102,7 +102,7 @@ def watch_joints(joints: Iterable[JointForces]) -> Watch:
 
 
 def watch_drives(drives: Collection[Drive]) -> Watch:
-    """Forces of drives, then what their position controllers read."""
+    """Return the forces of drives, then the readings of their position controllers, as outputs."""
     return Watch(tuple((drive.name, what) for what in (FORCE, ENCODER) for drive in drives))
 
 
@@ -111,8 +111,8 @@ def largest_joint_forces(
     times: FloatArray,
     observe: Callable[[JointForces], FloatArray],
 ) -> dict[str, dict[str, Extreme]]:
-    """Return the largest force on the first end of every joint, by direction; zero of springs where rigid
-    joints hold everything.
+    """Return the largest force on the first end of every joint, by direction; zero where only rigid
+    joints carry load.
 
     Args:
         times: ``(n,)`` [s].
@@ -131,8 +131,8 @@ def largest_joint_forces(
 
 
 def find_roundoff(dofs: Sequence[str], sizes: FloatArray) -> BoolArray:
-    """Find values ``(n,)`` that are roundoff of the largest of their kind: forces or moments, displacements
-    or rotations.
+    """Find values ``(n,)`` that are roundoff relative to the largest of their kind: forces or
+    moments, displacements or rotations.
     """
     turns = np.array([dof.startswith("r") for dof in dofs], dtype=np.bool_)
     straight, turned = (sizes[turns == kind].max(initial=0.0) for kind in (False, True))

@@ -1,9 +1,9 @@
-"""Motors of a machine along a trajectory: what they move of the rigid machine, and their loops closed around
-its modes.
+"""Motors of a machine along a trajectory: the rigid motion that they cause, and their loops closed
+around the modes of the machine.
 
-The modes are those with locked motors. A motor's coordinate is the travel of the rigid machine that
-it brings about; both are coupled by the inertia of that travel, which is also the load by which
-the rigid machine bends the modes.
+The modes are those with locked motors. The coordinate of a motor is the travel of the rigid machine
+that it causes. Motors and modes are coupled by the inertia of that travel, which is also the load
+by which rigid acceleration excites the modes.
 """
 
 import dataclasses
@@ -54,7 +54,7 @@ FrictionSpeeds = Literal["set", "true"]
 CLOSED = "the loops of the drives are closed along the contour; motor torques are those of their controllers"
 AT_SET_SPEEDS = "friction acts as at the speeds of the set points"
 AT_TRUE_SPEEDS = "friction acts as at the speeds of the motors"
-MOMENTUM = "momentum"  # along the travel that a motor brings about, as an output per speed
+MOMENTUM = "momentum"  # along the travel of a motor, as an output per speed
 STIFF_COUPLINGS = "couplings between motors and screws are taken as rigid along the contour"
 
 
@@ -73,17 +73,17 @@ def close_drives(
     """Add motors to a machine along its trajectory and close their loops.
 
     Args:
-        free: The machine; its last ``d`` coordinates are what the motors move, free and without the
-            motors' inertia.
+        free: The machine; its last ``d`` coordinates are the travels of the motors, free and
+            without the motors' inertia.
         drives: The ``d`` drives.
         positions: ``(n, d)`` set positions of axes or legs [m].
         speeds: ``(n, d)`` set speeds [m/s].
         accelerations: ``(n, d)`` set accelerations [m/s^2].
         gravity: ``(k, c + d)`` generalised weight at the nodes [N].
         scales: ``(k, d, c + d)`` what linear scales read per coordinate.
-        friction: At which speeds it acts: those of the set points, which leaves the motion linear,
-            or those of the motors.
-        beside: ``(n, d)`` what scales read beside that; None for nothing.
+        friction: The speeds at which friction is evaluated: those of the set points, which keeps
+            the motion linear, or those of the motors.
+        beside: ``(n, d)`` readings of scales that do not depend on coordinates; None for none.
     """
     size, count = free.mass.shape[-1], len(drives)
     motors = np.arange(size - count, size)
@@ -127,8 +127,8 @@ def close_drives(
 def controlled_drives(
     servo: ServoMotion, drives: Sequence[Drive], history: CompliantHistory
 ) -> ContourDrives:
-    """Forces of screws on what they move, and torques of motors, which also turn themselves and
-    overcome friction.
+    """Return the forces of screws on the bodies they move, and the torques of motors, which include
+    their own inertia and friction.
 
     Args:
         servo: The machine along its trajectory.
@@ -163,7 +163,7 @@ def drive_assumptions(drives: Sequence[Drive], friction: FrictionSpeeds) -> tupl
 
 
 def _rotor_masses(drives: Sequence[Drive]) -> FloatArray:
-    """Inertia of motor and screw as mass along the travel ``(d,)`` [kg]."""
+    """Return the inertia of motor and screw as a mass along the travel ``(d,)`` [kg]."""
     turns = np.array([2.0 * math.pi / drive.lead for drive in drives])
     inertia = np.array([drive.motor_inertia + drive.screw_inertia for drive in drives])
     return np.asarray(inertia * turns**2)
@@ -171,12 +171,12 @@ def _rotor_masses(drives: Sequence[Drive]) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryMotors:
-    """Motors under control along a trajectory.
+    """Describe motors under control along a trajectory.
 
     Attributes:
-        at: What they move during a motion along it.
+        at: Returns the rigid motion that they cause, during a motion along the trajectory.
         bodies: Channels of the rigid motion that they move.
-        outputs: Where what they move is known.
+        outputs: Outputs at which that motion is known.
     """
 
     drives: tuple[Drive, ...]
@@ -186,17 +186,17 @@ class TrajectoryMotors:
 
     @property
     def scales(self) -> tuple[Channel, ...]:
-        """Readings of scales."""
+        """Channels of the readings of linear scales."""
         return tuple((drive.name, SCALE) for drive in self.drives)
 
     @property
     def momenta(self) -> tuple[Channel, ...]:
-        """Momenta along what motors move."""
+        """Channels of the momenta along the travels of the motors."""
         return tuple((drive.name, MOMENTUM) for drive in self.drives)
 
     def join(self, followed: FollowedTrajectory) -> Join:
-        """Give a machine along a trajectory what scales read with locked motors, and the momenta along the
-        travels that motors bring about.
+        """Add to a machine along a trajectory the readings of scales with locked motors, and the
+        momenta along the travels of the motors.
         """
         trajectory = followed.trajectory
 
@@ -224,11 +224,11 @@ class TrajectoryMotors:
 
 
 def _scale_rows(model: PoseModel, drives: Sequence[Drive]) -> list[FloatArray]:
-    """What the linear scale of each drive reads with locked motors ``(n,)``."""
+    """Return the output row ``(n,)`` of the linear scale of each drive with locked motors."""
     if not isinstance(model, LumpedPose):
         return find_linear_scales(coupled_machine(model), model.parts.scene.machine, drives)
     unit = np.eye(len(model.system.mass))
-    # a scale reads the leg up to its joint at the platform, its spring along itself included
+    # a scale reads the leg up to its joint at the platform, its axial spring included
     return [unit[2 * LENGTHS.index(drive.axis) + 1] for drive in drives]
 
 
@@ -240,9 +240,8 @@ def plan_motors(
     """Return the motors that move a machine along a trajectory; None without control.
 
     Args:
-        outputs: Where motion is wanted: of the tool first, its three directions. Of linear axes there
-            are no others.
-        adapt: Remembers or interpolates what they move.
+        outputs: Outputs: first the three directions of the tool, the only ones of linear axes.
+        adapt: Wraps the function of the motors' rigid motion, to cache or interpolate it.
     """
     drives = trajectory.drives
     if not drives:
@@ -253,12 +252,12 @@ def plan_motors(
 
 @dataclass(frozen=True, eq=False)
 class DrivenTrajectory:
-    """A machine along its trajectory with its motors.
+    """Describe a machine along its trajectory with its motors.
 
     Attributes:
-        followed: The trajectory of the rigid machine, errors included.
-        motors: Under control; None where they follow their set points.
-        tool: Where forces act on the tool, and where it moves.
+        followed: The trajectory of the rigid machine, guide errors included.
+        motors: Motors under control; None where motors follow their set points exactly.
+        tool: Channels of forces on the tool, and of its motion.
     """
 
     followed: FollowedTrajectory
@@ -267,7 +266,7 @@ class DrivenTrajectory:
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
-        """Channels of forces on the tool, then of what acts along the trajectory."""
+        """Channels of forces on the tool, then of the loads along the trajectory."""
         return (*self.tool, *self.followed.acting.channels)
 
     @property
@@ -277,7 +276,7 @@ class DrivenTrajectory:
 
     @property
     def joins(self) -> tuple[Join, ...]:
-        """Functions that give a machine these outputs."""
+        """Functions that add these outputs to a machine."""
         return () if self.motors is None else (self.motors.join(self.followed),)
 
     def move(
@@ -295,7 +294,7 @@ class DrivenTrajectory:
         Args:
             sampled: The machine with locked motors.
             times: ``(n,)`` even steps [s].
-            loads: That act along the trajectory.
+            loads: Loads along the trajectory.
             node_spacing: Time between which matrices are linear [s].
             load_spacing: Time between which loads are linear [s].
         """
@@ -311,12 +310,12 @@ class DrivenTrajectory:
 
 @dataclass(frozen=True, eq=False)
 class MovingMachine:
-    """A machine as a linear system along its trajectory.
+    """Describe a machine as a linear system along its trajectory.
 
     Attributes:
         plant: The matrices of the machine at the nodes of the motion.
-        motion: Of its modes, motors and controllers.
-        servo: The loops of the motors; None where they follow their set points.
+        motion: Linear model in coordinates of modes, motors and controllers.
+        servo: The closed loops of the motors; None where motors follow their set points exactly.
     """
 
     driven: DrivenTrajectory
@@ -325,7 +324,7 @@ class MovingMachine:
     servo: ServoMotion | None
 
     def rows(self, outputs: Sequence[Channel]) -> FloatArray:
-        """Return the motion ``(k, p, c)`` at outputs per coordinate at the nodes."""
+        """Return the output rows ``(k, p, c)`` per coordinate at the nodes."""
         rows, motors = self.plant.rows_of(outputs), self.driven.motors
         if motors is not None:
             now = motors.at(self.driven.followed.law(self.motion.nodes))
@@ -337,7 +336,7 @@ class MovingMachine:
     def record(
         self, history: CompliantHistory, acting: Callable[[slice], FloatArray]
     ) -> SampledHistory:
-        """Return what the machine did, for observers.
+        """Return the history of the machine, for observers.
 
         Args:
             acting: Values ``(m, k)`` of its inputs in a part of the steps.
@@ -354,13 +353,13 @@ def _close_loops(
     friction: FrictionSpeeds,
     load_spacing: float,
 ) -> ServoMotion:
-    """Close the loops of all motors of a machine, from its motion with locked motors."""
+    """Close the loops of all motors of a machine, given its linear model with locked motors."""
     law, errors = driven.followed.law, driven.followed.errors
     now = motors.at(law(motion.nodes))
     plant = sampled.at(motion.nodes, "loads", "rows", "direct")
     modes, count = sampled.modes, len(motors.drives)
     kept, rotors = slice(0, modes), slice(modes, modes + count)
-    # the load of an acceleration is what the travel's inertia takes of the modes
+    # the inertia of a travel couples motors and modes: minus the load per acceleration
     coupling = -plant.loads_of(motors.bodies) @ now.bodies
     mass = np.zeros((len(motion.nodes), modes + count, modes + count))
     mass[:, kept, kept], mass[:, rotors, rotors] = motion.mass, now.mass
@@ -372,7 +371,7 @@ def _close_loops(
     def between(values: Sequence[FloatArray]) -> FloatArray:
         return interpolate_nodes(motion.times, load_nodes, np.concatenate(values))
 
-    # offsets of joints, which modes follow directly, move what scales read and what motors accelerate
+    # offsets of joints act directly on modes, readings of scales and bodies that motors accelerate
     columns_of, inertial = Index(loads.channels), () if errors is None else errors.inertial
     moving, pulling = ([pair[end] for pair in inertial] for end in (0, 1))
     offsets, pulls = (

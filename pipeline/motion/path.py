@@ -1,8 +1,8 @@
-"""The path stage: how far a machine leaves a straight line while its axes accelerate, with ideal
-motors or drives under control.
+"""The path stage: the deviation of a machine from a straight line while its axes accelerate, with
+ideal motors or drives under control.
 
-The machine is taken in one pose of the path, or as it changes along it. Control loops are judged
-before any run in time. Only rank 0 has anything to do.
+The machine is frozen in one pose of the path, or changes its pose along it. Control loops are
+checked for stability before any time integration. Only rank 0 has anything to do.
 """
 
 import dataclasses
@@ -37,8 +37,8 @@ from headstock.solvers.watched_outputs import WatchedValues
 
 
 def run_path_stage(state: RunState, stage: Stage) -> Outcome:
-    """Deviation at every output along the path, once per feed: as the pose changes, and as if it stayed that
-    of the middle.
+    """Compute the deviation at every output along the path, once per feed: with the pose changing,
+    and frozen in the middle.
     """
     if not state.is_root:
         return Outcome()
@@ -87,10 +87,11 @@ def run_path_stage(state: RunState, stage: Stage) -> Outcome:
 def _lay_path(
     state: RunState, request: PathRequest, *, pose_errors: bool | None = None
 ) -> AxesPath | SteppedPath:
-    """Return what solves a path: of linear axes, of axes that turn, or of the tool of a mechanism.
+    """Return the solver of a path: of linear axes, of rotary axes, or of the tool of a mechanism.
 
     Args:
-        pose_errors: Errors of guides at rest are those of the pose at hand; None where the pose changes.
+        pose_errors: Static guide errors depend on the position along the path, else on the pose at
+            mid-path only; None for what the request says of the pose.
     """
     mechanism = state.scene.mechanism
     if mechanism is not None:
@@ -104,8 +105,8 @@ def _lay_path(
 
 
 def _solve_moves(path: AxesPath | SteppedPath) -> SolvedMoves:
-    """Solve every move of a path: in the pose of the middle, and as the pose changes where that is asked
-    for.
+    """Solve every move of a path: in the pose at mid-path, and with the pose changing where the
+    scene asks for it.
     """
     request, frozen = path.request, path.freeze()
     kept = [frozen(move) for move in request.moves]
@@ -147,9 +148,9 @@ def _estimate_errors(
     request: PathRequest,
     solved: SolvedMoves,
 ) -> tuple[dict[Key, Estimate], tuple[str, ...]]:
-    """Return the ± of every number, and what is not in them: the moves once more, in the pose of the
-    middle, of the machine without each source of error, and with cutting coefficients at the ends of
-    their ranges.
+    """Return the ± of every number, and what it leaves out: moves are solved again in the pose at
+    mid-path, for the machine without each source of error and with cutting coefficients at the ends
+    of their ranges.
     """
     frozen = dataclasses.replace(request, follows_pose=False)
 
@@ -186,10 +187,10 @@ def _run_move(
     *,
     disturbed: bool,
 ) -> PathRun:
-    """The deviation of one move as filtered, with its figures; and as if the pose were kept. Forces
-    are not filtered.
+    """Return the filtered deviation of one move with its figures, with the pose changing and
+    frozen. Forces are not filtered.
     """
-    # what was watched is in the forces and probes
+    # the watched outputs are in the forces and probes
     filtered, frozen = (
         dataclasses.replace(filter_deviation(part, request.low_pass), watched=WatchedValues())
         for part in (raw, kept)

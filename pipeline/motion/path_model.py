@@ -1,5 +1,5 @@
-"""A path as its solvers take it: the instants looked at, the travel of axes and points along it, the cut as
-loads; and its moves as solved, before any filter.
+"""The input of the solvers of a path: instants, travels of axes and points, and the cut as loads;
+and their output: moves before any filter.
 """
 
 import dataclasses
@@ -40,7 +40,9 @@ from headstock.solvers.watched_outputs import Extreme, Watch
 
 
 def choose_model(request: PathRequest) -> PathModel:
-    """The quasi-static share and the residual vibration: a mode whose period is longer than a ramp does not follow it."""
+    """Return the model of a path's deviation; modes with periods longer than a ramp count as
+    low-frequency motion, which does not follow the ramp.
+    """
     return PathModel(
         PATH_INPUT,
         request.outputs,
@@ -50,19 +52,19 @@ def choose_model(request: PathRequest) -> PathModel:
 
 
 def sample_path(request: PathRequest, move: SetPoint) -> FloatArray:
-    """Instants of a move [s]."""
+    """Return the instants at which a move is evaluated [s]."""
     return sample_times(move, request.sampling_hz, request.residual_time)
 
 
 def couple_at(state: RunState, request: PathRequest, position: float) -> CoupledPose:
-    """The machine coupled at a position of the path [m]."""
+    """Couple the machine at a position of the path [m]."""
     pose = request.path.pose_at(position)
     coupled = couple(state.parts.superelements, state.scene.machine, pose)
     return CoupledPose(state.parts, pose, coupled)
 
 
 def axis_shares(request: PathRequest) -> dict[str, float]:
-    """Travel of each axis per travel along the path."""
+    """Return the travel of each axis per travel along the path."""
     start, end = request.path.start.positions, request.path.end.positions
     return {
         axis: (end.get(axis, 0.0) - start.get(axis, 0.0)) / request.path.length
@@ -73,7 +75,9 @@ def axis_shares(request: PathRequest) -> dict[str, float]:
 def travel_of_channel(
     machine: Machine, directions: Mapping[str, FloatArray], *, name: str, dof: str
 ) -> float:
-    """Return the motion of a point by the rigid machine per travel along a path; axes that move do not turn."""
+    """Return the rigid motion of a point per travel along a path, in one direction; zero in
+    rotations, as linear axes do not rotate.
+    """
     if dof not in DIRECTIONS:
         return 0.0
     rest = np.zeros(3)
@@ -90,7 +94,7 @@ def path_loads(
     """Return the cut as loads on the tool, in machine axes; None without one.
 
     Raises:
-        ModelError: The tool does not move across its axis.
+        ModelError: The tool does not move normal to its axis.
     """
     if cut is None:
         return None
@@ -106,15 +110,16 @@ def path_loads(
 def orient_cut(
     request: PathCut, travels: FloatArray, ups: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Axes ``(n, 3, 3)`` of the forces of a cut, along the travel, away from the part and along the
-    tool, in machine axes; and how far the tool moves across itself ``(n,)`` per travel along the path.
+    """Return the axes ``(n, 3, 3)`` of cutting forces, along the travel, away from the part and
+    along the tool, in machine axes; and the travel ``(n,)`` of the tool normal to its axis per
+    travel along the path.
 
     Args:
-        travels: ``(n, 3)`` of the tool against the work per travel along the path.
-        ups: ``(n, 3)`` along the tool.
+        travels: ``(n, 3)`` travel of the tool relative to its workpiece per travel along the path.
+        ups: ``(n, 3)`` directions of the tool axis.
 
     Raises:
-        ModelError: The tool does not move across its axis.
+        ModelError: The tool does not move normal to its axis.
     """
     along = travels - (travels * ups).sum(axis=1, keepdims=True) * ups
     sizes = np.linalg.norm(along, axis=1)
@@ -128,11 +133,11 @@ def orient_cut(
 
 @dataclass(frozen=True, eq=False)
 class SolvedMove:
-    """A move as solved.
+    """Store a solved move.
 
     Attributes:
-        deviation: By its acceleration and the cut, and all else that no disturbance is added for.
-        total: With what errors of guides and torque ripple add.
+        deviation: Deviation by acceleration and cutting forces, without disturbances.
+        total: Deviation with guide errors and torque ripple added.
     """
 
     deviation: PathDeviation
@@ -145,11 +150,11 @@ SolveMove = Callable[[SetPoint], SolvedMove]
 
 @dataclass(frozen=True, eq=False)
 class PosedMoves:
-    """A path along which the pose changes.
+    """Solve moves of a path along which the pose changes.
 
     Attributes:
-        solve: One of its moves.
-        poses: How poses are followed.
+        solve: Solves one of its moves.
+        poses: How the poses were sampled.
         truncation: The last move in the pose of the middle: without the modes that are left out along
             the path, and with them.
     """
@@ -161,12 +166,12 @@ class PosedMoves:
 
 @dataclass(frozen=True, eq=False)
 class SolvedMoves:
-    """Deviations before any filter, one per feed.
+    """Store deviations before any filter, one per feed.
 
     Attributes:
-        forces: One per feed; of joints those in the pose of the middle.
-        poses: How the poses of the path were followed; None where they were not.
-        disturbed: Errors of guides or torque ripple are among what deviates.
+        forces: One per feed; joint forces are those in the pose at mid-path.
+        poses: How the poses of the path were sampled; None in a frozen pose.
+        disturbed: The deviations include guide errors or torque ripple.
     """
 
     moves: tuple[PathDeviation, ...]
@@ -178,12 +183,12 @@ class SolvedMoves:
 
 @dataclass(frozen=True, eq=False)
 class PathObservers:
-    """Joints and probes of a machine in the middle of a path.
+    """Observe joints and probes of a machine at the middle of a path.
 
     Attributes:
         joints: Whose forces are watched.
         probes: Where displacement and stress are watched.
-        outputs: Rows ``(n,)`` of what they take of a motion.
+        outputs: Output to its row ``(n,)``.
     """
 
     joints: tuple[JointForces, ...]
@@ -197,18 +202,18 @@ class PathObservers:
         return watch_joints(self.joints).join(probes)
 
     def join(self, system: SecondOrderSystem) -> SecondOrderSystem:
-        """Return the system with their outputs."""
+        """Return the system with these outputs added."""
         return dataclasses.replace(system, outputs=system.outputs | self.outputs)
 
     def read(
         self, deviation: PathDeviation, travel: FloatArray, amounts: FloatArray
     ) -> tuple[dict[str, dict[str, Extreme]], dict[str, ProbeMotion]]:
-        """Return what joints took at most on a move, and what probes observed.
+        """Return the largest joint forces of a move, and the outputs of probes.
 
         Args:
-            deviation: The move, which watched them.
-            travel: ``(9 p,)`` outputs of probes per unit of the travel that is none of the deviation.
-            amounts: ``(n,)`` of that.
+            deviation: Deviation of the move, with these outputs watched.
+            travel: ``(9 p,)`` outputs of probes per unit of the rigid motion that is subtracted.
+            amounts: ``(n,)`` that rigid motion: a travel or an acceleration.
         """
         watched = deviation.watched
         forces = largest_joint_forces(

@@ -1,5 +1,5 @@
-"""A machine in the poses of its trajectory: coupled and damped, with what acts on it there and what is
-observed; and what gyroscopic forces on its deformation would add.
+"""A machine in the poses of its trajectory: coupled and damped, with its loads and outputs; and a
+bound of the gyroscopic effects on its deformation.
 """
 
 import dataclasses
@@ -40,7 +40,7 @@ from headstock.solvers.motion.plant import PosedModes
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 FORCE = "force"
-STACKED = 2.0  # times the highest frequency kept, up to which modes may be compared between poses
+STACKED = 2.0  # modes are compared between poses up to this multiple of the highest frequency kept
 LEAST_SHIFT = 1e-9  # of a natural frequency: roundoff, as of bodies that are rigid
 # further outputs of a machine in a pose: rows, and their direct feedthrough of inputs
 Further = tuple[Mapping[Channel, FloatArray], Feedthrough]
@@ -51,11 +51,11 @@ Join = Callable[[float, PoseModel, PosedErrors], Further]
 def build_along(
     state: RunState, followed: FollowedTrajectory, up_to_hz: float, joins: Sequence[Join] = ()
 ) -> Callable[[float], PosedModes]:
-    """Return what builds the machine at a value of the parameter of its trajectory: damped as the scene
-    says, with every channel.
+    """Return a function that builds the machine at a value of the trajectory's parameter: damped as
+    the scene says, with every channel.
 
     Args:
-        joins: What gives the machine further outputs.
+        joins: Functions that add further outputs to the machine.
     """
     trajectory, model_at, undamped = followed.trajectory, model_builder(state), False
 
@@ -89,7 +89,7 @@ def build_along(
 
 
 def model_builder(state: RunState) -> Callable[[Pose], PoseModel]:
-    """Return what builds the machine of a scene, lumped or of components, in a pose."""
+    """Return a function that builds the machine of a scene, lumped or of components, in a pose."""
     parts, memo = state.parts, CouplingMemo()
     if state.scene.is_lumped:
         lumped = build_lumped_model(parts, parts.superelements)
@@ -113,8 +113,8 @@ def model_builder(state: RunState) -> Callable[[Pose], PoseModel]:
 def report_gyroscopic_shift(
     model: PoseModel, turned: Mapping[str, float], least: float = LEAST_SHIFT
 ) -> tuple[str, ...]:
-    """Report gyroscopic forces on the deformation of bodies that turn at some speeds [rad/s], which are
-    not all there; nothing where they move natural frequencies by less than a share.
+    """Report that gyroscopic forces on the deformation of rotating bodies are only partly modelled,
+    at given speeds [rad/s]; nothing where they shift natural frequencies by less than a share.
     """
     if model.coupled is None or not turned:
         return ()
@@ -132,7 +132,9 @@ def report_gyroscopic_shift(
 
 
 def _find_modes(model: PoseModel, up_to_hz: float) -> ModalResult:
-    """The modes of a machine up to a frequency; all where there are none, or few as of a lumped one."""
+    """Return the modes of a machine up to a frequency; all where none lies below it, or of a lumped
+    machine.
+    """
     if isinstance(model, LumpedPose):
         return model.all_modes
     modes = solve_lowest_modes(model.system, up_to_hz=up_to_hz)
@@ -146,14 +148,14 @@ def _stack(model: PoseModel, system: SecondOrderSystem, modes: ModalResult) -> P
 
 
 def shared_rows(trajectory: Trajectory, state: RunState, better: RunState) -> NDArray[np.intp]:
-    """Rows among the motions of a machine whose components have further modal dofs that are those
-    of the machine without these.
+    """Return the rows of a machine's motions that exist also without the further modal dofs of its
+    refined components.
     """
     fewer, more = (
         {name: len(part.labels) for name, part in run.parts.superelements.items()}
         for run in (state, better)
     )
-    # each body that turns has its dofs once more, and those of its points
+    # each rotating body has its dofs a second time, and those of its points
     blocks = [(fewer[name], more[name]) for name in fewer]
     for name in trajectory.turning:
         blocks += [(fewer[name], more[name]), (POINT_ROWS, POINT_ROWS)]
@@ -164,7 +166,7 @@ def shared_rows(trajectory: Trajectory, state: RunState, better: RunState) -> ND
 
 
 def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]:
-    """Bodies that a mechanism turns as it carries them."""
+    """List the bodies that a mechanism rotates, with their travel, mass and inertia."""
     bodies = []
     for name in names:
         body = model.parts.superelements[name]
@@ -187,7 +189,9 @@ def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]
 
 
 def join_screws(screws: Mapping[str, tuple[str, Axis | None]]) -> Join:
-    """Give a machine the forces with which screws push their nuts, along the axis [N]."""
+    """Return a function that adds the forces of screws on their nuts to a machine, along the axis
+    [N].
+    """
 
     def join(where: float, model: PoseModel, errors: PosedErrors) -> Further:
         joints = {joint.name: joint for joint in coupled_machine(model).joint_springs}
@@ -208,5 +212,5 @@ def join_screws(screws: Mapping[str, tuple[str, Axis | None]]) -> Join:
 
 
 def _screw_sign(screw: PlacedJoint, axis: Axis | None) -> float:
-    """Whether a screw pushes along its axis or against it."""
+    """Return 1 where a screw pushes along its axis, -1 where against it."""
     return 1.0 if axis is None else float(np.sign(screw.frame.rotation[:, 0] @ axis.direction))

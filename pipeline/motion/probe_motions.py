@@ -1,6 +1,6 @@
-"""Probes while a machine moves, under loads over time or along a trajectory: displacement and stress from
-the states of the motion, with their errors; along a trajectory relative to the rigid travel, by modes, motors,
-forces on the tool and the accelerations of the rigid motion.
+"""Probes while a machine moves, under loads over time or along a trajectory: displacement and
+stress from the states of the motion, with their errors. Along a trajectory they are relative to the
+rigid motion and contain modes, motors, forces on the tool and rigid accelerations.
 """
 
 import dataclasses
@@ -42,7 +42,7 @@ RIDE = "travel"
 
 @dataclass(frozen=True, eq=False)
 class MovingModel:
-    """A model of a machine under loads over time, and its motion.
+    """Store a model of a machine under loads over time, and its motion.
 
     Attributes:
         space: With ``probe_outputs`` among its outputs.
@@ -55,7 +55,7 @@ class MovingModel:
 def place_probes(
     parts: MachineParts, coupled: CoupledMachine | None, names: Sequence[str]
 ) -> dict[str, PlacedProbe]:
-    """Probes of a machine in its free coordinates; none of a lumped mechanism.
+    """Return the probes of a machine in its free coordinates; none of a lumped mechanism.
 
     Raises:
         ModelError: A component was reduced without its probe.
@@ -71,10 +71,10 @@ def place_probes(
 
 @dataclass(frozen=True, eq=False)
 class _Observed:
-    """What a probe observes of a model.
+    """Store the outputs of a probe in one model.
 
     Attributes:
-        late: ``(9,)`` outputs of the share of modes left out, which follow accelerations.
+        late: ``(9,)`` outputs of the residual flexibility, which follow accelerations.
         values: ``(N, 9)`` displacement and stress.
     """
 
@@ -96,16 +96,16 @@ def trace_motion(
 ) -> dict[str, ProbeMotion]:
     """Return displacement and stress at probes over time, with their errors.
 
-    The modes that a component leaves out follow the accelerations of its boundary as at rest, and
-    loads inside it act directly. Viscous damping of the material adds to stresses.
+    The modes that a component leaves out respond quasi-statically to the accelerations of its
+    boundary, and loads inside it act directly. Viscous damping of the material adds to stresses.
 
     Args:
         others: Source of error to a model without it; empty where none was sought.
-        doubtful: The same where modes without an estimate are as low as any may be.
-        loads: The static load that each input is, whole; empty of others.
-        sampled: ``(m,)`` which of the times are samples.
-        up_to_hz: Modes up to here vibrate.
-        left_out: What is not looked at.
+        doubtful: The same with modes without an estimate as low as any may be.
+        loads: Name of the static load that each input scales; empty for other inputs.
+        sampled: ``(m,)`` indices of the instants that are samples.
+        up_to_hz: Highest frequency of modes with inertia [Hz].
+        left_out: Sources of error that are not estimated.
     """
     motions = {}
     for name, probe in probes.items():
@@ -117,7 +117,7 @@ def trace_motion(
             changed = {}
             for source, other in others.items():
                 there = _size(_observe(name, probe, other, loads).values)
-                # fast modes move peaks by less than they move
+                # the error of a peak is less than the motion of the fast modes
                 changed[source] = (
                     np.abs(sizes - there).max(axis=1)
                     if source == TRUNCATION
@@ -142,13 +142,13 @@ def _describe(
     values: FloatArray,
     samples: FloatArray,
 ) -> tuple[ProbeMotion, NDArray[np.intp]]:
-    """The motion at a probe without errors, and the two instants of its largest equivalent stress and its
-    largest displacement.
+    """Return the motion at a probe without errors, and the two instants of its largest equivalent
+    stress and its largest displacement.
 
     Args:
         instants: ``(N,)`` [s].
         values: ``(N, 9)`` displacement and stress then.
-        samples: ``(m, 9)`` what is tabled of them.
+        samples: ``(m, 9)`` values to be tabulated.
     """
     sizes = _size(values)
     rows = sizes.argmax(axis=1)
@@ -172,8 +172,8 @@ def _describe(
 def probe_outputs(
     parts: MachineParts, probes: Mapping[str, PlacedProbe]
 ) -> dict[Channel, FloatArray]:
-    """Output rows ``(n,)`` of what a motion in time is asked for at probes: what is seen, what its rate
-    and its acceleration add, and what errors need.
+    """Return output rows ``(n,)`` for probes of a motion in time: displacement and stress,
+    contributions of rates and accelerations, and those that error estimates need.
     """
     rows = watched_rows(probes)
     for name, probe in probes.items():
@@ -187,7 +187,7 @@ def probe_outputs(
 
 
 def watch_probes(names: Iterable[str]) -> Watch:
-    """Displacement and stress at probes: 9 numbers each."""
+    """Return displacement and stress at probes as outputs: 9 numbers each."""
     channels = [(name, number) for name in names for number in range(SEEN)]
     return Watch(
         tuple((name, f"values {number}") for name, number in channels),
@@ -197,12 +197,12 @@ def watch_probes(names: Iterable[str]) -> Watch:
 
 
 def probe_values(names: Iterable[str]) -> dict[str, tuple[Channel, ...]]:
-    """Displacement and stress at each of some probes."""
+    """Return the channels of displacement and stress at each of some probes."""
     return {name: watch_probes([name]).channels for name in names}
 
 
 def smoothing_channels(probes: Mapping[str, PlacedProbe]) -> tuple[Channel, ...]:
-    """Channels of what recovery changes in the stresses at probes and around, where that is known."""
+    """Return the channels of the stress changes by recovery at probes and around, where known."""
     return tuple(
         (name, f"smoothing {number}")
         for name, probe in probes.items()
@@ -217,8 +217,8 @@ def read_probes(
     observed: FloatArray,
     smoothed: FloatArray | None = None,
 ) -> dict[str, ProbeMotion]:
-    """Return what probes observed at times; of their errors what recovery changes at their peaks, where
-    that is given.
+    """Return the motions of probes at times; with the stress changes by recovery at their peaks,
+    where given.
 
     Args:
         probes: ``p`` of them.
@@ -245,12 +245,12 @@ def read_probes(
 def _change_locally(
     probe: PlacedProbe, stress: FloatArray, stressed: FloatArray, moved: FloatArray
 ) -> tuple[float | None, float]:
-    """What the mesh around a probe may change beside what it changes in the motion of the machine: in
-    the equivalent stress and in the displacement, when they are largest.
+    """Estimate errors of the mesh around a probe that add to those of the machine's motion: of the
+    equivalent stress and of the displacement, when they are largest.
 
     Args:
         stress: ``(6,)`` when it is largest.
-        stressed: ``(s, 6)`` what recovery changes then.
+        stressed: ``(s, 6)`` stress changes by recovery then.
         moved: ``(s, 6)`` the same when the displacement is largest.
     """
     changed = float(np.linalg.norm(von_mises_change(stress, CYCLE_SAFETY * stressed)))
@@ -269,7 +269,7 @@ def _observe(name: str, probe: PlacedProbe, model: MovingModel, loads: Sequence[
 
 
 def _size(values: FloatArray) -> FloatArray:
-    """Equivalent stress, and size of the displacement ``(2, n)``, of what is seen ``(n, 9)``."""
+    """Return the equivalent stress and the size of the displacement ``(2, n)`` of outputs."""
     moved = np.linalg.norm(values[:, :MOVED], axis=1)
     return np.stack([largest_von_mises(values[:, MOVED:]), moved])
 
@@ -285,9 +285,8 @@ def _estimate_errors(
     up_to_hz: float,
     left_out: tuple[str, ...],
 ) -> ProbeMotion:
-    """The errors of both peaks: what they change by in other models, what recovery changes in the
-    stress, and what the modes that the component leaves out do beyond their static share at the
-    highest frequency that vibrates.
+    """Estimate the errors of both peaks: differences in other models, stress changes by recovery,
+    and the dynamic part of the modes left out at the highest frequency that is resolved.
 
     Args:
         rows: Instants of the largest equivalent stress and of the largest displacement.
@@ -295,7 +294,7 @@ def _estimate_errors(
     """
     reach = (2.0 * np.pi * up_to_hz) ** 2 / probe.limit
     beyond = reach / (1.0 - reach) if reach < 1.0 else None
-    # what these modes hold is largest elsewhere than the peak, where accelerations are
+    # the quasi-static part of these modes is largest with the acceleration, not at the peak
     late = _size(own.model.motion.observe(own.late)).max(axis=1)
     local: list[float | None] = [None, None]
     if probe.missing is not None and probe.smoothing is not None:
@@ -327,7 +326,7 @@ def _estimate_errors(
 def _read_rows(
     own: _Observed, name: str, kind: str, probe: PlacedProbe, row: np.intp, loads: Sequence[str]
 ) -> FloatArray:
-    """Rows of a kind at an instant, with loads inside the component."""
+    """Return the rows of a kind at an instant, with loads inside the component."""
     space, motion = own.model.space, own.model.motion
     channels = [one for one in space.outputs if one[0] == name and one[1].startswith(f"{kind} ")]
     acting = motion.acting[row]
@@ -340,20 +339,20 @@ def _read_rows(
 
 
 def probe_channels(names: Collection[str]) -> tuple[Channel, ...]:
-    """Outputs of probes: all values, then what rates and accelerations add, then where the rigid travel
-    takes them.
+    """Return the output channels of probes: all values, then contributions of rates and
+    accelerations, then displacements by rigid motion.
     """
     return (*watch_probes(names).outputs, *_ride_channels(names))
 
 
 def _ride_channels(names: Iterable[str]) -> tuple[Channel, ...]:
-    """Outputs of where the rigid travel takes probes."""
+    """Return the output channels of the displacements of probes by rigid motion."""
     return tuple((name, f"{RIDE} {along}") for name in names for along in DIRECTIONS)
 
 
 def probe_kinds(channels: Iterable[Channel], names: Collection[str]) -> dict[Channel, Channel]:
-    """Return the kind of every output of probes: what splines along a trajectory miss of outputs of one kind
-    is a share of the largest.
+    """Return the kind of every probe output: the misfit of splines along a trajectory is relative
+    to the largest output of a kind.
     """
     kinds = {}
     for name, kind in channels:
@@ -365,7 +364,9 @@ def probe_kinds(channels: Iterable[Channel], names: Collection[str]) -> dict[Cha
 
 
 def join_probes(parts: MachineParts, trajectory: Trajectory) -> Join:
-    """Give a machine along a trajectory the outputs of its probes; none where it has none."""
+    """Return a function that adds the outputs of probes to a machine along a trajectory; none where
+    it has no probes.
+    """
 
     def join(where: float, model: PoseModel, errors: PosedErrors) -> Further:
         machine, coupled = parts.scene.machine, model.coupled
@@ -376,7 +377,7 @@ def join_probes(parts: MachineParts, trajectory: Trajectory) -> Join:
         rows, taken = probe_outputs(parts, placed), Feedthrough()
         for name, probe in placed.items():
             named = machine.probes[name]
-            # what modes that the component leaves out add follows its acceleration at once
+            # the modes that the component leaves out respond quasi-statically to its acceleration
             late = -moved_inertia(coupled, named, travels[coupled.offsets[probe.component]])
             ridden = carry_probe(coupled, named, travels)[:MOVED]
             rides = _ride_channels([name])
@@ -393,8 +394,8 @@ def join_probes(parts: MachineParts, trajectory: Trajectory) -> Join:
     return join
 
 
-def drive_bodies(machine: MovingMachine, history: SampledHistory) -> SampledHistory:
-    """Add what motors accelerate to what acted on a machine."""
+def add_motor_accelerations(machine: MovingMachine, history: SampledHistory) -> SampledHistory:
+    """Add the accelerations of bodies by motors to the inputs that acted on a machine."""
     motors, servo = machine.driven.motors, machine.servo
     if motors is None or servo is None:
         return history
@@ -414,14 +415,14 @@ def drive_bodies(machine: MovingMachine, history: SampledHistory) -> SampledHist
 def observe_probes(
     machine: MovingMachine, history: SampledHistory, placed: Mapping[str, PlacedProbe]
 ) -> FloatArray:
-    """Return the outputs of ``p`` probes ``(n, 9 p)``, less what the weight does: as modes move, and as
-    motors move the rigid machine.
+    """Return the outputs of ``p`` probes ``(n, 9 p)``, by modes and by motors that move the rigid
+    machine, less those under gravity.
 
     Args:
-        history: What the machine did, without what motors accelerate.
+        history: History of the machine, without the accelerations of bodies by motors.
         placed: Probes of the machine, anywhere along the trajectory.
     """
-    values = drive_bodies(machine, history).observe(watch_probes(placed))
+    values = add_motor_accelerations(machine, history).observe(watch_probes(placed))
     motors, servo, motion = machine.driven.motors, machine.servo, history.motion
     if motors is None or servo is None or not placed:
         return values

@@ -1,5 +1,5 @@
-"""A path of the tool of a mechanism, lumped or of components, and of axes that turn: the deviation with drives,
-errors, the cut and the forces of its speeds, by the steps in time of contours.
+"""A path of the tool of a mechanism, lumped or of components, and of rotary axes: the deviation
+with drives, guide errors, cutting forces and velocity terms, by the time steps of contours.
 """
 
 import dataclasses
@@ -47,7 +47,7 @@ from headstock.pipeline.motion.posed_machine import (
     report_gyroscopic_shift,
 )
 from headstock.pipeline.motion.probe_motions import (
-    drive_bodies,
+    add_motor_accelerations,
     join_probes,
     observe_probes,
     place_probes,
@@ -94,30 +94,30 @@ from headstock.solvers.second_order import Channel
 from headstock.solvers.watched_outputs import Extreme, Watch
 
 STEPS_PER_PERIOD = 24  # of the highest mode that is kept
-NODE_TURN = 0.05  # of bodies on turning axes between two of them [rad]
+NODE_TURN = 0.05  # largest rotation of bodies on rotary axes between two nodes [rad]
 NODES = 65  # positions of the line between which the rigid motion is interpolated
-NODE_SPACING = 5e-3  # of its matrices in time: on ramps the place is no line in time [s]
-# what bodies turn between them: a stiff direction that is taken for straight there is mixed with a
-# compliant one by an eighth of the square of it
+NODE_SPACING = 5e-3  # of matrices in time: on ramps the position is not linear in time [s]
+# rotation of bodies between nodes: a stiff direction interpolated linearly there is mixed with a
+# compliant one by an eighth of its square
 NODE_ANGLE = 4e-3  # [rad]
 TINY = 1e-30
-BEFORE = 2  # steps before the move begins: the first one is at rest
-MATTERS = 1e-3  # of a natural frequency: what moves it less is no warning
-TWICE = 2.0  # as high as modes are kept, to evaluate what is left out
+BEFORE = 2  # steps before the move begins: at the first one the machine is at rest
+MATTERS = 1e-3  # relative shift of a natural frequency that is worth a warning
+TWICE = 2.0  # multiple of the frequency range, to evaluate the truncation of modes
 
 
 @dataclass(frozen=True, eq=False)
 class SteppedPath:
-    """A line that the tool of a mechanism follows, or a path on which axes turn: one solver of paths.
+    """Solve moves along a line of a mechanism's tool, or along a path of rotary axes.
 
     Attributes:
-        trajectory: Of bodies, over positions.
+        trajectory: Trajectory of the bodies, over positions.
         nodes: ``(k,)`` positions between which the rigid motion is interpolated [m, rad].
-        errors: Along it; None for none.
-        feed: Travel ``(n, 3)`` of the tool against the work per travel along the path, and the direction
-            ``(n, 3)`` of its axis, at positions.
-        turning: How fast bodies turn at most, per speed along the path [1/m, -]; zero where they turn
-            little.
+        errors: Guide errors along it; None for none.
+        feed: Travel ``(n, 3)`` of the tool relative to its workpiece per travel along the path, and
+            the direction ``(n, 3)`` of its axis, at positions.
+        turning: Largest rotation rate of bodies per speed along the path [1/m, -]; zero where they
+            rotate little.
     """
 
     state: RunState
@@ -130,17 +130,17 @@ class SteppedPath:
 
     @property
     def length(self) -> float:
-        """Of the path [m, rad]."""
+        """Length of the path [m, rad]."""
         return self.request.path.length
 
     @property
     def up_to_hz(self) -> float:
-        """Modes up to here are kept [Hz]."""
+        """Highest frequency of modes that are kept [Hz]."""
         return choose_model(self.request).up_to_hz or 0.0
 
     @property
     def tool(self) -> tuple[Channel, ...]:
-        """Channels of the cut; without one, of the point of the first output."""
+        """Channels of the cutting force; without a cut, of the point of the first output."""
         cut = self.request.cut
         at = self.request.outputs[0][0] if cut is None else cut.at
         return tuple((at, dof) for dof in DIRECTIONS)
@@ -166,12 +166,12 @@ class SteppedPath:
 
     @functools.cached_property
     def middle(self) -> PoseModel:
-        """The machine in the middle of the path."""
+        """The machine at the middle of the path."""
         return model_builder(self.state)(self.request.path.pose_at(0.5 * self.length))
 
     @property
     def frequencies_hz(self) -> FloatArray:
-        """Natural frequencies in the middle of the path [Hz]."""
+        """Natural frequencies at the middle of the path [Hz]."""
         return self.middle.all_modes.frequencies_hz
 
     @property
@@ -182,24 +182,24 @@ class SteppedPath:
 
     @property
     def disturbed(self) -> bool:
-        """True where errors of guides or torque ripple act."""
+        """True where guide errors or torque ripple act."""
         return self.errors is not None or any(drive.ripple for drive in self.trajectory.drives)
 
     @functools.cached_property
     def probes(self) -> dict[str, PlacedProbe]:
-        """Probes in the middle of the path."""
+        """Probes at the middle of the path."""
         parts = self.state.parts
         return place_probes(parts, self.middle.coupled, tuple(parts.scene.machine.probes))
 
     @property
     def watched(self) -> tuple[Channel, ...]:
-        """Outputs of joints and probes in the middle of the path."""
+        """Outputs of joints and probes at the middle of the path."""
         probes = (*probe_channels(self.probes), *smoothing_channels(self.probes))
         return (*joint_outputs(self.middle.joints), *probes)
 
     def warn_of_speeds(self) -> None:
-        """Warn of what speeds do that is left out: gyroscopic forces on deformation; of a mechanism also
-        Coriolis and centrifugal forces, where these do not act.
+        """Warn of velocity terms that are left out: gyroscopic forces on deformation; of a
+        mechanism also Coriolis and centrifugal forces, where these are switched off.
         """
         state, move, trajectory = self.state, self.request.moves[-1], self.trajectory
         middle, none = np.array([0.5 * self.length]), np.zeros(1)
@@ -225,7 +225,7 @@ class SteppedPath:
             state.warn(f"path analysis: {message}")
 
     def sample(self, up_to_hz: float, *, follows: bool) -> SampledMotion:
-        """Return the machine at positions of the path, or in its middle everywhere; there with its joints and
+        """Return the machine at positions of the path; or frozen at its middle, with its joints and
         probes among the outputs.
         """
         followed = self._follow(lambda times: sample_move(self.request.moves[0], times))
@@ -244,7 +244,7 @@ class SteppedPath:
         return sample_motion(lambda where: held, [0.0, self.length], channels)
 
     def freeze(self) -> SolveMove:
-        """Return what solves a move in the pose of the middle.
+        """Return a function that solves a move in the pose at the middle of the path.
 
         Raises:
             PoseError: The tool of a mechanism cannot follow the path.
@@ -260,8 +260,8 @@ class SteppedPath:
         return lambda move: self._solve_move(frozen, move, middle=True)
 
     def follow(self, kept: Sequence[SolvedMove]) -> PosedMoves:
-        """Return what solves moves as the pose changes; that modes are kept only up to a frequency is
-        evaluated in the middle, with twice as many.
+        """Return a function that solves a move as the pose changes; the truncation of modes is
+        evaluated at mid-path, with modes up to twice the frequency.
         """
         sampled, moves = self.sample(self.up_to_hz, follows=True), self.request.moves
         short = whole = kept[-1].deviation
@@ -282,7 +282,7 @@ class SteppedPath:
         return PosedMoves(lambda move: self._solve_move(sampled, move), poses, (short, whole))
 
     def _count_steps(self, sampled: SampledMotion, move: SetPoint) -> int:
-        """Steps in time per sample."""
+        """Return the number of time steps per sample."""
         rates = [STEPS_PER_PERIOD * sampled.highest_hz]
         if self.errors is not None:
             rates.append(STEPS_PER_WAVE * move.feed / self.errors.shortest)
@@ -302,8 +302,8 @@ class SteppedPath:
         """Solve one move, from the equilibrium at its beginning.
 
         Args:
-            middle: The machine is that in the middle of the path everywhere, with joints and probes
-                among its outputs.
+            middle: The machine is frozen at the middle of the path, with joints and probes among
+                its outputs.
         """
         request, samples = self.request, sample_path(self.request, move)
         parts = self._count_steps(sampled, move)
@@ -350,7 +350,7 @@ class SteppedPath:
     def _observe(
         self, machine: MovingMachine, known: SampledHistory, samples: FloatArray, shown: slice
     ) -> tuple[dict[str, dict[str, Extreme]], dict[str, ProbeMotion]]:
-        """Return what joints took at most, and what probes observed.
+        """Return the largest forces of joints, and the outputs of probes.
 
         Args:
             samples: ``(n,)`` instants of a move [s].
@@ -359,7 +359,9 @@ class SteppedPath:
             (values - values[0])[shown]
             for values in (
                 observe_probes(machine, known, self.probes),
-                drive_bodies(machine, known).observe(Watch(smoothing_channels(self.probes))),
+                add_motor_accelerations(machine, known).observe(
+                    Watch(smoothing_channels(self.probes))
+                ),
             )
         )
         forces = largest_joint_forces(
@@ -370,7 +372,7 @@ class SteppedPath:
         return forces, read_probes(self.probes, samples, observed, smoothed)
 
     def _cut_forces(self, move: SetPoint, times: FloatArray) -> FloatArray:
-        """Forces on the tool ``(n, 3)``, machine frame [N]."""
+        """Return the cutting forces on the tool ``(n, 3)``, machine frame [N]."""
         force, request = np.zeros((len(times), 3)), self.request.cut
         if request is None:
             return force
@@ -411,8 +413,8 @@ def lay_tool_line(state: RunState, request: PathRequest, mechanism: SceneMechani
 
 
 def lay_rotary_path(state: RunState, request: PathRequest) -> SteppedPath:
-    """Return a path on which axes turn: a straight line of positions, with so many nodes that a body turns
-    little from one to the next.
+    """Return a path of rotary axes: a straight line of axis positions, with enough nodes that
+    bodies rotate little from one to the next.
     """
     path, trajectory = request.path, RotaryTrajectory(state.parts, request.path)
     fastest = max(trajectory.rotation_speeds.values())
@@ -438,12 +440,12 @@ def lay_rotary_path(state: RunState, request: PathRequest) -> SteppedPath:
 def _split_motion(
     motion: LinearMotion, rows: FloatArray, history: CompliantHistory, *, limit_hz: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Motion at the outputs ``(n, p)``, less that by weight alone, of the modes that are kept: all of it,
-    its quasi-static share, and that of modes slower than a ramp.
+    """Return the motion at the outputs ``(n, p)`` by the modes that are kept, less that under
+    gravity: all of it, its quasi-static share, and that of modes slower than a ramp.
 
     Args:
-        rows: ``(k, p, c)`` motion at the outputs at its nodes.
-        limit_hz: Modes below do not follow a ramp; zero for none, as of closed loops [Hz].
+        rows: ``(k, p, c)`` output rows at the nodes.
+        limit_hz: Modes below it do not follow a ramp; zero for none, as in closed loops [Hz].
     """
     held = np.swapaxes(
         np.linalg.solve(np.swapaxes(motion.stiffness, 1, 2), np.swapaxes(rows, 1, 2)), 1, 2

@@ -1,9 +1,10 @@
-"""Trajectories of a machine and laws along them: where its rigid bodies are, how they are accelerated, and
-what its motors move of them.
+"""Trajectories of a machine and laws along them: positions and accelerations of its rigid bodies,
+and the rigid motion that its motors cause.
 
-A trajectory ``x(s)`` is where, over a parameter ``s``: the time of a contour, the position along a line.
-A law ``s(t)`` is when: at a speed ``v`` and an acceleration ``a`` of ``s`` the rigid machine is
-accelerated by ``x'' v^2 + x' a``. Contours and straight moves of a tool follow the same trajectories.
+A trajectory ``x(s)`` is a position over a parameter ``s``: the time of a contour, the position
+along a line. A law ``s(t)`` says when: at a speed ``v`` and an acceleration ``a`` of ``s`` the
+acceleration of the rigid machine is ``x'' v^2 + x' a``. Contours and straight moves of a tool share
+their trajectories.
 """
 
 import dataclasses
@@ -30,14 +31,14 @@ from headstock.solvers.motion.set_points import PathMotion
 from headstock.solvers.second_order import Channel
 
 GRAVITY_LOAD: Channel = ("gravity", "load")
-RATE_SHARE = 1e-5  # of a trajectory between its ends, over which rates of offsets are differenced
+RATE_SHARE = 1e-5  # step of the finite differences of offsets, over the length of a trajectory
 Law = Callable[[FloatArray], PathMotion]
 Feedthrough = dict[tuple[Channel, Channel], float]
 
 
 @dataclass(frozen=True, eq=False)
 class MovedMachine:
-    """What ``d`` motors move of the rigid machine at ``n`` instants.
+    """Store the rigid motion that ``d`` motors cause, at ``n`` instants.
 
     Attributes:
         positions: ``(n, d)`` set positions [m].
@@ -45,7 +46,7 @@ class MovedMachine:
         accelerations: ``(n, d)`` set accelerations [m/s^2].
         bodies: ``(n, b, d)`` acceleration in each channel of the rigid motion per that of each
             motor.
-        mass: ``(n, d, d)`` [kg].
+        mass: ``(n, d, d)`` generalised mass of that motion [kg].
         outputs: ``(n, p, d)`` motion at outputs per travel of each motor.
         weight: ``(n, d)`` generalised weight [N].
         inertia: ``(n, d)`` generalised inertial force of the rigid motion [N].
@@ -65,22 +66,22 @@ MotorTravel = Callable[[PathMotion], MovedMachine]
 
 
 class Trajectory(ABC):
-    """Where the rigid machine is over a parameter, and how it moves there."""
+    """Describe the rigid machine over a parameter."""
 
     @property
     @abstractmethod
     def bodies(self) -> tuple[Channel, ...]:
-        """Channels of the rigid motion: accelerations."""
+        """Channels of the accelerations of bodies."""
 
     @property
     def turning(self) -> tuple[str, ...]:
-        """Bodies that turn along it, whose speeds act."""
+        """Bodies that rotate along it, with velocity terms."""
         return ()
 
     @property
     @abstractmethod
     def drives(self) -> tuple[Drive, ...]:
-        """Drives of the scene that move the machine along it."""
+        """Drives of the scene that move the machine along the trajectory."""
 
     @abstractmethod
     def pose(self, where: float) -> Pose:
@@ -92,7 +93,7 @@ class Trajectory(ABC):
 
     @abstractmethod
     def loads(self, model: PoseModel) -> dict[Channel, FloatArray]:
-        """Return the inertial load ``(n,)`` per acceleration in each channel, of a machine in a pose."""
+        """Return the inertial load ``(n,)`` of a posed machine per acceleration in each channel."""
 
     @abstractmethod
     def travels(self, coupled: CoupledMachine) -> FloatArray:
@@ -100,26 +101,28 @@ class Trajectory(ABC):
 
     @abstractmethod
     def move_motors(self, drives: Sequence[Drive], outputs: Sequence[Channel]) -> MotorTravel:
-        """Return what motors move of the rigid machine during a motion along it.
+        """Return the rigid motion that motors cause, during a motion along the trajectory.
 
         Args:
-            outputs: Where motion is wanted: points or interfaces.
+            outputs: Outputs at which motion is wanted: points or interfaces.
         """
 
     def turn_rates(self, motion: PathMotion) -> dict[str, float]:
-        """Return how fast each of the bodies that turn does so at most [rad/s]."""
+        """Return the largest rotation rate of each rotating body [rad/s]."""
         return {}
 
 
 class Curve(Protocol):
-    """A path of a tool over a parameter."""
+    """Describe the path of a tool over a parameter."""
 
     def at(self, where: FloatArray, /) -> PathPoints:
-        """Points at ``(n,)`` values of the parameter, and their first and second derivatives."""
+        """Return points at ``(n,)`` values of the parameter, and their first and second
+        derivatives.
+        """
 
 
 def follow_curve(path: Curve, motion: PathMotion) -> PathPoints:
-    """Return positions, velocities and accelerations of a motion along a path over its parameter."""
+    """Return positions, velocities and accelerations of a motion along a path."""
     points = path.at(motion.positions)
     speeds, pulls = motion.speeds[:, None], motion.accelerations[:, None]
     return PathPoints(
@@ -136,7 +139,7 @@ def follow_time(times: FloatArray) -> PathMotion:
 
 @dataclass(frozen=True, eq=False)
 class AxesTrajectory(Trajectory):
-    """Linear axes that follow a path over time."""
+    """Describe linear axes that travel along a path over time."""
 
     parts: MachineParts
     travel: ToolTravel
@@ -149,7 +152,7 @@ class AxesTrajectory(Trajectory):
 
     @property
     def drives(self) -> tuple[Drive, ...]:
-        """Drives of its axes."""
+        """Drives of these axes."""
         drives = self.parts.scene.drives.values()
         return tuple(drive for drive in drives if drive.axis in self.travel.axes)
 
@@ -164,7 +167,9 @@ class AxesTrajectory(Trajectory):
         return self.travel.axis_positions(follow_curve(self.path, motion).acceleration)
 
     def axis_motion(self, name: str, motion: PathMotion) -> tuple[FloatArray, FloatArray]:
-        """Return speed and acceleration ``(n,)`` of an axis, which may be none of the trajectory."""
+        """Return speed and acceleration ``(n,)`` of an axis; zero of one that does not move along
+        the trajectory.
+        """
         if name not in self.travel.axes:
             return np.zeros(len(motion.positions)), np.zeros(len(motion.positions))
         number, points = self.travel.axes.index(name), follow_curve(self.path, motion)
@@ -190,7 +195,7 @@ class AxesTrajectory(Trajectory):
         return np.column_stack(columns)
 
     def move_motors(self, drives: Sequence[Drive], outputs: Sequence[Channel]) -> MotorTravel:
-        """Return what motors move; the outputs are the directions of the tool."""
+        """Return the rigid motion that motors cause; the outputs are the directions of the tool."""
         travel, machine = self.travel, self.parts.scene.machine
         columns = [travel.axes.index(drive.axis) for drive in drives]
         axes = [machine.axes[drive.axis] for drive in drives]
@@ -236,8 +241,8 @@ class AxesTrajectory(Trajectory):
 def interpolate_trajectory(
     trajectory: Trajectory, nodes: FloatArray
 ) -> Callable[[PathMotion], FloatArray]:
-    """Return the accelerations along a trajectory, interpolated between nodes ``(k,)``: those at unit
-    speed, which count with the square of the speed, and those at unit acceleration.
+    """Return the accelerations along a trajectory, interpolated between nodes ``(k,)``: those at
+    unit speed, to be scaled by the square of the speed, and those at unit acceleration.
     """
     fast, pulled = _interpolate(nodes, [trajectory.accelerate(now) for now in _unit_laws(nodes)])
 
@@ -249,7 +254,7 @@ def interpolate_trajectory(
 
 
 def interpolate_motors(moved: MotorTravel, nodes: FloatArray) -> MotorTravel:
-    """Return what motors move along a trajectory, interpolated likewise."""
+    """Return the rigid motion that motors cause along a trajectory, interpolated likewise."""
     fast, pulled = (moved(now) for now in _unit_laws(nodes))
     laws = _interpolate(nodes, [*dataclasses.astuple(fast), pulled.accelerations, pulled.inertia])
 
@@ -268,7 +273,7 @@ def interpolate_motors(moved: MotorTravel, nodes: FloatArray) -> MotorTravel:
 
 
 def _unit_laws(nodes: FloatArray) -> tuple[PathMotion, PathMotion]:
-    """Unit speed, and unit acceleration, everywhere."""
+    """Return motions of unit speed and of unit acceleration at the nodes."""
     one, none = np.ones(len(nodes)), np.zeros(len(nodes))
     return PathMotion(nodes, one, none), PathMotion(nodes, none, one)
 
@@ -281,14 +286,15 @@ def _interpolate(
 
 @dataclass(frozen=True, eq=False)
 class PosedErrors:
-    """What a unit of each error does to a machine in a pose.
+    """Store the effect of a unit of each error on a machine in a pose.
 
     Attributes:
         loads: Channel to its load ``(n,)``.
-        feedthrough: Outputs and channels to what a unit of the channel adds to the output directly:
-            less force of joints whose springs do not push, and motion that fixed directions make.
-        moved: ``(n_all, k)`` that motion of the stacked dofs, of a unit of each offset; None where
-            only springs push.
+        feedthrough: Output and channel to the direct contribution of a unit of the channel to the
+            output: the force of a joint relieved by its offset, and motion imposed in fixed
+            directions.
+        moved: ``(n_all, k)`` motion of the stacked dofs imposed by a unit of each offset; None
+            where offsets act through springs only.
     """
 
     loads: Mapping[Channel, FloatArray] = field(default_factory=dict)
@@ -298,16 +304,16 @@ class PosedErrors:
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryErrors:
-    """Errors of guides, screws and legs along a trajectory.
+    """Describe errors of guides, screws and legs along a trajectory.
 
     Attributes:
         channels: One per offset, then one per rate and one per acceleration that act.
-        act_on: What a unit of each does to a machine in a pose.
+        act_on: Returns the effect of a unit of each on a machine in a pose.
         offsets: ``(n, k)`` at values ``(n,)`` of the parameter, in units.
         rated: ``(r,)`` offsets whose rates act, too.
         accelerated: ``(a,)`` offsets whose accelerations act, too.
-        ends: Of the trajectory.
-        shortest: Shortest part of the trajectory over which a wave repeats.
+        ends: Ends of the trajectory.
+        shortest: Shortest wavelength of the errors along the trajectory.
     """
 
     channels: tuple[Channel, ...]
@@ -320,7 +326,9 @@ class TrajectoryErrors:
 
     @property
     def inertial(self) -> tuple[tuple[Channel, Channel], ...]:
-        """Channels of the offsets whose accelerations act, and of these."""
+        """Pairs of the channel of an offset whose acceleration acts, and the channel of that
+        acceleration.
+        """
         last = self.channels[len(self.channels) - len(self.accelerated) :]
         return tuple(zip((self.channels[number] for number in self.accelerated), last, strict=True))
 
@@ -335,7 +343,7 @@ class TrajectoryErrors:
 
 @dataclass(frozen=True, eq=False)
 class FollowedTrajectory:
-    """A trajectory that a machine follows by a law, with the errors along it.
+    """Describe a trajectory that a machine follows by a law, with the errors along it.
 
     Attributes:
         accelerate: Accelerations ``(n, b)`` of the rigid machine during a motion along it.
@@ -348,7 +356,7 @@ class FollowedTrajectory:
 
     @property
     def acting(self) -> TrajectoryLoads:
-        """Loads along the trajectory: weight, then accelerations and errors."""
+        """Channels of loads along the trajectory: gravity, then accelerations and errors."""
         errors = () if self.errors is None else self.errors.channels
         channels = (GRAVITY_LOAD, *self.trajectory.bodies, *errors)
         return TrajectoryLoads(channels, self._act, GRAVITY_LOAD)
@@ -360,15 +368,15 @@ class FollowedTrajectory:
         return np.concatenate([weight, self.accelerate(motion), *errors], axis=1)
 
     def act_on(self, model: PoseModel) -> PosedErrors:
-        """Return what unit errors do to a machine in a pose."""
+        """Return the effect of unit errors on a machine in a pose."""
         return PosedErrors() if self.errors is None else self.errors.act_on(model)
 
 
 def coupled_machine(model: PoseModel) -> CoupledMachine:
-    """The machine of superelements of a model.
+    """Return the machine of superelements of a model.
 
     Raises:
-        ValueError: It is a lumped mechanism.
+        ValueError: The model is a lumped mechanism.
     """
     if model.coupled is None:
         raise ValueError("a lumped mechanism has no superelements")
@@ -376,13 +384,13 @@ def coupled_machine(model: PoseModel) -> CoupledMachine:
 
 
 def gravity_vector(parts: MachineParts) -> FloatArray:
-    """Gravity ``(3,)`` [m/s^2], machine frame; zero without it."""
+    """Return the acceleration of gravity ``(3,)`` [m/s^2], machine frame; zero without gravity."""
     return np.zeros(3) if parts.plan.gravity is None else np.asarray(parts.plan.gravity)
 
 
 def find_ball_screws(machine: Machine) -> dict[str, tuple[str, Axis | None]]:
-    """Ball screws that drive a machine: name of the drive to its joint and axis; those of a
-    mechanism have the name of their joint.
+    """Find the ball screws that drive a machine: name of the drive to its joint and axis; those of
+    a mechanism have the name of their joint.
     """
     screws: dict[str, tuple[str, Axis | None]] = {}
     for axis in machine.axes.values():

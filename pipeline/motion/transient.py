@@ -1,5 +1,5 @@
-"""The transient stage: motion of a machine in a pose under loads over time, with what its peaks are
-worth. Only rank 0 has anything to do.
+"""The transient stage: motion of a machine in a pose under loads over time, with the ± of its
+peaks. Only rank 0 has anything to do.
 """
 
 import dataclasses
@@ -70,27 +70,27 @@ from headstock.solvers.motion.friction_loop import friction_channels
 from headstock.solvers.second_order import Channel, SecondOrderSystem, name_channel
 
 START: Channel = ("initial velocity", "momentum")
-# modes whose damping couples them are all solved for up to here; of more, those in BEYOND times the
-# range tell what the others add
+# number of modes coupled by damping up to which all are solved for; of more, those up to BEYOND
+# times the frequency range estimate the contribution of the others
 MOST_COUPLED_MODES = 200
 BEYOND = 2.0
 UNBALANCED_ENERGY = 0.01
-UNBALANCED_FRICTION = 1e-6  # likewise, of an integrator whose works are states
+UNBALANCED_FRICTION = 1e-6  # with friction, where the integrator has the works as states
 SMOOTHING = "smoothing of friction"
-# so many times the smoothing: where peaks go with its root, the slowest that was seen, a sharp law
+# factor on the smoothing: peaks converge with its square root or faster, so that a sharp law
 # changes them by REMAINING times as much
 SHARPER = 0.1
 REMAINING = 1.0 / (1.0 - SHARPER**0.5)
-MOST_SOFTENED = 0.5  # of a frequency that an error may take
+MOST_SOFTENED = 0.5  # largest share of a natural frequency that is subtracted as its error
 
 
 @dataclass(frozen=True, eq=False)
-class _Ready:
-    """A model ready for loads.
+class _PreparedModel:
+    """Hold state spaces of a model with its loads as inputs.
 
     Attributes:
-        watched: With what is watched beside the displacements as outputs, and friction as inputs
-            where there is any.
+        watched: With all observed outputs besides the displacements, and friction as inputs where
+            there is any.
         friction_loop: Closed loops with friction in their guides; None without friction.
     """
 
@@ -100,39 +100,39 @@ class _Ready:
 
 
 @dataclass(frozen=True, eq=False)
-class _Others[M]:
-    """Models without a source of error, or their motions, by source.
+class _RefinedModels[M]:
+    """Hold models without one source of error each, or their motions, by source.
 
     Attributes:
-        known: As far as estimates say.
-        doubtful: Of sources of which some modes have no estimate: these modes as low as any may be.
-        left_out: What is not looked at.
+        known: Models without the source, as far as it is estimated.
+        doubtful: For sources without an estimate of some modes: these modes as low as any may be.
+        left_out: Sources of error that are not estimated.
     """
 
     known: dict[str, M] = field(default_factory=dict)
     doubtful: dict[str, M] = field(default_factory=dict)
     left_out: tuple[str, ...] = ()
 
-    def convert[N](self, make: Callable[[M], N]) -> "_Others[N]":
-        """Return what is made of each."""
+    def convert[N](self, make: Callable[[M], N]) -> "_RefinedModels[N]":
+        """Return the same with a function applied to each model."""
         known, doubtful = (
             {source: make(model) for source, model in models.items()}
             for models in (self.known, self.doubtful)
         )
-        return _Others(known, doubtful, self.left_out)
+        return _RefinedModels(known, doubtful, self.left_out)
 
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Motion of a model, and what it says.
+    """Store the motion of a model, and its figures.
 
     Attributes:
-        with_friction: With it; None without friction.
+        with_friction: Motion with friction; None without friction.
         times: ``(n,)`` of the samples [s].
-        displacements: ``(n, n_outputs)`` then [m, rad].
+        displacements: ``(n, n_outputs)`` at the samples [m, rad].
     """
 
-    model: _Ready
+    model: _PreparedModel
     motion: StateHistory
     with_friction: FrictionTransient | None
     figures: tuple[TransientFigures, ...]
@@ -141,7 +141,7 @@ class _Solution:
 
     @property
     def moving(self) -> MovingModel:
-        """The model with its states and what acts on them: loads, then friction against the motion."""
+        """The model with its states and inputs: loads, then friction against the motion."""
         loads = self.motion.loads
         values, _ = loads.evaluate()
         acting = np.concatenate([values[:, 0], values[:, 1]])
@@ -154,7 +154,7 @@ class _Solution:
 
     @functools.cached_property
     def energy(self) -> EnergyBalance | None:
-        """Its balance; None under control without friction."""
+        """Energy balance; None under control without friction."""
         if self.with_friction is not None:
             return self.with_friction.energy
         return find_energy(self.model.linear, self.motion)
@@ -162,11 +162,11 @@ class _Solution:
 
 @dataclass(frozen=True, eq=False)
 class _LoadCase:
-    """Loads of a request over time.
+    """Describe the loads of a request over time.
 
     Attributes:
-        histories: Of its loads, then of the momentum before the time zero.
-        stepped: The same on the steps of the samples.
+        histories: Histories of the loads, then of the momentum before time zero.
+        stepped: The same in the steps between samples.
     """
 
     request: TransientRequest
@@ -180,7 +180,7 @@ class _LoadCase:
         at_times = np.concatenate([values[:, 0], values[-1:, 1]])
         return at_times[self.stepped.sampled][:, : len(self.request.loads)]
 
-    def solve(self, model: _Ready) -> _Solution:
+    def solve(self, model: _PreparedModel) -> _Solution:
         """Solve for the motion of a model."""
         space, request = model.linear, self.request
         start, final, state = rest_positions(space, self.histories, request.duration)
@@ -203,8 +203,8 @@ class _LoadCase:
 
 
 def run_transient_stage(state: RunState, stage: Stage) -> Outcome:
-    """Motion under the loads of the request; one that cannot begin is a failure, and the run goes
-    on.
+    """Compute the motion under the loads of the request; one that cannot begin is a failure, and
+    the run continues.
     """
     if not state.is_root:
         return Outcome()
@@ -225,13 +225,12 @@ def run_transient_stage(state: RunState, stage: Stage) -> Outcome:
 
 @dataclass(frozen=True, eq=False)
 class _LoadedMachine:
-    """A machine in a pose with its damping and the loads of a request.
+    """Describe a machine in a pose with its damping and the loads of a request.
 
     Attributes:
-        machine: In the pose; with motors let go under control.
-        system: Its equations of motion, with the loads and the momentum before the time zero as
-            inputs.
-        trains: Its drives, whose loops are closed; None where motors are locked.
+        machine: The machine in the pose; under control with its motors free.
+        system: Its equations of motion, with the loads and the momentum before time zero as inputs.
+        trains: Drives whose loops are closed; None where motors are locked.
         probes: Where displacement and stress are wanted.
     """
 
@@ -244,14 +243,16 @@ class _LoadedMachine:
 
     @property
     def near(self) -> ModalResult:
-        """The modes that vibrate."""
+        """The modes with dynamics, up to the frequency requested."""
         return keep_lowest(self.modes, up_to_hz=self.request.up_to_hz)
 
-    def prepare(self, up_to_hz: float | None, softer: SecondOrderSystem | None = None) -> _Ready:
-        """Ready for the loads, with modes up to a frequency; None for all.
+    def prepare(
+        self, up_to_hz: float | None, softer: SecondOrderSystem | None = None
+    ) -> _PreparedModel:
+        """Return the state spaces of the model, with modes up to a frequency; None for all.
 
         Args:
-            softer: A system in place of its own, of which the modes are not known yet.
+            softer: A system in place of the machine's own, whose modes are not known yet.
         """
         system = softer or self.system
         inputs = (*(_input_of(load) for load in self.request.loads), START)
@@ -268,28 +269,28 @@ class _LoadedMachine:
                 modes=modes,
                 little_mass=True,
             )
-            return _Ready(space.select(inputs, self.request.outputs), space)
+            return _PreparedModel(space.select(inputs, self.request.outputs), space)
         channels = friction_channels(self.trains)
         loop = close_loops(
             system, self.trains, inputs=(*inputs, *channels), outputs=outputs, up_to_hz=up_to_hz
         )
-        return _Ready(
+        return _PreparedModel(
             loop.space.select(inputs, self.request.outputs),
             loop.space.select((*inputs, *channels), loop.space.outputs),
             loop if channels else None,
         )
 
-    def widen(self, model: _Ready) -> _Ready:
-        """With modes beyond the range of a model: all, where nothing couples them or they are few,
-        and there is no friction.
+    def widen(self, model: _PreparedModel) -> _PreparedModel:
+        """Return a model with modes beyond the range of another: all, where damping does not couple
+        them or they are few, and there is no friction.
         """
         few = len(self.modes.frequencies_hz) <= MOST_COUPLED_MODES and model.friction_loop is None
         every = few or model.linear.pairs is not None
         return self.prepare(None if every else BEYOND * self.request.up_to_hz)
 
     def _find_loss(self) -> StiffnessLoss | None:
-        """What damps the modes that vibrate along with the stiffness of components; None without the
-        effect damping, and of a lumped mechanism.
+        """Return the damping of the modes that is proportional to the stiffness of components; None
+        without the effect damping, and of a lumped mechanism.
         """
         scene, coupled, near = self.machine.parts.scene, self.machine.coupled, self.near
         if coupled is None or DAMPING not in scene.effects:
@@ -311,20 +312,20 @@ class _LoadedMachine:
             viscous, structural, given[np.minimum(np.arange(count), len(given) - 1)]
         )
 
-    def soften(self) -> _Others[_Ready]:
-        """With natural frequencies as low as each source of error leaves possible: meshes and
+    def soften(self) -> _RefinedModels[_PreparedModel]:
+        """Return models with natural frequencies as low as each source of error allows: meshes and
         reductions make frequencies too high.
         """
         near, loss = self.near, self._find_loss()
         estimates = self.machine.estimate_mode_errors(near)[near.rigid_count :]
         frequencies = near.frequencies_hz[near.rigid_count :]
 
-        def lower(factors: FloatArray) -> _Ready:
+        def lower(factors: FloatArray) -> _PreparedModel:
             softer = soften_system(self.system, near, factors, loss)
             return self.prepare(self.request.up_to_hz, softer)
 
-        known: dict[str, _Ready] = {}
-        doubtful: dict[str, _Ready] = {}
+        known: dict[str, _PreparedModel] = {}
+        doubtful: dict[str, _PreparedModel] = {}
         for source in dict.fromkeys(source for error in estimates for source in error.shares):
             sizes = [error.shares.get(source, 0.0) for error in estimates]
             unknown = np.array([size is None for size in sizes])
@@ -334,18 +335,19 @@ class _LoadedMachine:
             if unknown.any():
                 doubtful[source] = lower(np.where(unknown, 1.0 - MOST_SOFTENED, factors))
         left_out = dict.fromkeys(words for error in estimates for words in error.left_out)
-        return _Others(known, doubtful, tuple(left_out))
+        return _RefinedModels(known, doubtful, tuple(left_out))
 
 
 def _respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[TransientAnswer]:
-    """Motion of a machine in a pose under loads over time, with the damping of its scene.
+    """Compute the motion of a machine in a pose under loads over time, with the damping of its
+    scene.
 
     Args:
-        judged: Estimate what peaks are worth.
+        judged: Estimate the errors of peaks.
 
     Raises:
-        ModelError: What is released acts on a motion that nothing holds.
-        UnstableControlError: A control loop is.
+        ModelError: A load that is suddenly removed acts on an unconstrained motion.
+        UnstableControlError: A control loop is unstable.
         ConvergenceError: Motion with friction could not be integrated.
     """
     scene = machine.parts.scene
@@ -359,23 +361,23 @@ def _respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Trans
         request, histories, step_loads(histories, request.duration, request.sampling_hz)
     )
     solution = case.solve(loaded.prepare(request.up_to_hz))
-    others = _Others[_Solution]()
+    refined = _RefinedModels[_Solution]()
     if judged and has_symmetric_terms(loaded.system):
-        others = _list_others(loaded, solution.model).convert(case.solve)
+        refined = _list_refined_models(loaded, solution.model).convert(case.solve)
     warnings += [warn_of_singular(name, probe.singular) for name, probe in loaded.probes.items()]
     unbalanced = _explain_imbalance(solution, request.sampling_hz)
     if unbalanced is not None:
         warnings.append(f"transient analysis in pose {machine.pose.name}: {unbalanced}")
-    return Solved(_make_answer(loaded, case, solution, others), tuple(warnings))
+    return Solved(_make_answer(loaded, case, solution, refined), tuple(warnings))
 
 
 def _make_answer(
-    loaded: _LoadedMachine, case: _LoadCase, solution: _Solution, others: _Others[_Solution]
+    loaded: _LoadedMachine, case: _LoadCase, solution: _Solution, refined: _RefinedModels[_Solution]
 ) -> TransientAnswer:
-    """Read what is asked for from motions of a model and of those without a source of error."""
+    """Build the answer from the motions of a model and of those without a source of error."""
     request, machine, sampled = case.request, loaded.machine, case.stepped.sampled
     controlled, values, moved = loaded.trains is not None, case.values, solution.moving
-    changed = others.convert(lambda other: other.moving)
+    changed = refined.convert(lambda other: other.moving)
     probes = trace_motion(
         loaded.probes,
         moved,
@@ -384,11 +386,11 @@ def _make_answer(
         loads=[load.target if isinstance(load.target, str) else "" for load in request.loads],
         sampled=sampled,
         up_to_hz=request.up_to_hz,
-        left_out=others.left_out,
+        left_out=refined.left_out,
     )
     closed = tuple(machine.parts.scene.drives.values()) if controlled else ()
     drives = follow_drives(closed, moved.space, moved.motion)
-    errors = _compare_peaks(solution, others)
+    errors = _compare_peaks(solution, refined)
     return TransientAnswer(
         curves=TransientCurves(
             pose=machine.pose.name,
@@ -431,8 +433,10 @@ def _make_answer(
     )
 
 
-def _list_others(loaded: _LoadedMachine, model: _Ready) -> _Others[_Ready]:
-    """By source of error, models without it."""
+def _list_refined_models(
+    loaded: _LoadedMachine, model: _PreparedModel
+) -> _RefinedModels[_PreparedModel]:
+    """List models without one source of error each."""
     softer = loaded.soften()
     known = {TRUNCATION: loaded.widen(model)} | softer.known
     if model.friction_loop is not None:
@@ -442,7 +446,7 @@ def _list_others(loaded: _LoadedMachine, model: _Ready) -> _Others[_Ready]:
 
 
 def _explain_imbalance(solution: _Solution, sampling_hz: float) -> str | None:
-    """Explain missing energy, with its remedy; None where it balances."""
+    """Explain an energy imbalance, with its remedy; None where energy balances."""
     if solution.with_friction is not None:
         error = solution.with_friction.motion.energy.error
         if error > UNBALANCED_FRICTION:
@@ -460,10 +464,10 @@ def _explain_imbalance(solution: _Solution, sampling_hz: float) -> str | None:
 def _load_machine(
     machine: PoseModel, request: TransientRequest, warn: Callable[[str], None]
 ) -> _LoadedMachine:
-    """A machine under the loads of a request.
+    """Return a machine with the loads of a request.
 
     Raises:
-        UnstableControlError: A control loop is.
+        UnstableControlError: A control loop is unstable.
     """
     scene, trains = machine.parts.scene, None
     if request.motors == "controlled":
@@ -491,8 +495,8 @@ def _add_channels(
     request: TransientRequest,
     probes: Mapping[str, PlacedProbe],
 ) -> SecondOrderSystem:
-    """The system of a machine with the static loads that are named, and the momentum before the time
-    zero, as inputs, and the forces of its joints and what its probes see as outputs.
+    """Return the system of a machine with named static loads and the momentum before time zero as
+    inputs, and joint forces and probes as outputs.
     """
     named = {
         _input_of(load): machine.loads[load.target]
@@ -512,7 +516,7 @@ def _input_of(load: TimedLoad) -> Channel:
 def _leave_out_roundoff(
     figures: tuple[TransientFigures, ...], outputs: Sequence[Channel]
 ) -> tuple[TransientFigures, ...]:
-    """Let outputs that symmetry keeps at rest neither overshoot nor settle."""
+    """Remove overshoot and settling time of outputs that symmetry keeps at rest."""
     still = find_roundoff([dof for _, dof in outputs], np.abs([own.peak for own in figures]))
     return tuple(
         TransientFigures(0.0, 0.0, 0.0, None if own.final is None else 0.0, None, None)
@@ -522,8 +526,8 @@ def _leave_out_roundoff(
     )
 
 
-def _compare_peaks(solution: _Solution, others: _Others[_Solution]) -> tuple[Estimate, ...]:
-    """Compare each peak with that of other models; unknown where modes without an estimate matter."""
+def _compare_peaks(solution: _Solution, refined: _RefinedModels[_Solution]) -> tuple[Estimate, ...]:
+    """Compare each peak with those of other models; unknown where modes without estimate matter."""
 
     def change(other: _Solution, number: int) -> float:
         return abs(abs(other.figures[number].peak) - abs(solution.figures[number].peak))
@@ -532,12 +536,12 @@ def _compare_peaks(solution: _Solution, others: _Others[_Solution]) -> tuple[Est
     for number, figure in enumerate(solution.figures):
         shares: dict[str, float | None] = {
             source: (REMAINING if source == SMOOTHING else 1.0) * change(other, number)
-            for source, other in others.known.items()
+            for source, other in refined.known.items()
         }
-        for source, other in others.doubtful.items():
+        for source, other in refined.doubtful.items():
             size = change(other, number)
             shares[source] = size if size <= SILENT_SHARE * abs(figure.peak) else None
-        estimates.append(Estimate(shares, others.left_out))
+        estimates.append(Estimate(shares, refined.left_out))
     return tuple(estimates)
 
 

@@ -1,1 +1,1 @@
-"""Numbers of a run with their ±: kinds, tables, estimates; no answer and no solver."""
+"""Numbers of a run with their ±: kinds, tables, estimates. Never an answer or a solver."""

@@ -1,8 +1,8 @@
-"""Numbers of the same machine, changed: the changes, the one loop that tries them, how far numbers move,
-and the ± that follows.
+"""A machine and the same machine changed: the changes, one loop that tries them, the differences
+between their numbers, and the ± that follows.
 
-A machine is whatever a level changes: coupled, of superelements, or a scene; a list of changes never
-mixes them.
+A machine here is whatever is changed: a coupled machine, superelements, or a scene; a list of
+changes never mixes these levels.
 """
 
 import math
@@ -18,7 +18,7 @@ from headstock.pipeline.numbers.estimates import (
 )
 from headstock.pipeline.numbers.numbers import Key, Number
 
-# the component alone that has a source of error, empty for all, or the key of a coefficient; and the source
+# the component with a source of error, empty for all, or the key of a coefficient; and the source
 type Owner = tuple[str, str]
 type Split = Callable[[Key, float], Mapping[str, float]]
 type Join = Literal["sum", "largest", "replace"]
@@ -26,10 +26,10 @@ type Join = Literal["sum", "largest", "replace"]
 
 @dataclass(frozen=True, eq=False)
 class Change[M]:
-    """A change of a machine.
+    """Describe a change of a machine.
 
     Attributes:
-        owner: Who has the error that it takes away, and which.
+        owner: Component and source of the error that the change removes.
         prepare: Returns the changed machine; None where it would be the same. Collective.
     """
 
@@ -39,11 +39,11 @@ class Change[M]:
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """A change that was tried.
+    """Store the outcome of a change.
 
     Attributes:
-        outcome: Numbers of the changed machine under the keys of the other, on rank 0; or why there
-            are none.
+        outcome: Numbers of the changed machine under the keys of the unchanged one, on rank 0; or
+            the reason why there are none.
     """
 
     owner: Owner
@@ -58,13 +58,14 @@ def try_changes[M](
     refused: tuple[type[Exception], ...],
     is_root: bool = True,
 ) -> list[Tried]:
-    """Try changes of a machine, one after the other; those that change nothing are left out.
+    """Try changes of a machine, one after the other; those that would change nothing are
+    skipped.
 
     Preparing is collective; solving is done on rank 0.
 
     Args:
-        refused: Errors that become the outcome of a change; the others are tried all the same.
-        is_root: This is rank 0.
+        refused: Exceptions that become the outcome of a change, so that the others are still tried.
+        is_root: True on rank 0.
     """
     tried = []
     for change in changes:
@@ -76,7 +77,7 @@ def try_changes[M](
             if is_root:
                 outcome = tuple(solve(changed))
         except refused as error:
-            # what all ranks know of has no words of its own, but a cause on rank 0
+            # an error raised on all ranks has no message of its own, but a cause on rank 0
             outcome = str(error) or str(error.__cause__ or "")
         tried.append(Tried(change.owner, outcome))
     return tried
@@ -84,13 +85,13 @@ def try_changes[M](
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """How far numbers of a machine move as it is changed.
+    """Store the differences between numbers of a changed machine and of the unchanged one.
 
     Attributes:
-        difference: Of the changed machine less that of the other; of magnitudes where ± is of these.
+        difference: Changed minus unchanged; of magnitudes where the ± is that of a magnitude.
         lost: Numbers that the changed machine lacks, or that are undetermined in it.
-        added: Numbers that it alone has.
-        errors: ± that the changed machine has, where it is estimated.
+        added: Numbers that only the changed machine has.
+        errors: ± of the changed machine, where estimated.
     """
 
     difference: Mapping[Key, float]
@@ -100,7 +101,7 @@ class Moved:
 
 
 def compare_numbers(base: Iterable[Number], other: Iterable[Number]) -> Moved:
-    """Return how far numbers move; equal keys are a pair."""
+    """Return the differences between numbers of two machines; equal keys are a pair."""
     added = {number.key: number for number in other}
     errors = {key: number.error for key, number in added.items() if number.error is not None}
     difference: dict[Key, float] = {}
@@ -119,20 +120,21 @@ def compare_numbers(base: Iterable[Number], other: Iterable[Number]) -> Moved:
 def to_errors(
     base: Iterable[Number], moves: Mapping[Owner, Moved], *, join: Join, split: Split | None = None
 ) -> dict[Key, Estimate]:
-    """Return the part of each number's ± that follows from how far it moves.
+    """Return the contribution of changes to the ± of each number.
 
     Args:
-        moves: Owner of an error to what the machine without it, or with it in another form, changes.
-        join: Errors of several owners add up (``sum``); or they are forms of one error, of which the
-            largest counts; or of the one change, beside the ± that the changed machine has, which
-            replace those of the other.
-        split: Parts of components in the size of a number's change; by owner without it.
+        moves: Owner of an error to the differences in the machine without it, or with it in another
+            form.
+        join: ``sum``: the errors of several owners add up; ``largest``: they are forms of one
+            error, of which the largest counts; ``replace``: the one change, together with the ± of
+            the changed machine, replaces the ± of the unchanged one.
+        split: Divides the size of a number's change among components; None divides it by owner.
     """
     return {number.key: _JOINS[join](number.key, moves, split) for number in base}
 
 
 def _size(key: Key, owner: Owner, moved: Moved) -> float | None:
-    """Return how far a number may be off; None where the changed machine lacks it."""
+    """Return the possible error of a number; None where the changed machine lacks it."""
     if key in moved.lost:
         return None
     return key.group.cover_of(owner[1]) * abs(moved.difference[key])
@@ -181,12 +183,13 @@ def estimate_changes(
 ) -> dict[Key, Estimate]:
     """Return the ± of numbers from those of the machine without each source of error.
 
-    A number keeps its ± where something of the change is known.
+    A ± that a number already has is added where any change could be tried.
 
     Args:
-        tried: Changes that take errors away, each another's; what was refused is left out.
-        unknown: A mesh shows nothing of its error.
-        left_out: What is not looked at.
+        tried: Changes that remove errors, each of another owner; refused ones are listed as left
+            out.
+        unknown: The error of a mesh cannot be estimated.
+        left_out: Sources of error that are not estimated.
     """
     moves = {
         change.owner: compare_numbers(base, change.outcome)
@@ -209,7 +212,7 @@ def estimate_changes(
 
 
 def list_refused(tried: Iterable[Tried]) -> tuple[str, ...]:
-    """Return what of the changes could not be tried, and why."""
+    """List the changes that could not be tried, with the reasons."""
     return tuple(
         f"{_describe(change.owner)}: {change.outcome}"
         for change in tried

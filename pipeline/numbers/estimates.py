@@ -1,4 +1,4 @@
-"""Error estimates of a number: a half width in parts, one per source of error."""
+"""Error estimates of a number: a half width in shares, one per source of error."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -18,13 +18,12 @@ INTERFACE = "interface"  # of rigid joints between elastic bodies
 
 @dataclass(frozen=True)
 class Estimate:
-    """How far a number may be off, in the unit of the number.
+    """Store the possible error of a number, in the unit of the number.
 
     Attributes:
-        shares: Source of error to its size; None where a source was looked at and no bound can be
-            given.
-        left_out: What is not in it, in plain words, such as ``the mesh of column``.
-        parts: Source of error to the part of each component in it.
+        shares: Source of error to its size; None where no bound of a source can be given.
+        left_out: Sources that are not included, in plain words, such as ``the mesh of column``.
+        parts: Source of error to the part of each component in its share.
     """
 
     shares: Mapping[str, float | None] = field(default_factory=dict)
@@ -33,20 +32,20 @@ class Estimate:
 
     @property
     def total(self) -> float | None:
-        """Sum of the shares: errors of one sign may add up. None where one of them has no bound, or
-        nothing was estimated.
+        """Sum of the shares, as errors of one sign may add up. None where one of them has no bound,
+        or nothing was estimated.
         """
         sizes = [size for size in self.shares.values() if size is not None]
         return sum(sizes) if sizes and len(sizes) == len(self.shares) else None
 
     @property
     def known(self) -> float | None:
-        """Sum of the shares that are known, which is no bound where others are not; None without any."""
+        """Sum of the known shares, a lower limit where others are unknown; None without any."""
         return known_part(self.shares)
 
 
 class FrequencyErrors(TypedDict):
-    """What summaries say of the errors of natural frequencies, rigid-body modes first: by mode and
+    """Store the errors of natural frequencies as in summaries, rigid-body modes first: by mode and
     source [Hz].
     """
 
@@ -59,9 +58,7 @@ class FrequencyErrors(TypedDict):
 
 
 def combine_estimates(parts: Sequence[Estimate]) -> Estimate:
-    """One estimate of all that several say of the same number; a source that two of them name is
-    their sum.
-    """
+    """Return one estimate from several of the same number; shares of the same source are added."""
     shares: dict[str, float | None] = {}
     for part in parts:
         for source, size in part.shares.items():
@@ -79,12 +76,12 @@ def combine_estimates(parts: Sequence[Estimate]) -> Estimate:
 
 
 def known_part(shares: Mapping[str, float | None]) -> float | None:
-    """Sum of the shares that are known; None where none says anything: unknown is not zero."""
+    """Return the sum of the known shares; None where none is known: unknown is not zero."""
     return sum(size for size in shares.values() if size is not None) or None
 
 
 def show_share(share: float | None) -> str:
-    """A share in per cent, with two digits."""
+    """Format a share in per cent, with two digits."""
     if share is None or not math.isfinite(share):
         return "an unknown amount"
     percent = 100.0 * share
@@ -106,14 +103,14 @@ def scale_total(error: Estimate | None, factor: float = 1.0) -> float | None:
 
 
 def scale_shares(error: Estimate, factor: float) -> dict[str, float | None]:
-    """Source of error to its size in another unit."""
+    """Return the share of each source in another unit."""
     return {
         source: None if size is None else factor * size for source, size in error.shares.items()
     }
 
 
 def scale_parts(error: Estimate, factor: float = 1.0) -> dict[str, dict[str, float]]:
-    """Source of error to the part of each component in another unit."""
+    """Return the part of each component in another unit, by source of error."""
     return {
         source: {name: factor * size for name, size in parts.items()}
         for source, parts in error.parts.items()

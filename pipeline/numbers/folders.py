@@ -1,5 +1,5 @@
-"""The two files of a run that hold its numbers, as files: which they are, whether they belong together,
-and what is said where they do not. Neither an answer nor a solver is imported.
+"""The two files of a run that hold its numbers, as files: their names, whether they belong to the
+same run, and messages where they do not. Neither an answer nor a solver is imported.
 """
 
 import contextlib
@@ -33,15 +33,15 @@ OTHER_RESULTS = {
 
 
 def name_remedy(folder: Path) -> str:
-    """Return what writes the files of a folder anew, in plain words."""
+    """Return the command that writes the files of a folder anew, in plain words."""
     return f"`headstock run SCENE -o {folder}` writes it anew, with what is in the store"
 
 
 def read_plain_summary(folder: Path) -> dict[str, Any]:
-    """Return the summary in an output folder, of which the format alone is known to be right.
+    """Return the summary in an output folder, of which only the format is checked.
 
     Raises:
-        UnusableOutputError: There is none, or it is not one.
+        UnusableOutputError: There is no summary, or the file is not one.
     """
     path = folder / SUMMARY_FILE
     if folder.is_file():
@@ -74,7 +74,7 @@ def encode_tables(tables: Mapping[str, Numbers]) -> bytes:
     """Return the content of ``numbers.h5``: tables of several machines.
 
     Args:
-        tables: Point of a study or variant to its numbers; an empty text for the only one.
+        tables: Point of a study or variant to its numbers; an empty text for a single run.
     """
     image = io.BytesIO()
     with h5py.File(image, "w") as file:
@@ -87,8 +87,8 @@ def encode_tables(tables: Mapping[str, Numbers]) -> bytes:
 
 
 def read_number_tables(folder: Path) -> dict[str, Numbers]:
-    """Return the tables of numbers in a folder, by point or variant; an empty text for the only one. A
-    folder that a run and a study have written holds those of the later one.
+    """Return the tables of numbers in a folder, by point or variant; an empty text for a single
+    run. A folder written by both a run and a study holds the tables of the later one.
 
     Raises:
         UnusableOutputError: There are none, or they cannot be read.
@@ -119,7 +119,8 @@ def read_run_numbers(folder: Path) -> Numbers:
 
 
 def read_results_file[T](folder: Path, read: "Callable[[h5py.File], T]") -> T:
-    """Return what a function reads from ``results.h5``, which is the one that the summary names.
+    """Return the result of a function on ``results.h5``, after a check that the summary names this
+    file.
 
     Raises:
         UnusableOutputError: It is missing, damaged, of an earlier version or of another run.
@@ -144,10 +145,10 @@ def read_results_file[T](folder: Path, read: "Callable[[h5py.File], T]") -> T:
 
 @contextlib.contextmanager
 def naming_damage(path: Path) -> Iterator[None]:
-    """Name a file that holds something else than this version writes, and what to do.
+    """Turn errors of reading into one that names the file and the remedy.
 
     Raises:
-        UnusableOutputError: It does.
+        UnusableOutputError: The file holds something else than this version writes.
     """
     try:
         yield
@@ -171,7 +172,9 @@ def _refuse_constant(name: str) -> Never:
 
 
 def _find_other_results(folder: Path) -> str:
-    """Return what to do with a folder of a command that computes many runs; empty where it is none."""
+    """Return the remedy for a folder of a command that computes many runs; empty where it
+    is none.
+    """
     names = [name for name in OTHER_RESULTS if (folder / name).is_file()]
     if not names:
         return ""

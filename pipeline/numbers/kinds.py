@@ -1,11 +1,13 @@
-"""Kinds of numbers of a run: roles of their keys, units on screen, and the factors behind their ±."""
+"""Kinds of numbers of a run: roles of their keys, units on screen, and the safety factors behind
+their ±.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from headstock.pipeline.numbers.estimates import CUTTING
 
-# SI unit to unit on screen and factor, where a kind has none of its own
+# SI unit to unit on screen and factor, unless a kind has its own
 SHOWN_UNITS: Mapping[str, tuple[str, float]] = {
     "m": ("µm", 1e6),
     "rad": ("µrad", 1e6),
@@ -20,21 +22,21 @@ WHOLE_ROLES = frozenset({"mode", "face", "pole"})
 
 @dataclass(frozen=True)
 class Kind:
-    """What numbers of a kind have in common.
+    """Describe what numbers of a kind have in common.
 
     Attributes:
         label: Plural in plain words.
-        roles: That a key may name, in this order.
+        roles: Roles that a key may name, in this order.
         shown: SI unit to unit on screen and factor, where :data:`SHOWN_UNITS` says another.
-        of_size: ± is of the magnitude, else of the value.
-        cover: Source of error to the factor by which a change counts in ±; under an empty text that of
-            any other.
-        evidence: The validation behind those factors.
-        across: Roles of the components of a vector, which may be zero by symmetry: a change counts
-            relative to the largest of them. Without, relative to the number itself.
-        compared: Comparisons of runs list the kind. Not numbers of modes but for frequencies: close
-            modes change places.
-        words: One of them in plain words, with roles in braces; built of the label without it.
+        of_size: The ± is that of the magnitude, else of the value.
+        cover: Source of error to the safety factor on its change in the ±; an empty text for any
+            other source.
+        evidence: The validation case behind these factors.
+        across: Roles of the components of a vector, which may be zero by symmetry: their changes
+            are relative to the largest component. Without, they are relative to the number itself.
+        compared: Comparisons of runs list the kind. Of modes only frequencies are listed, as close
+            modes change their order.
+        words: Name of a single number, with roles in braces; by default built from the label.
     """
 
     label: str
@@ -48,17 +50,17 @@ class Kind:
     words: str = ""
 
     def cover_of(self, source: str) -> float:
-        """Return the factor by which a change by a source of error counts."""
+        """Return the safety factor on changes by a source of error."""
         return self.cover.get(source, self.cover.get("", 1.0))
 
     def show_unit(self, unit: str) -> tuple[str, float]:
-        """Return unit on screen and factor of an SI unit."""
+        """Return the unit on screen and its factor for an SI unit."""
         return self.shown.get(unit) or SHOWN_UNITS.get(unit) or (unit, 1.0)
 
 
 def _along_path(label: str, *roles: str, across: tuple[str, ...] = ()) -> Kind:
-    """Return a kind of numbers of a move: what a resonance does after a ramp goes up and down as it
-    shifts; ranges of coefficients are whole widths.
+    """Return a kind of numbers of a move: its cover allows for residual vibration that rises and
+    falls as a resonance shifts; ranges of coefficients count with their whole width.
     """
     cover = {"": 1.5, CUTTING: 1.0}
     return Kind(
@@ -67,7 +69,9 @@ def _along_path(label: str, *roles: str, across: tuple[str, ...] = ()) -> Kind:
 
 
 def _on_contour(label: str, *roles: str, across: tuple[str, ...] = ()) -> Kind:
-    """Return a kind of numbers of a face: what teeth and corners excite goes up and down as modes shift."""
+    """Return a kind of numbers of a face: its cover allows for excitation by teeth and corners that
+    rises and falls as modes shift.
+    """
     cover = {"": 2.0, CUTTING: 1.0}
     return Kind(label, roles, cover=cover, evidence="validate contour-estimates", across=across)
 

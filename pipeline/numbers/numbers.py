@@ -1,6 +1,6 @@
-"""``Number``: a number of a run with its place, unit and ±; and ``Series``: numbers along axes.
+"""``Number``: a number of a run with its key, unit and ±; and ``Series``: numbers along axes.
 
-Tables of them open without an answer or a solver.
+Tables of them can be read without importing an answer or a solver.
 """
 
 import fnmatch
@@ -23,7 +23,7 @@ from headstock.pipeline.storage.frames import Frame, frame_columns
 
 # heads of tables and keys of JSON files
 BOUND, KNOWN, BY_SOURCE, LEFT_OUT = "±", "± known", "± by source", "not in ±"
-MOST_NAMES = 20  # that a message lists
+MOST_NAMES = 20  # number of names that a message lists
 _KEY = re.compile(r"(?P<kind>[a-z_]+)\((?P<at>.*)\)")
 _PAIR = re.compile(r'(?P<role>[a-z]+)=(?P<value>"(?:[^"\\]|\\.)*"|[^,"]*)(?:,|$)')
 _PLAIN = re.compile(r'[^,"()=]+')
@@ -31,7 +31,8 @@ _PLAIN = re.compile(r'[^,"()=]+')
 
 @dataclass(frozen=True)
 class Key:
-    """Which number, the same in every run of a scene: ``frequency(pose=reference,mode=3)``.
+    """Identify a number, the same way in every run of a scene:
+    ``frequency(pose=reference,mode=3)``.
 
     Attributes:
         kind: A word of :data:`KINDS`.
@@ -58,7 +59,7 @@ class Key:
 
     @property
     def vector(self) -> "Key":
-        """Key of the vector that the number is a component of; its own where it is of none."""
+        """Key of the vector that the number is a component of; else the key itself."""
         across = self.group.across
         return Key(self.kind, tuple(item for item in self.at if item[0] not in across))
 
@@ -70,7 +71,7 @@ class Key:
         return ", ".join(texts)
 
     def describe(self, *, several_poses: bool = False) -> str:
-        """Return it in plain words: ``frequency 3``, ``x compliance at tcp``."""
+        """Return the key in plain words: ``frequency 3``, ``x compliance at tcp``."""
         at = dict(self.at)
         pose = f" in pose {at.pop('pose', '')}" if several_poses and "pose" in at else ""
         at.pop("pose", None)
@@ -95,10 +96,10 @@ def make_key(kind: str, **at: str | int) -> Key:
 
 
 def parse_key(text: str) -> Key:
-    """Return the key that reads so.
+    """Return the key that a text spells.
 
     Raises:
-        NumberNameError: It is none.
+        NumberNameError: The text is not a key.
     """
     match = _KEY.fullmatch(text)
     at: dict[str, str | int] = {}
@@ -117,7 +118,7 @@ def parse_key(text: str) -> Key:
 
 @dataclass(frozen=True, eq=False)
 class Number:
-    """A number of a run.
+    """Store a number of a run.
 
     Attributes:
         value: In SI; NaN where it is undetermined.
@@ -131,7 +132,7 @@ class Number:
     error: Estimate | None = None
 
     def describe(self, *, several_poses: bool = False) -> str:
-        """Return its key in plain words, a frequency with its value."""
+        """Return the key in plain words, of a frequency with its value."""
         words = self.key.describe()
         if self.key.kind == "frequency":
             words += f" ({self.value:.4g} Hz)"
@@ -139,11 +140,11 @@ class Number:
 
     @property
     def shown(self) -> tuple[str, float]:
-        """Unit on screen, and factor to it."""
+        """Unit on screen, and the factor to it."""
         return self.key.group.show_unit(self.unit)
 
     def summarise(self) -> dict[str, object]:
-        """Return name, value, unit and ± as JSON has them, in SI."""
+        """Return name, value, unit and ± as in JSON files, in SI."""
         error = self.error or Estimate()
         return {
             "name": str(self.key),
@@ -158,7 +159,8 @@ class Number:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Numbers along axes: lines of a response, grids, limits over speeds, curves over time.
+    """Store numbers along axes: lines of a response, grids, limits over speeds, curves
+    over time.
 
     Attributes:
         axes: Name with unit, such as ``frequency [Hz]``, to positions ``(n,)``, in the order of the
@@ -192,7 +194,7 @@ _COLUMNS: Mapping[str, type[Any]] = {
 }
 
 
-# first row of a number in other columns to these: each of them has a row per share, part or text
+# column of first rows to the columns that it indexes, which have a row per share, part or text
 _BEGINS: Mapping[str, tuple[str, ...]] = {
     "share_begin": ("share_source", "share_size"),
     "part_begin": ("part_source", "part_owner", "part_size"),
@@ -202,14 +204,14 @@ _CODED = ("name", "unit", "share_source", "part_source", "part_owner", "left_out
 
 
 class Numbers(Mapping[Key, Number]):
-    """Numbers of a run by key, in columns: each is made when it is asked for."""
+    """Store numbers of a run by key, in columns; a ``Number`` is created when it is asked for."""
 
     def __init__(self, columns: Mapping[str, NDArray[Any]], texts: Sequence[str]) -> None:
         self._columns, self._texts = columns, tuple(texts)
 
     @classmethod
     def collect(cls, numbers: Iterable[Number]) -> "Numbers":
-        """Return a table of numbers; of equal keys the last one stays."""
+        """Return a table of numbers; of equal keys the last one is kept."""
         rows = {number.key: number for number in numbers}
         codes: dict[str, int] = {}
         columns: dict[str, list[Any]] = {name: [] for name in _COLUMNS}
@@ -272,7 +274,7 @@ class Numbers(Mapping[Key, Number]):
         """Return the numbers whose names fit a pattern: a name, a kind, or a name with ``*`` and ``?``.
 
         Raises:
-            NumberNameError: None does; the message lists names that exist.
+            NumberNameError: No name fits; the message lists names that exist.
         """
         whole = pattern if "(" in pattern else f"{pattern}(*)"
         expression = re.compile(fnmatch.translate(whole.replace("[", "[[]")))
@@ -282,8 +284,8 @@ class Numbers(Mapping[Key, Number]):
         return Numbers.collect(self[name] for name in names)
 
     def to_pandas(self) -> Frame:
-        """Return a frame with name, kind and a column per role, then value [SI], unit, ±, its known part and what is
-        not in it.
+        """Return a data frame with name, kind and a column per role, then value [SI], unit, ±, its
+        known part and what it leaves out.
 
         Raises:
             HeadstockError: pandas is missing.
@@ -291,7 +293,9 @@ class Numbers(Mapping[Key, Number]):
         return frame_columns(self.tabulate())
 
     def tabulate(self) -> dict[str, list[object]]:
-        """Return head to column: name, kind, roles, value [SI], unit, ±, its known part, what is not in it."""
+        """Return heading to column: name, kind, roles, value [SI], unit, ±, its known part, what it
+        leaves out.
+        """
         numbers = list(self.values())
         roles = dict.fromkeys(role for number in numbers for role, _ in number.key.at)
         errors = [number.error or Estimate() for number in numbers]
@@ -324,7 +328,9 @@ class Numbers(Mapping[Key, Number]):
         return cls._build({name: np.asarray(group[name][()]) for name in _COLUMNS}, texts)
 
     def encode(self) -> dict[str, list[object]]:
-        """Return the columns as lists for JSON, None where a value is not finite, and the texts that they number."""
+        """Return the columns as lists for JSON, None where a value is not finite, and the texts
+        that their codes refer to.
+        """
         columns = {
             name: [value if np.isfinite(value) else None for value in values.tolist()]
             for name, values in self._columns.items()
@@ -333,7 +339,7 @@ class Numbers(Mapping[Key, Number]):
 
     @classmethod
     def decode(cls, columns: Mapping[str, Any]) -> "Numbers":
-        """Return the table that ``encode`` gave the columns of.
+        """Return the table from columns that ``encode`` returned.
 
         Raises:
             KeyError: A column is missing.
@@ -368,17 +374,19 @@ class Numbers(Mapping[Key, Number]):
         )
 
     def _rows_of(self, row: int, begin: str) -> tuple[int, int]:
-        """Return the first row of a number in other columns, and the first of the next number."""
+        """Return the first row of a number in other columns, and the first row of the
+        next number.
+        """
         begins = self._columns[begin]
         whole = len(self._columns[_BEGINS[begin][0]])
         return int(begins[row]), whole if row + 1 == len(begins) else int(begins[row + 1])
 
 
 def _check_columns(columns: Mapping[str, NDArray[Any]], texts: object) -> None:
-    """Refuse a table that a hand has altered.
+    """Refuse a table whose columns or codes are invalid.
 
     Raises:
-        ValueError: It is none.
+        ValueError: They are invalid.
     """
     if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
         raise ValueError("texts of numbers are no list of texts")
@@ -412,8 +420,8 @@ def _check_rows(columns: Mapping[str, NDArray[Any]]) -> None:
 
 
 def _list_alternatives(name: str, names: Iterable[str]) -> str:
-    """Return that there is no number of a name, and which there are: those of its kind, or of every kind
-    the first.
+    """Return a message that no number has a name, with alternatives: those of its kind, or the
+    first of every kind.
     """
     kinds: dict[str, list[str]] = {}
     for each in names:

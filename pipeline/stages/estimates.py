@@ -25,10 +25,10 @@ from headstock.reduction.estimates.mesh_errors import (
     compliance_feature_errors,
     compliance_mesh_errors,
     compliance_shape_errors,
-    doubted_energies,
     frequency_feature_errors,
     frequency_mesh_errors,
     frequency_shape_errors,
+    interface_kind_energies,
 )
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.solvers.linear.modal_analysis import ModalResult
@@ -107,7 +107,7 @@ def doubt_frequencies(
     """
     elastic = np.arange(len(modes.frequencies_hz)) >= modes.rigid_count
     squares = np.where(elastic, (2.0 * np.pi * modes.frequencies_hz) ** 2, 0.0)
-    doubts = doubted_energies(coupled, modes.shapes, squares, *_coupled_areas(parts))
+    doubts = interface_kind_energies(coupled, modes.shapes, squares, *_coupled_areas(parts))
     return {
         name: np.divide(
             0.5 * modes.frequencies_hz * energy,
@@ -129,7 +129,7 @@ def doubt_compliances(
         displacements: ``(n, m)`` responses to unit loads.
     """
     squares = np.zeros(displacements.shape[1])
-    return doubted_energies(coupled, displacements, squares, *_coupled_areas(parts))
+    return interface_kind_energies(coupled, displacements, squares, *_coupled_areas(parts))
 
 
 def estimate_parts(source: str, found: Mapping[str, FloatArray], count: int) -> list[Estimate]:

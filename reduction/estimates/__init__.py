@@ -1,3 +1,3 @@
-"""How far frequencies, compliances and responses are from the truth: the numbers behind ±. Never
-which mesh to refine.
+"""Errors of frequencies, compliances and responses: the numbers behind ±. Never which mesh to
+refine.
 """

@@ -1,5 +1,5 @@
-"""Superelements changed as the estimates of their errors say: corrected by what their mesh is estimated
-to miss, so that errors are what is left of the estimate, or refined, without one source of error.
+"""Superelements changed by their own error estimates: corrected by the estimated discretisation
+error, so that only the error of the estimate remains, or refined, without one source of error.
 """
 
 import dataclasses
@@ -17,9 +17,9 @@ from headstock.geometry.parts.solids import Box
 from headstock.reduction.estimates.mesh_errors import SHAPE_SAFETY
 from headstock.reduction.superelement import ProbeRows, Recovery, StaticLoad, Superelement
 
-ROUNDING = 1e-13  # of the largest direction, below which a dof moves nothing but the whole body
+ROUNDING = 1e-13  # over that of the largest direction: below it a dof moves the whole body rigidly
 
-# of the errors of a superelement, by its dofs
+# arrays of a superelement's errors, by its dofs
 MATRICES = (
     "missing_energy",
     "shape_stiffness",
@@ -27,19 +27,20 @@ MATRICES = (
     "left_out_stiffness",
     "left_out_mass",
 )
-LEAST_MODE = 1e-8  # of the largest share in the mass that modes left out take, one of them has
+LEAST_MODE = 1e-8  # smallest eigenvalue, over the largest, of the participation that gets a mode
 
 
 def correct_mesh(element: Superelement) -> Superelement:
     """Return the superelement as finer meshes would have it, to first order in the estimate of its
-    mesh; itself where nothing is known of that, or where it is corrected already.
+    mesh; unchanged where there is no estimate, or where it is corrected already.
 
-    The compliance grows by the energy that the mesh misses: ``K_c^-1 = K^-1 + K^-1 E K^-1``, so that
-    ``K_c = K (K + E)^-1 K`` has no negative direction however large ``E`` is, and the rigid motions of
-    ``K``. Errors, which had one sign, have either afterwards, and are a share of the estimate.
+    The compliance grows by the energy that the mesh misses: ``K_c^-1 = K^-1 + K^-1 E K^-1``, so
+    that ``K_c = K (K + E)^-1 K`` has no negative direction however large ``E`` is, and the same
+    rigid motions as ``K``. The error had one sign before; the remaining error is a share of the
+    estimate, with either sign.
 
     Args:
-        element: Of finite elements, with the estimate of its mesh.
+        element: Superelement of finite elements, with the estimate of its mesh.
 
     Source: Naga, Zhang and Zhou (2006), SIAM J. Sci. Comput. 28, 1289-1300, for eigenvalues corrected
     by recovered gradients; Clapeyron as in ``compliance_mesh_errors``.
@@ -55,12 +56,12 @@ def correct_mesh(element: Superelement) -> Superelement:
 
 
 def _soften_element(element: Superelement, share: float) -> Superelement:
-    """Return the superelement with a share of the energy that its mesh misses taken out of its
-    stiffness; itself where nothing is known of that.
+    """Return the superelement with a share of the missing energy of its mesh taken out of its
+    stiffness; unchanged where there is no estimate.
 
     Args:
-        element: Of finite elements, with the estimate of its mesh.
-        share: Of its ``missing_energy``; ``mesh_safety`` leaves it as soft as ± allows.
+        element: Superelement of finite elements, with the estimate of its mesh.
+        share: Share of its ``missing_energy``; ``mesh_safety`` makes it as soft as its ± allows.
     """
     missing = element.errors.missing_energy
     if missing is None or not missing.any():
@@ -77,7 +78,9 @@ def _soften_element(element: Superelement, share: float) -> Superelement:
 
 
 def _soften(stiffness: FloatArray, missing: FloatArray) -> FloatArray:
-    """Return ``K (K + E)^-1 K``, as ``K - E + E (K + E)^+ E``: what is rigid is not divided by."""
+    """Return ``K (K + E)^-1 K``, as ``K - E + E (K + E)^+ E``, which is defined for rigid motions,
+    too.
+    """
     total = stiffness + missing
     scale = 1.0 / np.sqrt(np.where((size := total.diagonal()) > 0.0, size, 1.0))
     values, shapes = np.linalg.eigh(total * scale * scale[:, None])
@@ -105,22 +108,22 @@ def _correct_probe(probe: ProbeRows, share: float) -> ProbeRows:
 
 
 def _add_missing(values: FloatArray, missing: FloatArray | None, share: float) -> FloatArray:
-    """Return what is seen with what the mesh misses of it inside. Of stresses this is what keeps
-    them in balance with the loads: the softer coordinates alone would raise them.
+    """Return output rows with the missing share of the mesh added. Of stresses this keeps
+    equilibrium with the loads: the softer coordinates alone would raise them.
     """
     return values if missing is None else values + share * missing
 
 
 def _with_finer_mesh(element: Superelement) -> Superelement:
-    """Return a superelement as soft as the ± of its mesh leaves possible; itself where nothing is
-    known of that.
+    """Return a superelement as soft as the ± of its mesh allows; unchanged where there is no
+    estimate.
     """
     return _soften_element(element, element.errors.mesh_safety)
 
 
 def _with_true_faces(element: Superelement) -> Superelement:
-    """Return a superelement with the curved faces and small features of the part; itself where its
-    mesh cuts none short or nothing is known of that.
+    """Return a superelement with the curved faces and small features of the part; unchanged where
+    its mesh represents these, or there is no estimate.
     """
     errors = element.errors
     for stiffness, mass in (
@@ -138,11 +141,11 @@ def _with_true_faces(element: Superelement) -> Superelement:
 
 def _with_modes_left_out(element: Superelement) -> Superelement:
     """Return a superelement with modal dofs for the fixed-interface modes that it leaves out, all
-    at the lowest of them: the most that they can do at any frequency below it. Itself where it
-    leaves out none.
+    at the lowest of their frequencies: the upper limit of their effect at any frequency below it.
+    Unchanged where it leaves out none.
 
-    The sum of ``p_k p_k^T / omega_k^2`` is known, with the participation ``p_k`` of each mode; modes of
-    one frequency that have this sum in common follow from its eigenvectors.
+    The sum of ``p_k p_k^T / omega_k^2`` is known, with the participation ``p_k`` of each mode;
+    modes of one frequency with the same sum follow from its eigenvectors.
     """
     truncation = element.errors.truncation
     if truncation is None or not np.isfinite(truncation.limit) or not truncation.first.any():
@@ -212,12 +215,12 @@ def _widen(values: FloatArray | None, count: int, *axes: int) -> FloatArray | No
 
 @dataclass(frozen=True)
 class Refinement:
-    """A source of error that a machine can be rid of, as far as its estimate says.
+    """Describe a source of error that can be removed from a machine, as far as it is estimated.
 
     Attributes:
-        refine: A superelement without it; itself where it has none.
-        concerns: Whether a component may have it.
-        apart: Looked at one component at a time: what two of them change may cancel by chance.
+        refine: Returns a superelement without the source; unchanged where it has none.
+        concerns: Tells whether a component may have it.
+        apart: Evaluate one component at a time, as the changes by several may cancel by chance.
     """
 
     refine: Callable[[Superelement], Superelement]
@@ -241,13 +244,13 @@ FINER_WITH_MORE_MODES = Refinement(
     lambda part: _with_modes_left_out(_with_finer_mesh(part)), _is_discrete
 )
 SEPARATE_REFINEMENTS = (FINER_MESH, TRUE_FACES, MORE_MODES)
-COMBINED_REFINEMENTS = (FINER_WITH_MORE_MODES, TRUE_FACES)  # of long analyses
+COMBINED_REFINEMENTS = (FINER_WITH_MORE_MODES, TRUE_FACES)  # for long analyses
 
 
 def list_refinements(
     components: Mapping[str, Component], refinements: Sequence[Refinement]
 ) -> list[tuple[Refinement, tuple[str, ...]]]:
-    """Return each refinement with the components that it concerns, together or one at a time."""
+    """List each refinement with the components that it concerns, combined or one at a time."""
     pairs: list[tuple[Refinement, tuple[str, ...]]] = []
     for refinement in refinements:
         names = tuple(name for name, part in components.items() if refinement.concerns(part))

@@ -1,5 +1,5 @@
-"""How far damped modes are from those of finer meshes with every mode kept, from the first-order
-change of their poles.
+"""Errors of damped modes compared with finer meshes and all modes kept, from the first-order change
+of their poles.
 """
 
 import math
@@ -17,9 +17,9 @@ from headstock.solvers.linear.symmetric_matrices import is_symmetric
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 EQUAL = 1e-6  # of a pole: closer ones move together
-# condition number of a pole, 1 without damping, from which it and its neighbours push each other
+# condition number of a pole, 1 without damping, from which it and its neighbours interact
 INTERACTING = 1.5
-# of the distance to the next pole: interacting ones that move further may not be there at all
+# of the distance to the next pole: interacting ones that move further may not exist at all
 SEPARATE = 0.1
 CURVATURE = (
     4.0  # times shift over distance: what the second order adds to the first of an interacting pole
@@ -29,15 +29,15 @@ SAFETY = 1.2  # and to that of any other
 
 @dataclass(frozen=True, eq=False)
 class DampingErrors:
-    """Errors of damped modes, in the order of the undamped modes they belong to.
+    """Store errors of damped modes, in the order of the undamped modes they belong to.
 
     Attributes:
-        frequencies_hz: Of each damped frequency [Hz], zero where the mode is overdamped; None where
-            nobody knows.
-        ratios: Of each damping ratio; None where nobody knows.
-        dampers: The joint or component that takes most of the energy; empty where no single one
-            does.
-        creeping: Whether the mode does not oscillate.
+        frequencies_hz: Error of each damped frequency [Hz], zero where the mode is overdamped; None
+            where it is unknown.
+        ratios: Error of each damping ratio; None where it is unknown.
+        dampers: The joint or component that dissipates most of the energy; empty where none
+            dominates.
+        creeping: The mode is overdamped.
     """
 
     frequencies_hz: tuple[float | None, ...]
@@ -49,17 +49,18 @@ class DampingErrors:
 def estimate_damping_errors(
     coupled: CoupledMachine, system: SecondOrderSystem, damped: DampedModes, count: int
 ) -> DampingErrors:
-    """Return how far the damped modes that belong to the first undamped ones may be off.
+    """Return the possible errors of the damped modes that belong to the lowest undamped ones.
 
-    What a source of error changes of the dynamic stiffness, ``dD(s)``, moves a pole by ``-x^T dD x
-    / (x^T (2 s M + C) x)``. Modes left out change it by ``-s^4 R(-s^2)`` (see ``Truncation``),
-    finer meshes by less stiffness; both carry the damping that goes with mass and stiffness. Poles that damping brings close to one another are
-    ill-conditioned: where one moves by a tenth of the distance to the next, first-order changes say
-    nothing, and a dashpot that swallows every wave leaves poles that no finer model has.
+    A change ``dD(s)`` of the dynamic stiffness by a source of error shifts a pole by
+    ``-x^T dD x / (x^T (2 s M + C) x)``. Modes left out change it by ``-s^4 R(-s^2)`` (see
+    ``Truncation``), finer meshes reduce the stiffness; both include the damping proportional to
+    mass and stiffness. Poles that damping brings close together are ill-conditioned: where one
+    shifts by a tenth of the distance to the next, first-order changes are unreliable, and a dashpot
+    near its impedance match leaves poles that no finer model has.
 
     Args:
-        system: The same with its viscous damping.
-        damped: Its poles, those of the lowest undamped modes at least.
+        system: The same machine with its viscous damping.
+        damped: Its poles, at least those of the lowest undamped modes.
         count: Number of undamped modes.
 
     Source: Lancaster (1964), Numer. Math. 6, 377-387, for the derivative of a pole; Tisseur (2000),
@@ -87,7 +88,7 @@ def estimate_damping_errors(
 
 
 class _StiffnessChanges:
-    """Changes of a machine's dynamic stiffness by the sources of error at a pole."""
+    """Evaluate changes of a machine's dynamic stiffness by the sources of error at a pole."""
 
     def __init__(self, coupled: CoupledMachine) -> None:
         self._coupled = coupled
@@ -147,11 +148,11 @@ class _StiffnessChanges:
 def _shift_pole(
     system: SecondOrderSystem, damped: DampedModes, index: int, changes: _StiffnessChanges
 ) -> list[complex] | None:
-    """Return how far each source of error moves a pole; None where that is not known."""
+    """Return the shift of a pole by each source of error; None where it is unknown."""
     pole = complex(damped.poles[index])
     every = np.concatenate([damped.poles, damped.poles[damped.poles.imag > 0.0].conj()])
     distances = np.abs(every - pole)
-    # shapes of equal poles are any combination of one another: they are moved together
+    # shapes of equal poles are arbitrary combinations of one another: they are shifted together
     shapes = damped.shapes[:, distances[: len(damped.poles)] <= EQUAL * abs(pole)]
     slope = shapes.T @ (
         2.0 * pole * (system.mass @ shapes)
@@ -207,8 +208,8 @@ def _mode_errors(
 
 
 def _largest_damper(coupled: CoupledMachine, system: SecondOrderSystem, shape: ComplexArray) -> str:
-    """Return the joint or component that takes more than half of the energy a damped motion loses;
-    empty without one.
+    """Return the joint or component that dissipates more than half of the energy of a damped
+    motion; empty without one.
     """
     if system.damping is None:
         return ""

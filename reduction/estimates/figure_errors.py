@@ -1,5 +1,6 @@
-"""How far figures of a machine's response may be off: limit depths of cut over the speeds, peaks, and
-static levels. Finer meshes, true faces and the modes left out change the machine in its trial space, where it is solved anew.
+"""Errors of figures of a machine's response: limit depths of cut over the speeds, peaks, and static
+levels. The machine is solved again in its trial space with changes for finer meshes, true faces and
+the modes left out.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,42 +20,42 @@ from headstock.solvers.pairing.response_peaks import (
     measure_levels,
 )
 
-GROUPS = 0.1  # logarithm of the frequency of chatter within which modes left out are the same
+GROUPS = 0.1  # of the logarithm of chatter frequencies: modes left out are linearised once in it
 
-# more modes than have peaks: partners of theirs lie further up
+# numbers of further modes in which partners of the modes with peaks are searched
 BEYOND, FURTHER = 2, 6
 Respond = Callable[[SystemChange | None], FrfModel]
 
 
 @dataclass(frozen=True, eq=False)
 class Border:
-    """Limit of chatter of a machine over the speeds, or the distance between two.
+    """Store the stability limit of a machine over the speeds, or the difference between two.
 
     Attributes:
-        depth: ``(n,)`` limits, or their distance, over those of the machine as it is.
-        chatter: ``(n,)`` angular frequency [rad/s].
+        depth: ``(n,)`` limits, or their difference, over those of the unchanged machine.
+        chatter: ``(n,)`` angular frequency of chatter [rad/s].
     """
 
     depth: FloatArray
     chatter: FloatArray
 
     def distance(self, other: "Border") -> "Border":
-        """Return the sizes of both differences."""
+        """Return the sizes of the differences in depth and frequency."""
         return Border(np.abs(self.depth - other.depth), np.abs(self.chatter - other.chatter))
 
 
-# of the machine with a change, at some of the speeds
+# returns the limit of the machine with a change, at some of the speeds
 FindBorder = Callable[[SystemChange | None, BoolArray], Border]
 
 
 @dataclass(frozen=True, eq=False)
 class _BorderChanges:
-    """Changes of a border by source, None where there is no such source.
+    """Store the changes of a stability limit by source, None where there is no such source.
 
     Attributes:
-        mesh: By finer meshes; NaN where modes without an estimate take part.
-        faces: What true faces may add.
-        modes: By the modes left out; NaN where there is no bound.
+        mesh: Change by finer meshes; NaN where modes without an estimate take part.
+        faces: Possible change by true faces.
+        modes: Change by the modes left out; NaN where there is no bound.
     """
 
     mesh: Border | None
@@ -65,10 +66,11 @@ class _BorderChanges:
 def find_border_changes(
     space: ResponseSpace, find: FindBorder, chatter: FloatArray
 ) -> _BorderChanges:
-    """Find how far limits may be off.
+    """Find the possible errors of stability limits.
 
     Args:
-        find: Its border with a change; NaN at other speeds than those asked for.
+        find: Returns the limit of the machine with a change; NaN at speeds other than those asked
+            for.
         chatter: ``(n,)`` angular frequency of chatter; NaN where there is no limit.
     """
     limited = np.isfinite(chatter)
@@ -98,7 +100,7 @@ def find_border_changes(
 def _add_modes_at_chatter(
     space: ResponseSpace, find: FindBorder, chatter: FloatArray, plain: Border
 ) -> Border:
-    """Return the changes by the least and the most that modes left out add at the frequencies of
+    """Return the changes by the lower and upper bound of the modes left out, at the frequencies of
     chatter.
     """
     unknown = np.full(len(chatter), np.nan)
@@ -118,11 +120,11 @@ def _add_modes_at_chatter(
 
 @dataclass(frozen=True, eq=False)
 class _PeakErrors:
-    """Sizes of changes ``(n,)`` of peaks, then of levels, by component [m/N, ...]; NaN where nobody
-    knows.
+    """Store sizes of changes ``(n,)`` of peaks, then of levels, by component [m/N, ...]; NaN where
+    unknown.
 
     Attributes:
-        left_out: By small features that meshes lack.
+        left_out: Changes by small features that meshes lack.
     """
 
     finer: dict[str, FloatArray] = field(default_factory=dict)
@@ -132,10 +134,10 @@ class _PeakErrors:
 
 
 class _Follower:
-    """Peaks and levels of a machine in its trial space, and of the same machine with changes.
+    """Track peaks and levels of a machine in its trial space through changes.
 
     Args:
-        plain: Without any change.
+        plain: The unchanged machine.
     """
 
     def __init__(
@@ -184,16 +186,16 @@ def find_peak_errors(
     peaks: Sequence[ResponsePeak],
     levels: Sequence[ResponseLevel],
 ) -> _PeakErrors:
-    """Find what each source of error changes of the heights of peaks and of levels.
+    """Find the changes of the heights of peaks and of levels by each source of error.
 
-    Near a resonance ``|H| = phi_i phi_o / (2 zeta omega^2)`` and what other modes add, so that a peak
-    changes with its mode's shape at both channels, twice with its frequency, and with its damping. The
-    machine is solved anew with each change in the trial space, damped as the scene says: that holds
-    all of it, to any order.
+    Near a resonance ``|H| = phi_i phi_o / (2 zeta omega^2)`` plus the contribution of other modes,
+    so that a peak changes with its mode's shape at both channels, twice with its frequency, and
+    with its damping. The machine is solved again with each change in the trial space, damped as the
+    scene says: this contains all of these changes, to any order.
 
     Args:
-        space: The machine in its trial space, without the damping of modes.
-        respond: Its response with a change, damped as the scene says.
+        space: The machine in its trial space, without modal damping.
+        respond: Returns its response with a change, damped as the scene says.
 
     Source: Prudhomme and Oden (1999) for changes by meshes and Leung (1978) for those by modes left
     out (see ``bound_response_errors``).
@@ -204,7 +206,7 @@ def find_peak_errors(
         try:
             changed = respond(by)
         except ModelError:
-            # the machine has been solved as it is: its mesh misses more energy than it stores
+            # the unchanged machine has been solved: with the change its stiffness is no longer positive
             return np.full(len(hz), np.nan)
         return np.abs(follower.measure(changed) - follower.before)
 
@@ -228,8 +230,8 @@ def _add_modes(
     peaks: Sequence[ResponsePeak],
     levels: int,
 ) -> dict[str, FloatArray]:
-    """Return the changes by the most that modes left out can add, split among components by their
-    energy; at rest they add nothing.
+    """Return the changes by the upper bound of the modes left out, split among components by
+    energy; none at rest.
     """
     names = list(space.sources.truncated)
     changes: dict[str, FloatArray] = {name: np.zeros(len(peaks) + levels) for name in names}

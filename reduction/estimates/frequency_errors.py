@@ -1,5 +1,5 @@
-"""How much too high the natural frequencies of a reduced machine are, from the modes its components
-leave out.
+"""Upper bounds on how much too high the natural frequencies of a reduced machine are, by the modes
+that its components leave out.
 """
 
 from collections.abc import Mapping
@@ -15,19 +15,20 @@ from headstock.reduction.superelement import Truncation, most_participation
 from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.second_order import SecondOrderSystem
 
-KRYLOV_BLOCKS = 2  # one leaves 0.1 % of a bound where the next mode up lies close
-DEPENDENT = 1e-10  # share of a direction that must be new for it to widen the trial space
+KRYLOV_BLOCKS = 2  # a single one leaves an error of 0.1 % of the bound where the next mode is close
+DEPENDENT = 1e-10  # least share of a direction outside the trial space for which it is added
 
 
 @dataclass(frozen=True, eq=False)
 class FrequencyErrors:
-    """By how much each natural frequency is at most above that of the machine with every mode kept.
+    """Bound the difference of each natural frequency from that of the machine with every
+    mode kept.
 
     Attributes:
         bounds_hz: ``(m,)`` [Hz]; NaN where there is no bound.
-        by_component: Component to ``(m,)`` its part [Hz], to first order.
-        beyond: Per mode, the components whose modes are complete only to below it, so that there is
-            no bound.
+        by_component: Component to its part ``(m,)`` [Hz], to first order.
+        beyond: For each mode, the components whose modes are complete only to below its frequency,
+            so that there is no bound.
     """
 
     bounds_hz: FloatArray
@@ -37,7 +38,7 @@ class FrequencyErrors:
 
 @dataclass(frozen=True, eq=False)
 class TruncatedPart:
-    """A component that leaves modes out, and its boundary dofs in terms of the machine's
+    """Describe a component that leaves modes out, with its boundary dofs as rows of the machine's
     coordinates ``(n_b, n)``.
     """
 
@@ -46,7 +47,7 @@ class TruncatedPart:
 
 
 def truncated_parts(coupled: CoupledMachine) -> dict[str, TruncatedPart]:
-    """Return the components of a machine that leave modes out."""
+    """List the components of a machine that leave modes out."""
     parts = {}
     for name, superelement in coupled.layout.superelements.items():
         truncation = superelement.errors.truncation
@@ -62,14 +63,14 @@ def truncated_parts(coupled: CoupledMachine) -> dict[str, TruncatedPart]:
 def bound_frequency_errors(
     system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], modes: ModalResult
 ) -> FrequencyErrors:
-    """Return the bounds of the reduction error of natural frequencies.
+    """Bound the reduction error of natural frequencies.
 
     With every mode kept a frequency solves ``(K - lambda M - lambda^2 R(lambda)) q = 0``, with R
-    the participation of the modes left out. R grows with lambda and is at most
-    ``most_participation``: with ``lambda_j`` of the reduced machine, ``(K, M + lambda_j R)`` has a
-    j-th eigenvalue that is not above that of the whole machine, and lambda_j is not below it. The
-    small eigenproblem is solved in the space of the modes and of their first corrections ``K^-1 R
-    q``.
+    the contribution of the modes left out. R grows with lambda and is at most
+    ``most_participation``: with ``lambda_j`` of the reduced machine, the j-th eigenvalue of
+    ``(K, M + lambda_j R)`` is a lower bound of that of the complete machine, and lambda_j is an
+    upper bound. The small eigenproblem is solved in the space of the modes and of their first
+    corrections ``K^-1 R q``.
 
     Args:
         parts: Its components that leave modes out.
@@ -118,8 +119,8 @@ def bound_frequency_errors(
 def _trial_space(
     system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], modes: ModalResult
 ) -> FloatArray:
-    """Return the modes ``(n, m)`` and the new directions, M-orthonormal, into which the modes left
-    out push them.
+    """Return the modes ``(n, m)`` and their first corrections by the modes left out,
+    M-orthonormal.
     """
     shapes = modes.shapes
     if not parts or not shapes.shape[1]:
@@ -129,7 +130,7 @@ def _trial_space(
     try:
         factor = cho_factor(system.stiffness + shift * system.mass)
     except np.linalg.LinAlgError:
-        # dofs without mass or stiffness: the modes alone hold the first order of the error
+        # dofs without mass or stiffness: the modes alone give the error to first order
         return shapes
     applied = np.sum(
         [part.rows.T @ (part.truncation.first @ (part.rows @ shapes)) for part in parts.values()],
@@ -143,8 +144,8 @@ def _trial_space(
 
 
 def new_directions(block: FloatArray, space: FloatArray, mass: FloatArray) -> FloatArray:
-    """Return the M-orthonormal directions that a block adds to an M-orthonormal space; those it
-    shares with the space fall away.
+    """Return the M-orthonormal directions that a block adds to an M-orthonormal space; directions
+    already in the space are dropped.
 
     Args:
         block: ``(n, k)`` directions of any length.

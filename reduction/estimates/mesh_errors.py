@@ -15,7 +15,7 @@ from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.second_order import ComplexArray
 
-# share of the strain energy in dofs whose mesh error nobody knows: beyond it a number has no
+# share of the strain energy in dofs whose mesh error is unknown: beyond it a number has no
 # estimate
 SILENT_SHARE = 0.01
 # of what the true surface changes to first order in its distance from the mesh (`validate
@@ -30,7 +30,7 @@ FORCE_DOUBT, MOMENT_DOUBT = 0.04, 0.12
 
 @dataclass(frozen=True, eq=False)
 class _PartChange:
-    """Changes of the matrices of a component where its mesh is not its part.
+    """Store changes of the matrices of a component where its mesh deviates from its geometry.
 
     Attributes:
         stiffness: ``(n_c, n_c)``.
@@ -43,22 +43,23 @@ class _PartChange:
 
 @dataclass(frozen=True, eq=False)
 class MeshedPart:
-    """A component with an estimate of its mesh, and its dofs in terms of the machine's coordinates.
+    """Describe a component with an estimate of its mesh, and its dofs as rows of the machine's
+    coordinates.
 
     Attributes:
-        energy: ``(n_c, n_c)`` products of the energies that its mesh misses, times the factor that
-            covers 95 % of true errors.
+        energy: ``(n_c, n_c)`` energy products of the discretisation error, times the safety factor
+            that covers 95 % of true errors.
         stiffness: ``(n_c, n_c)`` of the component.
         rows: ``(n_c, n)``.
-        silent: ``(n_c,)`` dofs that the estimate leaves out: some files estimate the lower modal
-            dofs only, and of some meshes nothing is known.
-        reach_hz: Lowest fixed-interface frequency among them [Hz], inf with none, 0 where all are
-            silent.
-        faces: What the part's curved faces change, likewise times a factor; None where nobody knows
-            where they lie.
-        left_out: What small features change that its mesh lacks, likewise; None for none.
+        silent: ``(n_c,)`` dofs without an estimate: some files estimate the lower modal dofs only,
+            and some meshes have no estimate at all.
+        reach_hz: Lowest fixed-interface frequency among these dofs [Hz], inf with none, 0 where all
+            are silent.
+        faces: Changes by the part's curved faces, likewise times a factor; None where these faces
+            are unknown.
+        left_out: Changes by small features that its mesh lacks, likewise; None for none.
         corrected: Its stiffness is corrected by the estimate: the error may have either sign.
-        rigid: ``(n_c, r)`` orthonormal rigid motions of its dofs; None where supports hold it.
+        rigid: ``(n_c, r)`` orthonormal rigid motions of its dofs; None where supports constrain it.
     """
 
     energy: FloatArray
@@ -73,8 +74,8 @@ class MeshedPart:
 
     def strain[Motions: (FloatArray, ComplexArray)](self, motions: Motions) -> Motions:
         """Return its dofs ``(n_c, m)`` under motions of the machine ``(n, m)``, without its rigid
-        motions: these miss no energy, but what rounding leaves of it would look large compared with
-        a soft mount.
+        motions: these miss no energy, but their roundoff would look large compared with a soft
+        mount.
         """
         return self.without_rigid(self.rows @ motions)
 
@@ -84,7 +85,7 @@ class MeshedPart:
 
     @property
     def shape(self) -> _PartChange | None:
-        """Return what faces and features change together; None where nothing is known of either."""
+        """Return the changes by faces and features together; None where both are unknown."""
         changes = [change for change in (self.faces, self.left_out) if change is not None]
         if not changes:
             return None
@@ -95,7 +96,7 @@ class MeshedPart:
 
 
 def meshed_parts(coupled: CoupledMachine) -> dict[str, MeshedPart]:
-    """Return the components of a machine whose mesh has an estimate."""
+    """List the components of a machine whose mesh has an estimate."""
     parts = {}
     for name, part in coupled.layout.superelements.items():
         errors = part.errors
@@ -149,11 +150,11 @@ def _missing_energies(coupled: CoupledMachine, motions: FloatArray) -> dict[str,
 
 
 def frequency_mesh_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[str, FloatArray]:
-    """Return by how much each mesh makes the natural frequencies too high, ``(m,)`` per component
-    [Hz]; NaN where that is not known.
+    """Return how much each mesh overestimates the natural frequencies, ``(m,)`` per component [Hz];
+    NaN where unknown.
 
-    The square of a frequency is too large by the energy norm of the shape's error; what the kinetic
-    energy adds is of higher order.
+    The square of a frequency is too large by the energy norm of the shape's error; the error of the
+    kinetic energy is of higher order.
 
     Source: Strang and Fix (1973), An Analysis of the Finite Element Method, lemma 6.3.
     """
@@ -176,7 +177,7 @@ def frequency_mesh_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[s
 
 def silent_energies(coupled: CoupledMachine, motions: FloatArray) -> FloatArray:
     """Return twice the strain energies ``(m,)`` of motions ``(n, m)`` in dofs whose mesh error is
-    not known.
+    unknown.
     """
     total = np.zeros(motions.shape[1])
     for part in meshed_parts(coupled).values():
@@ -188,8 +189,8 @@ def silent_energies(coupled: CoupledMachine, motions: FloatArray) -> FloatArray:
 
 
 def frequency_shape_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[str, FloatArray]:
-    """Return by how much natural frequencies differ because meshes cut curved faces short, ``(m,)``
-    per component [Hz].
+    """Return the change of natural frequencies by curved faces that meshes approximate by facets,
+    ``(m,)`` per component [Hz].
 
     Source: Rayleigh; to first order ``omega^2`` changes by ``phi^T (dK - omega^2 dM) phi``.
     """
@@ -201,8 +202,8 @@ def frequency_shape_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[
 
 
 def frequency_feature_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[str, FloatArray]:
-    """Return by how much natural frequencies differ because meshes lack small features, ``(m,)``
-    per component [Hz].
+    """Return the change of natural frequencies by small features that meshes lack, ``(m,)`` per
+    component [Hz].
 
     Source: As ``frequency_shape_errors``.
     """
@@ -230,8 +231,8 @@ def _frequency_change(part: MeshedPart, change: _PartChange, modes: ModalResult)
 def compliance_shape_errors(
     coupled: CoupledMachine, displacements: FloatArray
 ) -> dict[str, FloatArray]:
-    """Return by how much static compliances differ because meshes cut curved faces short, ``(m,)``
-    per component.
+    """Return the change of static compliances by curved faces that meshes approximate by facets,
+    ``(m,)`` per component.
 
     Args:
         displacements: ``(n, m)`` responses to unit loads.
@@ -246,7 +247,7 @@ def compliance_shape_errors(
 def compliance_feature_errors(
     coupled: CoupledMachine, displacements: FloatArray
 ) -> dict[str, FloatArray]:
-    """Return by how much static compliances differ because meshes lack small features, ``(m,)`` per
+    """Return the change of static compliances by small features that meshes lack, ``(m,)`` per
     component.
 
     Args:
@@ -262,12 +263,12 @@ def compliance_feature_errors(
 def product_errors(
     coupled: CoupledMachine, left: FloatArray, right: FloatArray
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-    """Return by how much products of static responses with loads differ by each mesh, and by the
-    curved faces and small features that it lacks, ``(m,)`` per component.
+    """Return the changes of products of static responses with loads by each mesh, and by the curved
+    faces and small features that it lacks, ``(m,)`` per component.
 
     Args:
-        left: ``(n, m)`` responses to the loads that do the work of what is sought.
-        right: ``(n,)`` response that it is sought of.
+        left: ``(n, m)`` adjoint responses: to the loads whose work is the quantity of interest.
+        right: ``(n,)`` response whose quantity is wanted.
 
     Source: Prudhomme and Oden (1999), Comput. Methods Appl. Mech. Engrg. 176, 313-331: the error of
     a linear quantity is the energy product of the errors of both responses.
@@ -291,7 +292,7 @@ def _compliance_change(
 def compliance_mesh_errors(
     coupled: CoupledMachine, displacements: FloatArray
 ) -> dict[str, FloatArray]:
-    """Return by how much each mesh makes a static compliance too small.
+    """Return how much each mesh underestimates a static compliance.
 
     Args:
         displacements: ``(n, 6)`` responses to unit loads at a point.
@@ -311,21 +312,21 @@ def compliance_mesh_errors(
     }
 
 
-def doubted_energies(
+def interface_kind_energies(
     coupled: CoupledMachine,
     motions: FloatArray,
     squares: FloatArray,
     areas: Mapping[tuple[str, str], float],
     parts: Mapping[str, Material],
 ) -> dict[str, FloatArray]:
-    """Return twice the energies ``(m,)`` by which the kind of each interface may change motions, by
-    ``component.interface``.
+    """Return twice the energies ``(m,)`` by which the kind of each interface, rigid or average, may
+    change motions, by ``component.interface``.
 
     Args:
         motions: ``(n, m)`` generalised displacements.
-        squares: ``(m,)`` of the angular frequencies at which they move, 0 at rest.
+        squares: ``(m,)`` squares of the angular frequencies of the motions, 0 at rest.
         areas: Area of fixed interfaces by component and interface [m^2].
-        parts: Materials of meshed components.
+        parts: Meshed components, with their materials.
     """
     energies: dict[str, FloatArray] = {}
     for (name, interface), area in areas.items():
@@ -344,8 +345,8 @@ def doubted_energies(
             np.sqrt(area / np.pi),
             parts[name].youngs_modulus / (1.0 - parts[name].poisson_ratio ** 2),
         )
-        pushes, turns = (forces[:3] ** 2).sum(axis=0), (forces[3:] ** 2).sum(axis=0)
+        forces_2, moments_2 = (forces[:3] ** 2).sum(axis=0), (forces[3:] ** 2).sum(axis=0)
         energies[f"{name}.{interface}"] = (
-            FORCE_DOUBT * pushes / radius + MOMENT_DOUBT * turns / radius**3
+            FORCE_DOUBT * forces_2 / radius + MOMENT_DOUBT * moments_2 / radius**3
         ) / modulus
     return energies

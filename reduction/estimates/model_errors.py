@@ -1,5 +1,5 @@
-"""What better models of some bodies and deformation shapes of joints change of a machine: its modes,
-paired by shape, its responses, and how much of a motion lies in the shapes.
+"""Changes of a machine by better models of some bodies and by deformation shapes of joints: of its
+modes, paired by shape, and of its responses; and the share of a motion in the shapes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,15 +15,15 @@ from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.pairing.mode_pairing import ModeSet, pair_modes
 from headstock.solvers.second_order import ComplexArray
 
-# more modes than are compared: partners lie further up, or come from there
+# number of further modes in which partners are searched
 BEYOND, FURTHER = 2, 6
 
-PASSING = 3  # peaks that may pass over a line
+PASSING = 3  # number of peaks that may pass over a line
 
 
 @dataclass(frozen=True, eq=False)
 class WatchedModes:
-    """Modes of a machine, and their motions at places that all models of its bodies share."""
+    """Store modes of a machine, and their motions at points that all models of its bodies share."""
 
     modes: ModalResult
     shapes: ModeSet
@@ -31,13 +31,14 @@ class WatchedModes:
 
 @dataclass(frozen=True, eq=False)
 class _ModeChanges:
-    """The modes of a machine compared with those of the same machine with refined bodies.
+    """Compare the modes of a machine with those of the same machine with refined bodies.
 
     Attributes:
-        changes_hz: ``(m,)`` frequency with better bodies less that without [Hz]; NaN for a mode that
-            has no partner of its shape, 0 for rigid-body modes.
-        partners: ``(m,)`` index of each partner among the better modes, -1 without one.
-        missing: Indices of better modes below the highest of the ``m`` that are partners of no mode.
+        changes_hz: ``(m,)`` frequency with refined bodies minus that without [Hz]; NaN for a mode
+            without a partner of its shape, 0 for rigid-body modes.
+        partners: ``(m,)`` index of each partner among the refined modes, -1 without one.
+        missing: Indices of refined modes, below the highest of the ``m``, that are partners of no
+            mode.
     """
 
     changes_hz: FloatArray
@@ -52,12 +53,13 @@ def watch_modes(
     *,
     count: int,
 ) -> WatchedModes:
-    """Return enough modes of a machine for the first of another model of it to find theirs.
+    """Return enough modes of a machine to find partners of the lowest modes of another
+    model of it.
 
     Args:
-        places: By component, points that stand for its mass.
+        places: By component, points that represent its mass.
         motions: By component, motion ``(3 k, n)`` of those points per unit dof of this model of it.
-        count: Modes of the other model that look for theirs.
+        count: Number of modes of the other model that need partners.
     """
     modes = solve_modal(coupled.system, count=BEYOND * count + FURTHER)
     field = machine_field(coupled, places, modes.shapes, motions)
@@ -67,16 +69,16 @@ def watch_modes(
 
 
 def compare_modes(plain: WatchedModes, refined: WatchedModes, *, count: int) -> _ModeChanges:
-    """Return what refined bodies change of the first modes of a machine.
+    """Compare the lowest modes of a machine with those of the same machine with refined bodies.
 
-    Modes are one where their motions at places that stand for the mass of every body are, whatever
-    their order; close ones are compared by the space they span (see ``pair_modes``). First-order
-    changes from strain energies fail beyond a tenth of a number, where modes trade places or come
-    from far above. Both machines are small, so both are solved.
+    Modes are partners where their motions agree at points that represent the mass of every body,
+    whatever their order; close modes are compared by the space they span (see ``pair_modes``).
+    First-order changes from strain energies fail beyond a tenth of a number, where modes change
+    their order or come from far above. Both machines are small, so both are solved.
 
     Args:
-        refined: Of the same with better models of some bodies.
-        count: How many modes of the machine are compared, rigid-body modes included.
+        refined: Modes of the same machine with better models of some bodies.
+        count: Number of modes of the machine that are compared, rigid-body modes included.
 
     Source: Allemang and Brown (1982) for MAC; Bjoerck and Golub (1973) for angles between spaces.
     """
@@ -102,11 +104,11 @@ def compare_modes(plain: WatchedModes, refined: WatchedModes, *, count: int) -> 
 
 
 def split_change(size: float, singles: Mapping[str, float]) -> dict[str, float]:
-    """Return the parts of the size of a change that several bodies make together: as their single
-    changes are to one another, and together that size.
+    """Divide the size of a change by several bodies among these, in proportion to their single
+    changes.
 
     Args:
-        singles: Body to the change that it alone makes; NaN where nobody knows.
+        singles: Body to the change by it alone; NaN where unknown.
     """
     sizes = {name: abs(single) for name, single in singles.items() if np.isfinite(single)}
     total = sum(sizes.values())
@@ -118,13 +120,13 @@ def split_change(size: float, singles: Mapping[str, float]) -> dict[str, float]:
 def shape_energies(
     coupled: CoupledMachine, joints: Mapping[str, Joint], motions: FloatArray
 ) -> dict[str, FloatArray]:
-    """Return twice the strain energies ``(m,)`` that the shapes at each joint hold.
+    """Return twice the strain energies ``(m,)`` in the shapes at each joint.
 
-    In the strong form this is, to first order, by how much the squares of the angular frequencies
-    of mass-normalised modes fall when the joint gets its shapes.
+    In the strong form this is, to first order, the decrease of the squares of the angular
+    frequencies of mass-normalised modes when the joint gets its shapes.
 
     Args:
-        joints: By name; only those with shapes are among the result.
+        joints: Joints by name; only those with shapes are in the result.
         motions: ``(n, m)`` generalised displacements.
     """
     stacked = coupled.basis @ motions
@@ -144,12 +146,12 @@ def shape_energies(
 
 @dataclass(frozen=True, eq=False)
 class FormResponse:
-    """The response of a machine whose joints have deformation shapes in one form.
+    """Store the response of a machine whose joints have deformation shapes in one form.
 
     Attributes:
         receptance: ``(n_freq, n_outputs, n_inputs)`` at the lines that are evaluated.
-        peaks_hz: ``(m,)`` natural frequencies, rising from the lowest one on [Hz].
-        tops: ``(m, n_outputs, n_inputs)`` receptance there.
+        peaks_hz: ``(m,)`` natural frequencies in ascending order, the lowest first [Hz].
+        tops: ``(m, n_outputs, n_inputs)`` receptance at these frequencies.
     """
 
     receptance: ComplexArray
@@ -160,16 +162,16 @@ class FormResponse:
 def bound_response_changes(
     plain: ComplexArray, frequencies_hz: FloatArray, forms: Sequence[FormResponse]
 ) -> FloatArray:
-    """Return how far every line ``(n_freq, n_outputs, n_inputs)`` of a response may be off by
-    shapes that joints leave out; NaN where a peak without damping passes.
+    """Bound the error of every line ``(n_freq, n_outputs, n_inputs)`` of a response by shapes that
+    joints leave out; NaN where a peak without damping passes.
 
-    The strong form is too stiff and the weak one too soft, so each peak of the truth lies between
-    its two places: the lines between them may carry its top.
+    The strong form is too stiff and the weak one too soft, so each true peak lies between its
+    frequencies in the two forms: its height counts at all lines between them.
 
     Args:
         plain: ``(n_freq, n_outputs, n_inputs)`` the response that is evaluated.
         frequencies_hz: ``(n_freq,)``.
-        forms: Of the same machine with shapes.
+        forms: Responses of the same machine with shapes.
     """
     changes = np.max([np.abs(form.receptance - plain) for form in forms], axis=0)
     below = np.array(

@@ -1,4 +1,4 @@
-"""How far the frequency response of a reduced machine is from that of finer meshes with every mode
+"""Errors of the frequency response of a reduced machine compared with finer meshes and all modes
 kept, in a small trial space.
 """
 
@@ -20,30 +20,30 @@ from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSys
 # times the highest frequency: modes of the trial space; static responses stand for those above
 REACH = 2.0
 RESTING = (
-    1e-6  # of the square of the lowest elastic frequency: at rest, where rigid motions are free
+    1e-6  # of the square of the lowest elastic frequency, used as zero where rigid motions are free
 )
-CHUNK = 256  # frequencies at a time
-PASSING = 3  # peaks that may pass over a line
+CHUNK = 256  # frequencies evaluated together
+PASSING = 3  # number of peaks that may pass over a line
 PASSING_MARGIN = 1.25  # the shift of a peak is tried in one place only
-# A change of a few percent grows evenly on the way to finer meshes, so that it is largest at the
+# A change of a few percent grows linearly towards finer meshes, so that it is largest at the
 # end. A larger one may be largest before, where a peak comes near a line or an antiresonance lies
 # on it: shares of the change that are tried then
 EVEN = 0.05
 ON_THE_WAY = (0.25, 0.5, 0.75)
 STEP = 1e-3  # of omega^2, to both sides, for a slope
-# Under control nobody knows at which share of the change a peak passes over a line
+# Under control it is unknown at which share of the change a peak passes over a line
 CLOSELY = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorSources:
-    """Sources of the difference between the response of a machine and that of finer meshes with
-    every mode kept.
+    """List the sources of the difference between the response of a machine and that with finer
+    meshes and all modes kept.
 
     Attributes:
         truncated: Components that leave modes out.
         meshed: Components whose mesh has an estimate.
-        loss_factors: By component, where they act in the system.
+        loss_factors: Structural loss factors by component, where they act in the system.
         rayleigh: Damping by mass and stiffness, likewise.
     """
 
@@ -55,8 +55,8 @@ class ErrorSources:
 
 @dataclass(frozen=True, eq=False)
 class SystemChange:
-    """Matrices added to the stiffness ``(m, m)``, structural damping with it, to the mass
-    ``(m, m)`` and to the viscous damping ``(m, m)`` of a system; None for none of that.
+    """Store matrices added to the stiffness ``(m, m)`` with its structural damping, to the mass
+    ``(m, m)`` and to the viscous damping ``(m, m)`` of a system; None for zero.
     """
 
     stiffness: ComplexArray
@@ -66,8 +66,8 @@ class SystemChange:
 
 @dataclass(frozen=True, eq=False)
 class _MeshChanges:
-    """Changes by the mesh of one component: by being finer, by its true curved faces, and by the
-    small features that it lacks; None where nothing is known of those, or there are none.
+    """Store the changes by the mesh of one component: by refinement, by its true curved faces, and
+    by the small features that it lacks; None where they are unknown or zero.
     """
 
     finer: SystemChange
@@ -76,20 +76,20 @@ class _MeshChanges:
 
     @property
     def surfaces(self) -> list[SystemChange]:
-        """Changes by faces and by features, where anything is known of them."""
+        """Known changes by faces and by features."""
         return [change for change in (self.faces, self.left_out) if change is not None]
 
 
 @dataclass(frozen=True, eq=False)
 class _Moments:
-    """Moments of the modes that a component leaves out, see ``Truncation``, in a trial space, and
-    how these modes are damped.
+    """Store moments of the modes that a component leaves out, see ``Truncation``, in a trial space,
+    with the damping of these modes.
 
     Attributes:
         first: ``(m, m)``.
         second: ``(m, m)``.
         limit: Lowest ``omega_k^2`` [rad^2/s^2].
-        loss: One and the structural loss factor times i.
+        loss: ``1 + i eta`` with the structural loss factor.
     """
 
     first: FloatArray
@@ -100,18 +100,18 @@ class _Moments:
 
 
 class ResponseSpace:
-    """A damped system and its sources of error, in a trial space.
+    """Describe a damped system and its sources of error in a trial space.
 
     Attributes:
         loads: ``(m, n_inputs)``.
         rows: ``(n_outputs, m)``.
-        rest: Square of the angular frequency that counts as rest.
-        control: What drives under control add; None where motors are locked.
-        finer: What finer meshes change.
-        meshes: The same, and the other way where estimates have corrected the meshes.
-        parts: What the mesh of each component changes alone.
-        faces: What the parts' curved faces change, alone and together with finer meshes; empty
-            where nothing is curved.
+        rest: Square of the angular frequency that counts as zero.
+        control: Dynamic stiffness of drives under control; None where motors are locked.
+        finer: Change by finer meshes.
+        meshes: The same, and the opposite where the meshes are corrected by their estimates.
+        parts: Changes by the mesh of each component alone.
+        faces: Changes by curved faces, alone and together with finer meshes; empty where no face is
+            curved.
     """
 
     def __init__(
@@ -131,7 +131,7 @@ class ResponseSpace:
         squares = np.zeros(0) if squares is None else squares
         self._rigid = int(np.count_nonzero(squares == 0.0))
         self._stiffness = space.T @ system.stiffness @ space
-        # what rounding leaves compared with the squares of modes would look like a spring, soft or
+        # roundoff relative to the squares of natural frequencies would act as a spring, soft or
         # negative
         modal = np.arange(len(squares))
         self._stiffness[modal] = self._stiffness[:, modal] = 0.0
@@ -181,7 +181,7 @@ class ResponseSpace:
         strained[:, : self._rigid] = 0.0
 
         def change(stiffness: FloatArray, mass: FloatArray) -> SystemChange:
-            # a component is damped by its own stiffness and mass
+            # the damping of a component is proportional to its own stiffness and mass
             viscous = damped.alpha * mass + damped.beta * stiffness if damped else None
             return SystemChange(loss * stiffness, mass, viscous)
 
@@ -195,8 +195,8 @@ class ResponseSpace:
         return _MeshChanges(softer, faces, left_out)
 
     def _damping_of(self, name: str) -> tuple[complex, RayleighDamping]:
-        """Return one and the structural loss factor of a component times i, and its damping by mass and
-        stiffness.
+        """Return ``1 + i eta`` with the structural loss factor of a component, and its damping by
+        mass and stiffness.
         """
         loss = 1.0 + 1j * self.sources.loss_factors.get(name, 0.0)
         return loss, self.sources.rayleigh.get(name, RayleighDamping())
@@ -213,7 +213,7 @@ class ResponseSpace:
 
     @property
     def limit(self) -> float:
-        """Square of the angular frequency from which on modes are left out."""
+        """Square of the lowest angular frequency of the modes left out."""
         return min(
             (part.truncation.limit for part in self.sources.truncated.values()), default=np.inf
         )
@@ -224,13 +224,13 @@ class ResponseSpace:
         change: SystemChange | None = None,
         shares: FloatArray | float = 1.0,
     ) -> ComplexArray:
-        """Return ``K + i H + i omega C - omega^2 M`` ``(n_freq, m, m)``, with what control adds;
-        structural damping does not act at rest.
+        """Return ``K + i H + i omega C - omega^2 M`` ``(n_freq, m, m)``, plus the dynamic stiffness
+        of control; structural damping does not act at rest.
 
         Args:
             squares: ``(n_freq,)`` of the angular frequencies; 0 for rest.
-            change: What is added, such as by finer meshes; None for nothing.
-            shares: ``(n_freq,)`` how much of it.
+            change: Change that is added, such as by finer meshes; None for none.
+            shares: ``(n_freq,)`` share of the change that is added.
         """
         moving = (squares > 0.0)[:, None, None]
         dynamic: ComplexArray = (
@@ -260,10 +260,10 @@ class ResponseSpace:
         outputs: Sequence[Channel],
         change: SystemChange | None = None,
     ) -> SecondOrderSystem:
-        """Return the machine in the trial space as a system of its own.
+        """Return the machine in the trial space as a separate system.
 
         Args:
-            change: What is added, such as by finer meshes; None for nothing.
+            change: Change that is added, such as by finer meshes; None for none.
         """
         added = change or SystemChange(
             np.zeros(self._mass.shape, dtype=complex), np.zeros_like(self._mass)
@@ -283,8 +283,8 @@ class ResponseSpace:
         )
 
     def squares(self, change: SystemChange | None = None, near_hz: float = 0.0) -> FloatArray:
-        """Return ``omega^2`` of the undamped modes ``(m,)``, with a change or without; of drives
-        under control, as stiff as they are near a frequency.
+        """Return ``omega^2`` of the undamped modes ``(m,)``, with a change or without; with drives
+        under control as stiff as they are near a frequency.
         """
         stiffness = self._stiffness if change is None else self._stiffness + change.stiffness.real
         mass = self._mass if change is None else self._mass + change.mass
@@ -294,8 +294,8 @@ class ResponseSpace:
         return np.asarray(eigh(stiffness, mass, eigvals_only=True))
 
     def softening(self, hz: float) -> float:
-        """Return where the mode nearest to a frequency lies with finer meshes, over where it lies
-        now.
+        """Return the frequency of the mode nearest to a frequency with finer meshes, over its
+        present one.
         """
         now, then = self.squares(near_hz=hz), self.squares(self.finer, hz)
         mode = int(np.argmin(np.abs(now - (2.0 * np.pi * hz) ** 2)))
@@ -304,8 +304,8 @@ class ResponseSpace:
     def participations(
         self, squares: FloatArray, only: str | None = None
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the least and the most that ``lambda^2 R`` can be ``(n_freq, m, m)``, of one
-        component or of all.
+        """Return the lower and upper bound of ``lambda^2 R`` ``(n_freq, m, m)``, of one component
+        or of all.
         """
         shape = (len(squares), *self._mass.shape)
         least, most = np.zeros(shape, dtype=complex), np.zeros(shape, dtype=complex)
@@ -325,14 +325,14 @@ class ResponseSpace:
         return least, most
 
     def linearise_modes(self, square: float) -> tuple[SystemChange, SystemChange]:
-        """Return the least and the most that modes left out take from the dynamic stiffness, as a
-        line in ``omega^2`` through its value and its slope at one ``square``.
+        """Return the lower and upper bound of the term of the modes left out in the dynamic
+        stiffness, linearised in ``omega^2`` at one ``square``.
         """
         ends = square * np.array([1.0 - STEP, 1.0 + STEP])
         changes = []
         for low, high in self.participations(ends):
             value, slope = 0.5 * (low + high), (high - low) / (ends[1] - ends[0])
-            # rigid-body motions stay free: what is taken from them is mass alone
+            # rigid-body motions remain free: they change by mass alone
             slope[: self._rigid] = value[: self._rigid] / square
             slope[:, : self._rigid] = value[:, : self._rigid] / square
             stiffness = square * slope - value
@@ -349,14 +349,14 @@ def project_response(
     highest_hz: float,
     control: ControlForces | None = None,
 ) -> ResponseSpace:
-    """Bring a machine into the space of its modes, of static responses at its channels and of the
-    first corrections of its modes.
+    """Project a machine onto its modes, its static responses at channels and the first corrections
+    of its modes.
 
     Args:
         system: The coupled machine with its damping.
         channels: Loads ``(n, n_inputs)`` and output rows ``(n_outputs, n)``.
-        highest_hz: Up to where it will be asked.
-        control: What the drives of the system add to its dynamic stiffness, where its motors are free.
+        highest_hz: Highest frequency at which the response is evaluated.
+        control: Dynamic stiffness of the drives of the system, where its motors are free.
     """
     elastic = modes.frequencies_hz[modes.rigid_count :]
     lowest = (2.0 * np.pi * float(elastic[0])) ** 2 if len(elastic) else 0.0
@@ -394,8 +394,8 @@ def _trial_space(
     highest_hz: float,
     shift: float,
 ) -> FloatArray:
-    """Return the M-orthonormal directions ``(n, m)`` in which the response and its change are
-    sought: the lowest modes, as many as counted, and others.
+    """Return the M-orthonormal directions ``(n, m)`` of the trial space of the response and its
+    change: the given number of lowest modes, and others.
     """
     shapes = modes.shapes[:, :count]
     near = shapes[
@@ -432,17 +432,17 @@ def _trial_space(
 
 @dataclass(frozen=True, eq=False)
 class ResponseErrors:
-    """Changes of a receptance by the modes left out and by finer meshes, each on its own.
+    """Store changes of a receptance by the modes left out and by finer meshes, each on its own.
 
     Attributes:
-        least: ``(n_freq, n_outputs, n_inputs)`` change by the least that the modes left out can
-            add; NaN where there is no bound.
-        most: The same by the most they can add; the truth lies between both as a rule.
-        mesh: The same by finer meshes, an estimate; None where no mesh has one, NaN where modes
+        least: ``(n_freq, n_outputs, n_inputs)`` change by the lower bound of the modes left out;
+            NaN where there is no bound.
+        most: The same by their upper bound; the true change lies between both as a rule.
+        mesh: Estimated change by finer meshes; None where no mesh has an estimate, NaN where modes
             without one take part.
-        mesh_sizes: The largest change ``(n_freq, n_outputs, n_inputs)`` anywhere on the way to
+        mesh_sizes: The largest change ``(n_freq, n_outputs, n_inputs)`` between the present and
             finer meshes: a peak may pass over lines.
-        face_sizes: What the parts' curved faces may add to that; None where nothing is curved.
+        face_sizes: Possible additional change by curved faces; None where no face is curved.
     """
 
     least: ComplexArray
@@ -454,7 +454,7 @@ class ResponseErrors:
     @property
     def bounds(self) -> FloatArray:
         """Error by the modes left out ``(n_freq, n_outputs, n_inputs)``: the larger change and the
-        distance between both.
+        difference of both.
         """
         return np.asarray(
             np.maximum(np.abs(self.least), np.abs(self.most)) + np.abs(self.most - self.least)
@@ -465,11 +465,11 @@ def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> R
     """Return the change of a frequency response by the modes that components leave out, and by
     finer meshes.
 
-    Modes left out take ``lambda^2 R(lambda)`` from the dynamic stiffness (see
-    ``bound_frequency_errors``); a loss factor eta of a component divides its ``omega_k^2`` by ``1 /
-    (1 + i eta)``. Finer meshes take the energy that the present ones miss from the stiffness, times
-    ``1 + i eta``: to first order the response between two channels then changes by the energy
-    product of the errors of the responses to both.
+    Modes left out subtract ``lambda^2 R(lambda)`` from the dynamic stiffness (see
+    ``bound_frequency_errors``); a loss factor eta of a component divides its ``omega_k^2`` by
+    ``1 / (1 + i eta)``. Finer meshes subtract the energy that the present ones miss from the
+    stiffness, times ``1 + i eta``: to first order the response between two channels then changes by
+    the energy product of the errors of the responses to both.
 
     Args:
         frequencies_hz: ``(n_freq,)``.
@@ -542,8 +542,8 @@ def _respond(space: ResponseSpace, dynamic: ComplexArray) -> ComplexArray:
 
 @dataclass(frozen=True, eq=False)
 class _Move:
-    """A change of a system, and ``omega^2`` of its modes ``(m,)`` before and after; of none under
-    control.
+    """Store a change of a system, and ``omega^2`` of its modes ``(m,)`` before and after; none
+    under control.
     """
 
     change: SystemChange
@@ -554,8 +554,8 @@ class _Move:
 def _largest_change(
     space: ResponseSpace, move: _Move, squares: FloatArray, plain: ComplexArray, whole: ComplexArray
 ) -> FloatArray:
-    """Return the largest change of lines ``(n_freq, n_outputs, n_inputs)`` anywhere on the way from
-    ``plain`` to the ``whole`` change.
+    """Return the largest change of lines ``(n_freq, n_outputs, n_inputs)`` anywhere between
+    ``plain`` and the ``whole`` change.
     """
     largest = np.maximum(np.abs(whole), _largest_passing(space, move, squares, plain))
     lines = np.flatnonzero((np.abs(whole) > EVEN * np.abs(plain)).any(axis=(1, 2)))
@@ -572,9 +572,9 @@ def _largest_passing(
     """Return the largest change of lines ``(n_freq, n_outputs, n_inputs)`` while peaks pass over
     them; 0 where none does.
 
-    The truth may lie anywhere between no change and the whole. While the change grows modes move
-    from here to there, and those that pass over a line are on it at some share of the change, which
-    is taken to grow evenly with that share.
+    The true change may be any share of the estimated one. As the share grows, natural frequencies
+    shift, and those that pass over a line coincide with it at some share, which is interpolated
+    linearly.
     """
     largest = np.zeros(plain.shape)
     low, high = np.minimum(move.before, move.after), np.maximum(move.before, move.after)
@@ -592,7 +592,7 @@ def _largest_passing(
 def _add_modes(
     space: ResponseSpace, squares: FloatArray, dynamic: ComplexArray, plain: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray]:
-    """Return the changes by the least and by the most that the modes left out can add."""
+    """Return the changes by the lower and upper bound of the modes left out."""
     inputs = space.loads.shape[1]
     low, high = space.participations(squares)
     loads, rows = space.loads.astype(complex), space.rows.T.astype(complex)
@@ -603,6 +603,6 @@ def _add_modes(
         given = np.linalg.solve(dynamic - high, loads)
         observed = np.linalg.solve((dynamic - high).transpose(0, 2, 1), rows)
     most = space.rows @ given - plain
-    # from the most to the least it is a small step, taken to first order: one more factorisation
+    # the lower bound is close to the upper one and found to first order: one more factorisation
     # would cost half as much again
     return most - observed.transpose(0, 2, 1) @ ((high - low) @ given), most

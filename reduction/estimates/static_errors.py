@@ -1,5 +1,5 @@
-"""Errors of a machine at rest by the meshes of its components: of how far its tool is off in a pose,
-and of what probes see.
+"""Errors of a machine at rest by the meshes of its components: of the deviation of its tool in a
+pose, and of displacements and stresses at probes.
 """
 
 from collections.abc import Mapping
@@ -37,12 +37,13 @@ MOVED_SHARE = 0.2
 
 @dataclass(frozen=True, eq=False)
 class DeviationChanges:
-    """Changes of a deviation ``(6,)`` of a tool [m, rad], by component; NaN where nobody knows.
+    """Store changes of the deviation ``(6,)`` of a tool [m, rad], by component; NaN where
+    unknown.
 
     Attributes:
-        meshes: With finer meshes, times the factor that covers 95 % of true errors.
-        faces: With the true curved faces of parts, likewise times a factor.
-        left_out: With small features that meshes lack, likewise.
+        meshes: Changes by finer meshes, times the safety factor that covers 95 % of true errors.
+        faces: Changes by the true curved faces of parts, likewise times a factor.
+        left_out: Changes by small features that meshes lack, likewise.
     """
 
     meshes: Mapping[str, FloatArray]
@@ -56,10 +57,10 @@ def estimate_deviation(
     gravity: FloatArray | None,
     deviation: ToolDeviation,
 ) -> dict[str, DeviationChanges]:
-    """Estimate what finer meshes and true surfaces change in a deviation, by its source.
+    """Estimate the changes of a deviation by finer meshes and true surfaces, by its source.
 
     The change by a mesh is the energy product of the errors of two responses, to the source and to
-    a unit load at the tool: a sum over components. What a true surface changes is to first order
+    a unit load at the tool: a sum over components. The change by a true surface is to first order
     ``lambda^T (df - dK u)``, with the weight ``df`` that a mesh lacks.
 
     Args:
@@ -110,15 +111,15 @@ def _is_silent(coupled: CoupledMachine, motions: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class RestErrors:
-    """Errors of displacement x y z [m] and stress xx yy zz xy xz yz [Pa] at a probe.
+    """Store errors of displacement x y z [m] and stress xx yy zz xy xz yz [Pa] at a probe.
 
     Attributes:
-        products: Component to ``(9,)`` what finer meshes would add: by way of the coordinates, and in
-            its component inside; of displacements times the factor of the mesh, of stresses as
-            estimated; NaN where nobody knows.
-        faces: Component to the size ``(9,)`` of what the curved faces and small features change that
+        products: Component to its change ``(9,)`` by finer meshes: by way of the coordinates, and
+            in the probe's component inside; of displacements times the safety factor of the mesh,
+            of stresses as estimated; NaN where unknown.
+        faces: Component to the size ``(9,)`` of the changes by curved faces and small features that
             its mesh lacks.
-        local: ``(s, 6)`` what recovery changes in the stresses at the probe and around, as in
+        local: ``(s, 6)`` stress changes by recovery at the probe and around, as in
             ``ProbeRows.smoothing``.
         moved: Size of the displacement error within the cells of the probe [m].
     """
@@ -131,7 +132,7 @@ class RestErrors:
 
     @property
     def meshes(self) -> dict[str, FloatArray]:
-        """Component to the sizes ``(9,)`` of the errors by its mesh."""
+        """Sizes ``(9,)`` of the errors by the mesh of each component."""
         sizes = {name: np.abs(change) for name, change in self.products.items()}
         if self.component in sizes:
             sizes[self.component][:MOVED] += self.moved
@@ -148,16 +149,17 @@ class RestErrors:
 def estimate_at_rest(
     coupled: CoupledMachine, probe: PlacedProbe, moved: FloatArray, inside: Mapping[str, FloatArray]
 ) -> RestErrors:
-    """Return the errors of what a probe sees of a static response.
+    """Return the errors of displacement and stress at a probe in a static response.
 
     The error of a displacement is the energy product of the errors of the response and of the
-    response to a unit force at the probe. That of a stress is the same with the load that does the
-    work of the stress, and what recovery changes there: it sees what cells miss next to the probe,
-    where the response to that load is hardly resolved. The part of the products by way of the
-    coordinates means nothing alone: where a part bends more, its stress per motion falls.
+    response to a unit force at the probe. That of a stress is the same with the load whose work is
+    the stress, plus the stress change by recovery there: it contains the local error of the cells
+    next to the probe, where the response to that load is hardly resolved. The part of the products
+    by way of the coordinates is meaningless alone: where a part bends more, its stress per motion
+    falls.
 
     Args:
-        moved: ``(n,)`` the response.
+        moved: ``(n,)`` static response.
         inside: ``missing_of_loads`` of the machine.
 
     Source: Prudhomme and Oden (1999) as in ``product_errors``; Zienkiewicz and Zhu (1992), Int. J.
@@ -197,11 +199,11 @@ def estimate_at_rest(
 
 def moved_locally(strain_reach: float, local: ComplexArray | FloatArray) -> FloatArray:
     """Return the size of the displacement error within the cells of a probe ``(...)`` [m], which
-    energy products see poorly where the probe hardly moves: that of the strain over a share of
-    their size.
+    energy products underestimate where the probe hardly moves: that of the strain over a share of
+    the cell size.
 
     Args:
-        strain_reach: Of the probe [m/Pa].
+        strain_reach: Size of the probe's largest cell over Young's modulus [m/Pa].
         local: ``(s, 6, ...)`` changes of stresses by recovery [Pa].
     """
     shears = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
@@ -211,7 +213,7 @@ def moved_locally(strain_reach: float, local: ComplexArray | FloatArray) -> Floa
 
 def bound_von_mises(stress: FloatArray, errors: RestErrors) -> tuple[float, float]:
     """Return the error of the equivalent stress by meshes, and by the curved faces and small
-    features that they lack [Pa]; NaN where nobody knows.
+    features that they lack [Pa]; NaN where unknown.
 
     Args:
         stress: ``(6,)`` [Pa].
@@ -219,7 +221,7 @@ def bound_von_mises(stress: FloatArray, errors: RestErrors) -> tuple[float, floa
     products = np.sum([change[MOVED:] for change in errors.products.values()], axis=0)
     parts = [
         *von_mises_change(stress, np.stack([products, errors.local[0]])),
-        # of changes around nobody knows how they turn on the way to the probe
+        # the directions of stress changes around the probe are unknown at the probe
         *largest_von_mises(errors.local[1:]),
     ]
     whole = float(von_mises_change(stress, products + errors.local[0]))
