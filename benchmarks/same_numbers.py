@@ -151,7 +151,7 @@ CASES = (
     Case(
         "linear",
         (
-            f"run machines/cantilever.toml {CANTILEVER} --set components.column.mesh={{order = 1, allow_locking = true}}",
+            f"run machines/cantilever.toml {CANTILEVER} --set 'components.column.mesh={{order = 1, allow_locking = true}}'",
         ),
     ),
     Case("free", (f"run machines/cantilever.toml {CANTILEVER} {HINGE}",)),

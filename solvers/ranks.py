@@ -63,8 +63,11 @@ def _reduce(comm: MPI.Comm, values: FloatArray, operation: "MPI.Op") -> FloatArr
 
 class SharedFailure(Exception):  # noqa: N818 (what failed is its cause)
     """Rank 0 could not make what all ranks wait for, and every rank knows; on rank 0 the cause says
-    why.
+    why, and this error with its words.
     """
+
+    def __str__(self) -> str:
+        return "" if self.__cause__ is None else str(self.__cause__)
 
 
 def make_on_root[T](comm: MPI.Comm, make: Callable[[], T]) -> T:

@@ -77,8 +77,7 @@ def try_changes[M](
             if is_root:
                 outcome = tuple(solve(changed))
         except refused as error:
-            # an error raised on all ranks has no message of its own, but a cause on rank 0
-            outcome = str(error) or str(error.__cause__ or "")
+            outcome = str(error)
         tried.append(Tried(change.owner, outcome))
     return tried
 

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from common import rank_words, run_process
 from headstock.geometry.errors import HeadstockError
 from headstock.solvers import shared_work
-from headstock.solvers.ranks import Node
+from headstock.solvers.ranks import Node, SharedFailure
 from headstock.solvers.shared_work import Job, share_work
 
 pytestmark = pytest.mark.mpi
@@ -174,3 +174,9 @@ def test_one_rank_does_them_in_their_order_and_raises_its_own_errors(tmp_path: P
             MPI.COMM_SELF, [Job(float(n)) for n in range(4)], work, folder=tmp_path, memory_mb=1.0
         )
     assert begun == [0, 1, 2]
+
+
+def test_a_shared_failure_speaks_with_the_words_of_its_cause() -> None:
+    with pytest.raises(SharedFailure, match=r"^no room$"):
+        raise SharedFailure from OSError("no room")
+    assert not str(SharedFailure())  # on the other ranks
