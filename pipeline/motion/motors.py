@@ -68,7 +68,7 @@ def close_drives(
     gravity: FloatArray,
     scales: FloatArray,
     friction: FrictionSpeeds,
-    beside: FloatArray | None = None,
+    fixed_readings: FloatArray | None = None,
 ) -> ServoMotion:
     """Add motors to a machine along its trajectory and close their loops.
 
@@ -83,7 +83,7 @@ def close_drives(
         scales: ``(k, d, c + d)`` what linear scales read per coordinate.
         friction: The speeds at which friction is evaluated: those of the set points, which keeps
             the motion linear, or those of the motors.
-        beside: ``(n, d)`` readings of scales that do not depend on coordinates; None for none.
+        fixed_readings: ``(n, d)`` readings of scales that do not depend on coordinates; None for none.
     """
     size, count = free.mass.shape[-1], len(drives)
     motors = np.arange(size - count, size)
@@ -120,7 +120,7 @@ def close_drives(
         accelerations=accelerations,
         gravity=gravity,
         scales=scales,
-        beside=beside,
+        fixed_readings=fixed_readings,
     )
 
 
@@ -399,6 +399,6 @@ def _close_loops(
         accelerations=between([rigid.accelerations for rigid in finer]),
         gravity=weight,
         scales=np.concatenate([plant.rows_of(motors.scales), unit], axis=2),
-        beside=motion.apply(plant.direct_of(motors.scales, moving), offsets),
+        fixed_readings=motion.apply(plant.direct_of(motors.scales, moving), offsets),
         friction=friction,
     )

@@ -113,7 +113,7 @@ def integrate_regenerative(
                 if cut.share[n] > 0.0:
                     # the chip is seen where the tool would be with the acceleration of the step
                     # before, so that its force and friction are solved for together
-                    ahead = tool[row] @ steps.foresee(state)
+                    ahead = tool[row] @ steps.predict(state)
                     moved = ahead + rest[n] - positions[np.maximum(n - looks, 0)]
                     if flexibility is None:
                         force[n] = _cut_force(cut, n, moved)

@@ -1,3 +1,3 @@
-"""A machine in time along a path: set points, loads, the plant along it, steps with and without
-friction, deviation. Never the loops of drives themselves, which are in ``control``.
+"""A machine in time along a path: set points, loads, the plant along it, time steps with and
+without friction, deviation. Never the controllers of drives, which are in ``control``.
 """

@@ -1,14 +1,14 @@
-"""A linear system along a path: matrices at times of the motion, integrated in time.
+"""Generalised-α time integration of a linear system whose matrices change along a path.
 
-``M(t) x'' + C(t) x' + K(t) x = f(t) + J(t)^T F``, and the tool moves by ``J(t) x + R(t) F``: of the
-motions that are left out the static flexibility ``R`` at the tool remains. What has these matrices
-is integrated alike: a lumped mechanism in its compliant coordinates, a machine of bodies or finite
-elements in its modes.
+``M(t) x'' + C(t) x' + K(t) x = f(t) + J(t)^T F``, and the tool moves by ``J(t) x + R(t) F``: the
+modes that are left out contribute the residual flexibility ``R`` at the tool. All systems of this
+form are integrated alike: a lumped mechanism in its compliant coordinates, a machine of bodies or
+finite elements in its modes.
 
-Motors under control are coordinates of it, and the states of their controllers rows of first order.
-Coordinates are deviations from the rigid machine that moves as the set points say, so a controller
-sees what its motor lacks: with set speed ``v`` and acceleration ``a`` its inputs are ``(0, v, a, x,
-v + x')``, and the force that the rigid motion needs is a load on its motor.
+Motors under control are coordinates, and the states of their controllers are rows of first order.
+Coordinates are deviations from the rigid machine at its set points, so that a controller reads the
+deviation of its motor: with set speed ``v`` and acceleration ``a`` its inputs are
+``(0, v, a, x, v + x')``, and the force of the rigid motion is a load on its motor.
 """
 
 import dataclasses
@@ -24,17 +24,17 @@ from headstock.solvers.control.drive_loops import LinearBlock, make_controller, 
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.motion.friction import CoordinateFriction
 
-INVERSE_TOLERANCE = 1e-10  # of what an interpolated inverse leaves of the identity
+INVERSE_TOLERANCE = 1e-10  # of an interpolated inverse: its product with the matrix less identity
 MOST_PARTS = 64  # of the trajectory between two nodes
-CHUNK = 512  # states evaluated together: more would leave the cache
+CHUNK = 512  # steps evaluated together: more would not fit into the cache
 INPUTS = 5  # of a controller: set position, speed, acceleration, measured position, motor speed
 SPEED, ACCELERATION, POSITION, MOTOR_SPEED = 1, 2, 3, 4
 
 
 @dataclass(frozen=True)
 class AlphaScheme:
-    """Parameters of generalised-α time integration for a spectral radius at infinite frequency: 1
-    keeps high frequencies, 0 kills them in one step.
+    """Define generalised-α time integration by its spectral radius at infinite frequency: 1 keeps
+    high frequencies, 0 eliminates them in one step.
 
     Source: Chung and Hulbert (1993); Arnold and Brüls (2007).
     """
@@ -64,21 +64,22 @@ class AlphaScheme:
 
 @dataclass(frozen=True, eq=False)
 class LinearMotion:
-    """The linear model along a path: matrices at nodes, linear between them.
+    """Describe the linear model along a path: matrices at nodes, linear between them.
 
     Attributes:
         times: ``(n,)`` even steps [s].
-        nodes: ``(k,)`` even times of the matrices [s].
+        nodes: ``(k,)`` even times at which matrices are given [s].
         mass: ``(k, c, c)``.
         damping: ``(k, c, c)``.
         stiffness: ``(k, c, c)``.
         tool: ``(k, 3, c)`` motion of the tool per coordinate, in the axes that forces are given in.
         gravity_deflection: ``(k, c)`` static deflection under gravity alone.
         load: ``(n, c)`` inertial and gravity load of the rigid motion.
-        flexibility: ``(k, 3, 3)`` static motion of the tool per force on it, of all motions that
-            are left out; None where none is.
-        rest: ``(n, 3)`` static motion of the tool under the load, of all motions that are left out.
-        friction: Friction at the speeds of the motion; None where none depends on it.
+        flexibility: ``(k, 3, 3)`` residual flexibility of the modes left out at the tool; None
+            where none is.
+        rest: ``(n, 3)`` static motion of the tool by the modes left out under the load.
+        friction: Friction on coordinates; None without friction, and where it acts by the set
+            speeds only.
     """
 
     times: FloatArray
@@ -94,12 +95,12 @@ class LinearMotion:
     friction: CoordinateFriction | None = None
 
     def between(self, values: FloatArray, part: slice) -> FloatArray:
-        """Values ``(k, ...)`` at the nodes, at some of the steps."""
+        """Return values ``(k, ...)`` at the nodes, interpolated to some of the steps."""
         return interpolate_nodes(self.times[part], self.nodes, values)
 
     def apply(self, values: FloatArray, others: FloatArray) -> FloatArray:
-        """``(n, p)`` products of matrices ``(k, p, c)`` at the nodes with vectors ``(n, c)`` at the
-        steps.
+        """Return products ``(n, p)`` of matrices ``(k, p, c)`` at the nodes with vectors ``(n, c)``
+        at the steps.
         """
         parts = [
             apply_matrices(self.between(values, part), others[part])
@@ -112,11 +113,13 @@ class LinearMotion:
         return self.between(self.gravity_deflection, part)
 
     def tool_motion(self, compliant: FloatArray) -> FloatArray:
-        """``(n, 3)`` motion of the tool at coordinates ``(n, c)``, of those that are kept."""
+        """Return the motion ``(n, 3)`` of the tool at coordinates ``(n, c)``, by the modes that are
+        kept.
+        """
         return self.apply(self.tool, compliant)
 
     def tool_load(self, force: FloatArray) -> FloatArray:
-        """``(n, c)`` load of forces ``(n, 3)`` on the tool."""
+        """Return the load ``(n, c)`` of forces ``(n, 3)`` on the tool."""
         parts = [
             (force[part][:, None, :] @ self.between(self.tool, part))[:, 0]
             for part in chunk_slices(len(force))
@@ -124,7 +127,7 @@ class LinearMotion:
         return np.concatenate(parts)
 
     def tool_rest(self, force: FloatArray) -> FloatArray:
-        """``(n, 3)`` motion of the tool by all motions that are left out, under forces ``(n, 3)``
+        """Return the motion ``(n, 3)`` of the tool by the modes left out, under forces ``(n, 3)``
         on it and the load.
         """
         rest = np.zeros((len(self.times), 3)) if self.rest is None else self.rest
@@ -135,7 +138,7 @@ class LinearMotion:
 
 @dataclass(frozen=True, eq=False)
 class CompliantHistory:
-    """Coordinates over time: ``(n, c)`` values, rates and accelerations."""
+    """Store coordinates over time: ``(n, c)`` values, rates and accelerations."""
 
     compliant: FloatArray
     rate: FloatArray
@@ -144,11 +147,12 @@ class CompliantHistory:
 
 @dataclass(frozen=True, eq=False)
 class Regeneration:
-    """Cutting forces that depend on the wave left by the last tooth.
+    """Describe regenerative cutting forces, which depend on the surface left by the
+    previous tooth.
 
     Attributes:
-        stiffness: ``(n, 3, 3)`` force on the tool per motion since the last tooth [N/m], axes of
-            the tool's motion.
+        stiffness: ``(n, 3, 3)`` force on the tool per motion since the previous tooth [N/m], axes
+            of the tool's motion.
         delay: Steps from tooth to tooth.
     """
 
@@ -162,13 +166,13 @@ def integrate_linear(
     *,
     regeneration: Regeneration | None = None,
 ) -> CompliantHistory:
-    """Generalised-α steps of the linear model, from static rest at the first instant.
+    """Integrate the linear model by generalised-α steps, from static equilibrium at the first
+    instant.
 
     Args:
         motion: The linear model at ``n`` even steps.
         load: ``(n, c)`` generalised load [N, N m].
-        regeneration: Cutting force by the wave that the last tooth left; None for a load that
-            depends on time alone.
+        regeneration: Regenerative cutting force; None for a load that depends on time alone.
 
     Raises:
         ConvergenceError: The motion grows without bound, as regeneration can make it.
@@ -198,16 +202,16 @@ def integrate_linear(
 
 
 class AlphaSteps:
-    """Steps of the generalised-α method along a linear motion, one after the other.
+    """Take steps of the generalised-α method along a linear motion, one after the other.
 
     A state ``(4, c)`` is position, velocity, acceleration and the auxiliary acceleration of the
-    method. Each step solves for its acceleration with ``S = M + a C + b K``, which is linear between
-    two nodes; the inverse there is a parabola through three of its places, in as many parts of the
-    interval as make that exact.
+    method. Each step solves for its acceleration with ``S = M + a C + b K``, which is linear
+    between two nodes. Its inverse is interpolated there by parabolas through three points, over as
+    many parts of the interval as accuracy needs.
     """
 
     def __init__(self, motion: LinearMotion) -> None:
-        """Steps of a motion, of a spectral radius of 0.9."""
+        """Prepare steps of a motion, with a spectral radius of 0.9."""
         self._motion = motion
         self._ahead, self.reach = _scheme_matrices(
             AlphaScheme(), float(motion.times[1] - motion.times[0])
@@ -221,13 +225,13 @@ class AlphaSteps:
         self._inverses: list[FloatArray] = []
 
     def rest(self, load: FloatArray) -> FloatArray:
-        """The state ``(4, c)`` of static rest under a load at the first instant."""
+        """Return the state ``(4, c)`` of static equilibrium under a load at the first instant."""
         state = np.zeros((4, len(load)))
         state[0] = np.linalg.solve(self._motion.stiffness[0], load)
         return state
 
-    def foresee(self, state: FloatArray) -> FloatArray:
-        """Positions ``(c,)`` after a step with the acceleration of a state."""
+    def predict(self, state: FloatArray) -> FloatArray:
+        """Return predicted positions ``(c,)`` after a step with the acceleration of a state."""
         return np.asarray(self._ahead[0] @ state + self.reach[0] * state[2])
 
     def advance(
@@ -239,12 +243,13 @@ class AlphaSteps:
         wave: FloatArray | None = None,
         past: FloatArray | None = None,
     ) -> FloatArray:
-        """The state ``(4, c)`` at a step from that at the step before.
+        """Return the state ``(4, c)`` at a step from that at the step before.
 
         Args:
-            load: ``(c,)`` at it.
-            wave: ``(c, c)`` load per position of the step since an earlier one; None for none.
-            past: ``(c,)`` that position.
+            load: Load ``(c,)`` at the step.
+            wave: Regenerative stiffness ``(c, c)``: load per change of position since an earlier
+                step; None for none.
+            past: Position ``(c,)`` at that earlier step.
         """
         # M a + C (v + reach_v a) + K (x + reach_x a) = load, where x and v are what the old state
         # alone leads to
@@ -265,7 +270,7 @@ class AlphaSteps:
     def _add_friction(
         self, friction: CoordinateFriction, number: int, *, drift: FloatArray, accel: FloatArray
     ) -> FloatArray:
-        """Accelerations ``(c,)`` with friction, from those without."""
+        """Return accelerations ``(c,)`` with friction, from those without."""
         at = friction.coordinates
         units = np.zeros((len(accel), len(at)))
         units[at, np.arange(len(at))] = 1.0
@@ -276,7 +281,7 @@ class AlphaSteps:
         )
 
     def respond(self, number: int, load: FloatArray) -> FloatArray:
-        """Accelerations ``(c,)`` or ``(c, k)`` that loads of the same shape at a step bring about."""
+        """Return the accelerations ``(c,)`` or ``(c, k)`` at a step by loads of the same shape."""
         location = self._visit(number) * len(self._inverses)
         part = min(int(location), len(self._inverses) - 1)
         share, size = location - part, len(load)
@@ -286,7 +291,7 @@ class AlphaSteps:
         )
 
     def _visit(self, number: int) -> float:
-        """Where a step lies between two nodes, with the matrices there made ready."""
+        """Return the position of a step between two nodes, with the matrices there cached."""
         if self._left[number] != self._interval:
             self._interval = self._left[number]
             ends = slice(self._interval, self._interval + 2)
@@ -303,8 +308,9 @@ class AlphaSteps:
 
 
 def _tabulate_inverse(ends: FloatArray) -> list[FloatArray]:
-    """The inverse of a matrix that is linear from one end to the other: ``(3 c, c)`` coefficients of
-    a parabola over each of equal parts, the constant above the slope above the square.
+    """Return the inverse of a matrix that is linear from one end to the other: ``(3 c, c)``
+    coefficients of a parabola over each of equal parts, the constant above the slope above the
+    square.
 
     Args:
         ends: ``(2, c, c)``.
@@ -316,7 +322,7 @@ def _tabulate_inverse(ends: FloatArray) -> list[FloatArray]:
         low, middle, high = exact[:-2:2], exact[1:-1:2], exact[2::2]
         square = 2.0 * (low - 2.0 * middle + high)
         slope = high - low - square
-        # a quarter of the trajectory into the first and the last part the parabola misses most
+        # the interpolation error is largest a quarter into the first and into the last part
         places = np.array([0.25, parts - 0.75]) / parts
         missed = [
             unit - (first + at * change) @ (low[part] + 0.25 * (slope[part] + 0.25 * square[part]))
@@ -328,8 +334,8 @@ def _tabulate_inverse(ends: FloatArray) -> list[FloatArray]:
 
 
 class _SchemeMatrices(NamedTuple):
-    """One step of position, velocity, acceleration, auxiliary: ``ahead @ old + reach * new
-    acceleration``, ``(4, 4)`` and ``(4,)``.
+    """Store one step of position, velocity, acceleration, auxiliary:
+    ``ahead @ old + reach * new acceleration``, ``(4, 4)`` and ``(4,)``.
     """
 
     ahead: FloatArray
@@ -337,7 +343,7 @@ class _SchemeMatrices(NamedTuple):
 
 
 def _scheme_matrices(scheme: AlphaScheme, h: float) -> _SchemeMatrices:
-    """What the steps of a scheme do over ``h`` seconds."""
+    """Return the matrices of a scheme for steps of ``h`` seconds."""
     am, af, gamma, beta = scheme.alpha_m, scheme.alpha_f, scheme.gamma, scheme.beta
     share = (1.0 - af) / (1.0 - am)
     rest = np.array([0.0, 0.0, af, -am]) / (1.0 - am)
@@ -354,13 +360,13 @@ def _wave_stiffness(motion: LinearMotion, part: slice, regeneration: Regeneratio
 
 
 def even_nodes(times: FloatArray, spacing: float) -> FloatArray:
-    """Even times from the first to the last one, about so far apart [s]."""
+    """Return even times from the first to the last one, at about a given spacing [s]."""
     return np.linspace(times[0], times[-1], max(2, round((times[-1] - times[0]) / spacing) + 1))
 
 
 def interpolate_nodes(times: FloatArray, nodes: FloatArray, values: FloatArray) -> FloatArray:
-    """Linear interpolation between even nodes; beyond the first and last node the outermost line
-    goes on.
+    """Interpolate linearly between even nodes; the first and last segments extend beyond
+    the ends.
 
     Args:
         times: ``(n,)`` [s].
@@ -382,22 +388,22 @@ def apply_matrices(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
 
 
 def chunk_slices(count: int) -> list[slice]:
-    """Parts of so many steps that are worked on together."""
+    """Return slices of steps that are processed together."""
     return [slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK)]
 
 
 @dataclass(frozen=True, eq=False)
 class ServoMotion:
-    """A machine along its trajectory with the loops of its drives closed.
+    """Describe a machine along its trajectory with the loops of its drives closed.
 
     Attributes:
-        motion: Its coordinates are those of the machine, then motors, then controllers.
-        motors: Where motors stand among them.
-        control: All controllers, one below the other.
+        motion: Linear model in coordinates of the machine, then motors, then controllers.
+        motors: Coordinates of the motors.
+        control: All controllers in one block.
         speeds: ``(n, d)`` set speeds [m/s].
         accelerations: ``(n, d)`` set accelerations [m/s^2].
-        reads: ``(k, d, c + d)`` at the nodes: what the position controllers read per coordinate.
-        beside: ``(n, d)`` what they read beside that.
+        reads: ``(k, d, c + d)`` readings of the position controllers per coordinate, at the nodes.
+        fixed_readings: ``(n, d)`` readings that do not depend on coordinates.
     """
 
     motion: LinearMotion
@@ -406,16 +412,16 @@ class ServoMotion:
     speeds: FloatArray
     accelerations: FloatArray
     reads: FloatArray
-    beside: FloatArray
+    fixed_readings: FloatArray
 
     def read(self, history: CompliantHistory) -> FloatArray:
-        """Return what the position controllers read beyond their set points ``(n, d)`` [m]."""
+        """Return the deviations ``(n, d)`` of readings from set points [m]."""
         states = history.compliant[:, : self.motors.stop]
         reads = self.motion.between(self.reads, slice(None))
-        return np.asarray((reads @ states[..., None])[..., 0] + self.beside)
+        return np.asarray((reads @ states[..., None])[..., 0] + self.fixed_readings)
 
     def forces(self, history: CompliantHistory) -> FloatArray:
-        """Forces of the drives ``(n, d)`` [N]."""
+        """Return the forces of the drives ``(n, d)`` [N]."""
         count, states = self.speeds.shape[1], history.compliant
         read = self.read(history)
         given = np.zeros((len(states), count, INPUTS))
@@ -436,19 +442,19 @@ def close_motors(
     accelerations: FloatArray,
     gravity: FloatArray,
     scales: FloatArray,
-    beside: FloatArray | None = None,
+    fixed_readings: FloatArray | None = None,
 ) -> ServoMotion:
     """Close the loops of drives along a path.
 
     Args:
-        free: The machine with free motors, its last ``d`` coordinates; its load is that of the rigid
-            motion, so on the motors what it takes of their drives, with the sign turned.
-        controls: Of the ``d`` drives.
+        free: The machine with free motors, its last ``d`` coordinates; its load is that of the
+            rigid motion, on a motor minus the force that it needs.
+        controls: Controllers of the ``d`` drives.
         speeds: ``(n, d)`` set speeds [m/s].
         accelerations: ``(n, d)`` set accelerations [m/s^2].
         gravity: ``(k, c + d)`` generalised weight at the nodes [N].
-        scales: ``(k, d, c + d)`` what a linear scale reads per coordinate.
-        beside: ``(n, d)`` what it reads beside that; None for nothing.
+        scales: ``(k, d, c + d)`` reading of a linear scale per coordinate.
+        fixed_readings: ``(n, d)`` readings that do not depend on coordinates; None for none.
     """
     count, size = len(controls), free.mass.shape[-1]
     block = stack_blocks([make_controller(control) for control in controls])
@@ -473,8 +479,8 @@ def close_motors(
     stiffness[:, states, :size] = -block.b[:, measured] @ reads
     stiffness[:, states, states] = -block.a
     read: FloatArray = np.zeros((len(free.times), count))
-    if beside is not None:
-        read = np.asarray(np.where(on_scale, beside, read))
+    if fixed_readings is not None:
+        read = np.asarray(np.where(on_scale, fixed_readings, read))
     given = np.zeros((len(free.times), count, INPUTS))
     given[:, :, SPEED], given[:, :, MOTOR_SPEED] = speeds, speeds
     given[:, :, ACCELERATION], given[:, :, POSITION] = accelerations, read

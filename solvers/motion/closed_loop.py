@@ -1,10 +1,10 @@
-"""Deviation from a path of a machine under control, in parts: following error, quasi-static share,
-rigid-body response, residual vibration; in one pose, or with matrices that follow the set point.
+"""Deviation of a machine under control from a path, in parts: following error, quasi-static share,
+rigid-body response, residual vibration; in one pose, or with matrices that change along the path.
 
-Along the path coordinates are deviations from the rigid machine that travels as its set point says,
-motors and screws included: so small that the machine is linear about every pose of the path. A
-controller sees ``x_set - x_measured`` as what the deviation leaves of it, and the speed that the set
-point asks of a motor less that of the rigid travel.
+With matrices that change, coordinates are deviations from the rigid machine at its set point,
+motors and screws included: small enough to linearise about every pose of the path. A controller
+reads ``x_set - x_measured`` from the deviation, and the set speed of a motor less that of the rigid
+motion.
 """
 
 import dataclasses
@@ -62,21 +62,20 @@ from headstock.solvers.motion.set_points import (
 from headstock.solvers.second_order import Channel, Positions
 from headstock.solvers.watched_outputs import Watch, WatchedOutputs, WatchedValues
 
-LEAST = 1e-9  # size of a pole [rad/s]: below it one does not move
+LEAST = 1e-9  # size of a pole [rad/s]: below it a pole counts as zero
 
 
 @dataclass(frozen=True, eq=False)
 class ControlledPath:
-    """A closed loop along a straight path.
+    """Describe a closed loop along a straight path in one pose.
 
     Attributes:
         shares: Travel of each driven axis per travel along the path [-].
-        travel: ``(n_outputs,)`` how the rigid machine moves each output wanted per travel along the
-            path.
+        travel: ``(n_outputs,)`` rigid motion at each output per travel along the path.
         low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and
             mounts [Hz].
-        loads: On the machine; None for none.
-        watched: Other outputs of the loop that are asked for as a whole.
+        loads: Loads on the machine; None for none.
+        watched: Other outputs of the loop, whose total alone is wanted.
     """
 
     loop: ClosedLoop
@@ -89,17 +88,19 @@ class ControlledPath:
 
     @functools.cached_property
     def others(self) -> WatchedOutputs:
-        """Return what is watched, of states and inputs."""
+        """Return the watched outputs as rows of states and inputs."""
         return self.loop.space.watch(self.watched)
 
     @functools.cached_property
     def rows(self) -> Positions:
-        """Return the rows of the outputs wanted."""
+        """Return the indices of the outputs wanted."""
         return self.loop.space.rows.of(self.outputs)
 
     @property
     def given(self) -> dict[Channel, FloatArray]:
-        """Inputs of the loop, of position, speed and acceleration along the path, then of loads."""
+        """Rows of the loop's inputs: of position, speed and acceleration along the path, then of
+        loads.
+        """
         units = dict(zip(SET_POINTS, np.eye(len(SET_POINTS)), strict=True))
         sets = {
             (axis, kind): self.shares.get(axis, 0.0) * units[kind]
@@ -111,11 +112,12 @@ class ControlledPath:
 def _add_loads(
     sets: Mapping[Channel, FloatArray], loads: Sequence[Channel]
 ) -> dict[Channel, FloatArray]:
-    """Rows ``(3 + k,)`` of inputs of position, speed and acceleration along a path, then of ``k`` loads.
+    """Return rows ``(3 + k,)`` of inputs: of position, speed and acceleration along a path, then of
+    ``k`` loads.
 
     Args:
-        sets: Rows ``(3,)`` of inputs that loads do not enter.
-        loads: Where these act.
+        sets: Rows ``(3,)`` of inputs that loads do not act on.
+        loads: Loads and their channels.
     """
     units = np.eye(len(SET_POINTS) + len(loads))
     padded = {channel: np.pad(row, (0, len(loads))) for channel, row in sets.items()}
@@ -125,23 +127,23 @@ def _add_loads(
 def solve_controlled_path(
     path: ControlledPath, move: SetPoint, samples: FloatArray
 ) -> PathDeviation:
-    """Deviation over a move by exact discretisation; position and speed are states, driven by
-    the acceleration alone.
+    """Compute the deviation over a move by exact discretisation; position and speed are states,
+    driven by the acceleration alone.
 
-    Quasi-static is what constant speed (lag) and constant acceleration hold, without the
+    Quasi-static is the steady state at constant speed (lag) and constant acceleration, without the
     low-frequency poles; low_frequency is the part of those poles; dynamic is the residual vibration
-    of the others, and what loads do.
+    of the others, and the response to loads.
 
     Args:
         samples: ``(n,)`` evenly spaced, from zero [s].
 
     Raises:
-        ModelError: The machine floats, so that no acceleration can last.
+        ModelError: The machine is unconstrained, so that it has no steady state under acceleration.
     """
     _require_mounted(path.loop)
     space, others = path.loop.space, path.others
     spread = spread_inputs(space.inputs, path.given)
-    # sums in the order of the axes: of what constant speed holds little is left
+    # summed in the order of the axes, as large terms cancel at constant speed
     b, direct, added = (
         (part[:, :, None] * spread).sum(axis=1)
         for part in (space.b, space.d[path.rows], others.inputs)
@@ -166,14 +168,14 @@ def solve_controlled_path(
 def solve_path_with_friction(
     path: ControlledPath, move: SetPoint, samples: FloatArray
 ) -> tuple[PathDeviation, DrivenMotion]:
-    """The same with friction in the guides; what friction does counts as dynamic.
+    """Compute the same with friction in the guides; its effect counts as dynamic.
 
     Args:
-        path: Its loop is closed with its loads and ``friction_channels``.
+        path: Path whose loop is closed with its loads and ``friction_channels``.
         samples: ``(n,)`` from zero [s].
 
     Raises:
-        ConvergenceError: Friction does not settle.
+        ConvergenceError: Newton's method for friction does not converge.
     """
     linear, space = solve_controlled_path(path, move, samples), path.loop.space
     given = functools.partial(path_inputs, path.loads, move)
@@ -194,7 +196,7 @@ def solve_path_with_friction(
 
 
 def _require_mounted(loop: ClosedLoop) -> None:
-    """Refuse a machine that floats."""
+    """Refuse an unconstrained machine."""
     if has_free_motions(loop):
         raise ModelError(
             "the machine floats, so nothing holds it against accelerating axes; join it to ground by a mount"
@@ -202,8 +204,8 @@ def _require_mounted(loop: ClosedLoop) -> None:
 
 
 def _drive_by_acceleration(a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a system ``(n + 2, n + 2)`` whose last states are position and speed along the path, and
-    its inputs ``(n + 2, 1 + k)``, acceleration and loads.
+    """Return a system ``(n + 2, n + 2)`` whose last states are position and speed along the path,
+    and its inputs ``(n + 2, 1 + k)``, acceleration and loads.
 
     Args:
         a: ``(n, n)``.
@@ -221,8 +223,8 @@ def _drive_by_acceleration(a: FloatArray, b: FloatArray) -> tuple[FloatArray, Fl
 def _split_poles(
     a: FloatArray, b: FloatArray, rows: FloatArray, direct: FloatArray, limit: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Part states ``x = X_s s + X_v v + X_a a + xi``: what a path would hold them at, and what rings
-    about it.
+    """Split states into ``x = X_s s + X_v v + X_a a + xi``: their steady state on the path, and the
+    vibration ``xi`` about it.
 
     Args:
         a: ``(n, n)``.
@@ -232,8 +234,8 @@ def _split_poles(
         limit: Size below which poles are low-frequency ones [rad/s].
 
     Returns:
-        Outputs of the low-frequency poles ``(p, n)``, what these would be held at per travel and speed
-        ``(p, 2)``, and what position, speed and acceleration hold without them ``(p, 3)``.
+        Outputs of the low-frequency poles ``(p, n)``, their steady state per travel and speed
+        ``(p, 2)``, and that per position, speed and acceleration without them ``(p, 3)``.
 
     Source: ``A X_s = -B_s``, ``A X_v = X_s - B_v``, ``A X_a = X_v - B_a``, ``xi' = A xi - X_a a'``.
     """
@@ -248,7 +250,7 @@ def _split_poles(
 
 
 def _project_slow(a: FloatArray, limit: float) -> FloatArray:
-    """Projector ``(n, n)`` on the invariant subspace of the poles below a size.
+    """Return the projector ``(n, n)`` on the invariant subspace of the poles below a size.
 
     Source: Golub and Van Loan (2013), section 7.6.3: ordered Schur form, its blocks parted by a
     Sylvester equation.
@@ -267,10 +269,10 @@ def _project_slow(a: FloatArray, limit: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class RigidTravel:
-    """What a drive does per travel along the path while the machine stays rigid [-].
+    """Store the travel of a drive per travel along the path while the machine is rigid [-].
 
     Attributes:
-        encoder: What its position controller reads.
+        encoder: Travel of the reading of its position controller.
         slide: Motion across its guide.
     """
 
@@ -282,16 +284,16 @@ class RigidTravel:
 
 @dataclass(frozen=True, eq=False)
 class VaryingLoop:
-    """A machine under control along a straight path.
+    """Describe a machine under control along a straight path on which it changes.
 
     Attributes:
-        plant: With free motors, along the path, between :func:`loop_channels`.
-        path: The one of the acceleration along the path.
-        outputs: Where the deviation is wanted.
+        plant: The machine with free motors, along the path, between :func:`loop_channels`.
+        path: Input of the acceleration along the path.
+        outputs: Outputs of the deviation.
         low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and
-            mounts; as many along the whole path [Hz].
-        loads: On the machine; None for none.
-        watched: Other outputs of the closed loop that are wanted after these, as deviations.
+            mounts; the same number along the whole path [Hz].
+        loads: Loads on the machine; None for none.
+        watched: Other outputs of the closed loop, as deviations.
     """
 
     plant: VaryingSystem
@@ -304,13 +306,13 @@ class VaryingLoop:
     watched: tuple[Channel, ...] = ()
 
     def rows(self, space: StateSpace) -> Positions:
-        """Return the rows of the closed loop of the outputs wanted, then of those watched."""
+        """Return the indices of the outputs wanted, then of those watched."""
         return space.rows.of((*self.outputs, *self.watched))
 
     @property
     def given(self) -> dict[Channel, FloatArray]:
-        """Inputs of the closed loop, of position, speed and acceleration along the path, then of
-        loads: a controller is given what deviates.
+        """Rows of the closed loop's inputs: of position, speed and acceleration along the path,
+        then of loads; controllers get deviations.
         """
         rows = {self.path: np.array([0.0, 0.0, 1.0])}
         for train, travel in zip(self.trains, self.travels, strict=True):
@@ -327,7 +329,7 @@ class VaryingLoop:
 
 @dataclass(frozen=True, eq=False)
 class _LoopTable:
-    """What a loop does along a path at steps of one size.
+    """Tabulate steps and outputs of a loop along a path at one step size.
 
     Attributes:
         steps: From the states, position and speed, then the acceleration and the loads at the
@@ -335,9 +337,9 @@ class _LoopTable:
         rows: Position to ``(p, n)`` outputs of the states.
         direct: Position to ``(p, 3 + k)`` outputs of position, speed, acceleration and loads.
         low_frequency: Position to ``(p, n)`` outputs of the low-frequency poles.
-        slow: Position to ``(p, 2)`` what they would be held at per travel and speed.
-        quasi_static: Position to ``(p, 3)`` what position, speed and acceleration hold, without
-            the low-frequency poles.
+        slow: Position to ``(p, 2)`` the steady state of these poles per travel and speed.
+        quasi_static: Position to ``(p, 3)`` the steady state per position, speed and acceleration,
+            without the low-frequency poles.
     """
 
     steps: StepTable
@@ -356,11 +358,11 @@ def loop_channels(
     outputs: Sequence[Channel],
     up_to_hz: float,
 ) -> PlantChannels:
-    """Channels of a plant whose loops are closed along a path.
+    """Return the channels of a plant whose loops are closed along a path.
 
     Args:
         path: Input of the acceleration along the path.
-        outputs: Where the deviation is wanted.
+        outputs: Outputs of the deviation.
         up_to_hz: Modes kept [Hz].
     """
     trains = tuple(trains)
@@ -372,7 +374,7 @@ def loop_channels(
 
 
 def _close_loops_along(loop: VaryingLoop, position: float) -> ClosedLoop:
-    """The closed loop of deviations at a position [m]: its set points are those of each drive."""
+    """Return the closed loop of deviations at a position [m]: each drive has its own set points."""
     sample = loop.plant.at(position)
     plant = _plant_at(sample, loop.plant.scales)
     inputs = (*load_channels(loop.loads), loop.path, *friction_channels(loop.trains))
@@ -380,8 +382,8 @@ def _close_loops_along(loop: VaryingLoop, position: float) -> ClosedLoop:
 
 
 def _deviation_trains(trains: Sequence[DriveTrain]) -> tuple[DriveTrain, ...]:
-    """Drives whose controllers see deviations: each has set points of its own, by its name, and
-    takes them as they are.
+    """Return drives whose controllers get deviations: each has set points of its own, by its name,
+    and takes them unscaled.
     """
     return tuple(
         dataclasses.replace(
@@ -396,11 +398,11 @@ def _deviation_trains(trains: Sequence[DriveTrain]) -> tuple[DriveTrain, ...]:
 
 
 def make_loop_table(loop: VaryingLoop, size: float) -> _LoopTable:
-    """Exact steps of one size [s] of the closed loop along the path, and its outputs.
+    """Tabulate exact steps of one size [s] of the closed loop along the path, and its outputs.
 
     Raises:
-        AccuracyError: The greatest number of places does not suffice.
-        ModelError: The machine floats, so that no acceleration can last.
+        AccuracyError: The largest number of positions does not suffice.
+        ModelError: The machine is unconstrained, so that it has no steady state under acceleration.
     """
     _require_mounted(_close_loops_along(loop, 0.5 * float(loop.plant.positions[-1])))
     steps = tabulate_steps(
@@ -424,12 +426,12 @@ def make_loop_table(loop: VaryingLoop, size: float) -> _LoopTable:
 def solve_varying_control(
     loop: VaryingLoop, move: SetPoint, samples: FloatArray, table: _LoopTable | None = None
 ) -> PathDeviation:
-    """Deviation over a move, in the parts of ``solve_controlled_path``: exact steps in the pose at
-    the middle of each.
+    """Compute the deviation over a move, in the parts of ``solve_controlled_path``: by exact steps
+    in the pose at the middle of each.
 
     Args:
         samples: ``(n,)`` evenly spaced, from zero [s].
-        table: Of steps of the size of ``cut_times``, where it is known.
+        table: Steps of the size of ``cut_times``, where they are already known.
     """
     steps = step_move(loop.loads, move, samples)
     table = table or make_loop_table(loop, float(cut_times(samples, loop.loads)[0][1]))
@@ -454,10 +456,10 @@ def solve_varying_control(
 def solve_varying_friction(
     loop: VaryingLoop, move: SetPoint, samples: FloatArray, table: _LoopTable | None = None
 ) -> tuple[PathDeviation, DrivenMotion]:
-    """The same with friction in the guides; what friction does counts as dynamic.
+    """Compute the same with friction in the guides; its effect counts as dynamic.
 
     Raises:
-        ConvergenceError: Friction does not settle.
+        ConvergenceError: Newton's method for friction does not converge.
     """
     table = table or make_loop_table(loop, float(cut_times(samples, loop.loads)[0][1]))
     track = LoopTrack(
@@ -479,8 +481,8 @@ def solve_varying_friction(
 
 
 def _friction_at(loop: VaryingLoop, position: float) -> FrictionLoop:
-    """The loop with its friction at a position: position, speed and acceleration along the path, and
-    the loads, are given.
+    """Return the loop with its friction at a position, with position, speed and acceleration along
+    the path, and the loads, as inputs.
     """
     slides = [
         travel.slide
@@ -494,7 +496,9 @@ def _friction_at(loop: VaryingLoop, position: float) -> FrictionLoop:
 
 
 def _plant_at(sample: SampledPlant, scales: FloatArray) -> StateSpace:
-    """State space of modes that stiffness couples, scaled as in the middle of the path."""
+    """Return the state space of modes that are coupled by stiffness, scaled as in the middle of the
+    path.
+    """
     space = modal_state_space(
         ModalCoordinates(
             eigenvalues=scales**2,
@@ -527,8 +531,8 @@ def _drive_inputs(loop: VaryingLoop, position: float) -> tuple[StateSpace, Float
 
 
 def _exact_step(loop: VaryingLoop, position: float, size: float) -> FloatArray:
-    """Exact step of the loop frozen at a position: ``(n, n + 2 + 2 (1 + k))``, of states, position and
-    speed, then of what acts, linear between the ends of the step.
+    """Return the exact step of the loop frozen at a position: ``(n, n + 2 + 2 (1 + k))``, of
+    states, position and speed, then of the inputs, linear between the ends of the step.
     """
     space, b, _ = _drive_inputs(loop, position)
     a, acting = _drive_by_acceleration(space.a, b)
@@ -536,8 +540,9 @@ def _exact_step(loop: VaryingLoop, position: float, size: float) -> FloatArray:
 
 
 def _part_poles(states: Sequence[FloatArray], limit_hz: float) -> FloatArray:
-    """Size that parts low-frequency poles from the others in each pose ``(k,)`` [rad/s]: as many
-    everywhere, though a pole may pass the limit; of possible numbers that with the widest gap.
+    """Return the size that separates low-frequency poles from the others in each pose ``(k,)``
+    [rad/s]: with the same number everywhere, though a pole may cross the limit; of possible numbers
+    the one with the widest gap.
 
     Args:
         states: ``(n, n)`` of the loop in each pose.
@@ -545,7 +550,7 @@ def _part_poles(states: Sequence[FloatArray], limit_hz: float) -> FloatArray:
     """
     sizes = np.sort([np.abs(np.linalg.eigvals(a)) for a in states], axis=1)
     below = (sizes < 2.0 * np.pi * limit_hz).sum(axis=1)
-    # with a pole at least below and one above all
+    # at least one pole below, and one above everywhere
     ends = np.column_stack([np.full(len(sizes), LEAST), sizes, np.full(len(sizes), np.inf)])
     ends = np.maximum(ends, LEAST)
     count = max(

@@ -19,23 +19,23 @@ BAND = (
     0.05  # settled: the residual vibration stays below this share of its largest value in the zone
 )
 PADDING = 5.0  # rest before and after a record, in periods of the low-pass
-LEAST_WAVES = 2.0  # of the time looked at, so that a wave counts as periodic
-FINER = 16  # frequencies looked at per one that the time tells apart
+LEAST_WAVES = 2.0  # least number of periods of a sinusoid that counts as periodic
+FINER = 16  # number of evaluated frequencies per frequency resolution
 
 
 @dataclass(frozen=True, eq=False)
 class PathDeviation:
-    """Deviation at the outputs, sampled; the three parts add up to the total.
+    """Store a sampled deviation at outputs; the three parts add up to the total.
 
     Attributes:
         times: ``(n,)`` [s].
         total: ``(n, n_outputs)`` [m, rad].
-        quasi_static: ``(n, n_outputs)``: every mode that is faster than the ramp follows its load
-            at once.
-        low_frequency: ``(n, n_outputs)``: the slower modes, in which the machine sways on soft
-            mounts as a whole.
+        quasi_static: ``(n, n_outputs)``: static response of every mode that is faster than the
+            ramp.
+        low_frequency: ``(n, n_outputs)``: response of the slower modes, such as rigid-body motion
+            on soft mounts.
         dynamic: ``(n, n_outputs)``: the residual vibration of the faster modes.
-        watched: What else was asked for, such as forces.
+        watched: Other outputs that were watched, such as forces.
     """
 
     times: FloatArray
@@ -46,12 +46,12 @@ class PathDeviation:
     watched: WatchedValues = field(default_factory=WatchedValues)
 
     def with_total(self, total: FloatArray, watched: WatchedValues) -> "PathDeviation":
-        """Return it with another total; what that changes counts as dynamic."""
+        """Return the deviation with another total; the difference counts as dynamic."""
         dynamic = total - self.quasi_static - self.low_frequency
         return dataclasses.replace(self, total=total, dynamic=dynamic, watched=watched)
 
     def __add__(self, other: "PathDeviation") -> "PathDeviation":
-        """Return two deviations of a linear machine together."""
+        """Return the superposition of two deviations of a linear machine."""
         return PathDeviation(
             self.times,
             self.total + other.total,
@@ -64,10 +64,10 @@ class PathDeviation:
 
 @dataclass(frozen=True)
 class LowPass:
-    """A Butterworth low-pass of fourth order.
+    """Define a Butterworth low-pass of fourth order.
 
     Attributes:
-        frequency_hz: Where it halves the power once through [Hz].
+        frequency_hz: Cut-off frequency, where one pass halves the power [Hz].
         kind: ``zero_phase``: forwards and backwards, no delay and twice the order; ``causal``:
             once, as an instrument does.
     """
@@ -78,22 +78,23 @@ class LowPass:
 
 @dataclass(frozen=True)
 class ZoneFigures:
-    """One output in one acceleration zone: the ramp, and the residual vibration after it.
+    """Store figures of one output in one acceleration zone: the ramp, and the residual vibration
+    after it.
 
     Attributes:
-        begin: Of the ramp [s].
-        ramp_end: Its end [s].
-        end: Where the residual vibration is no longer looked at [s].
+        begin: Begin of the ramp [s].
+        ramp_end: End of the ramp [s].
+        end: End of the evaluated residual vibration [s].
         peak: Largest deviation, with its sign [m, rad].
-        peak_time: When [s].
+        peak_time: Time of the peak [s].
         span: Largest less smallest deviation.
         ramp_peak: Largest deviation during the ramp, with its sign.
         ramp_span: Largest less smallest during the ramp.
         quasi_static: Largest quasi-static part, with its sign.
         dynamic: Largest residual vibration.
-        rms: Of the deviation over the zone.
-        settling: How long after the ramp the residual vibration stays below a share of its largest
-            value [s]; None when it does not.
+        rms: Root mean square of the deviation over the zone.
+        settling: Time after the ramp until the residual vibration stays below a share of its
+            largest value [s]; None when it does not.
     """
 
     begin: float
@@ -111,8 +112,8 @@ class ZoneFigures:
 
 
 def filter_deviation(found: PathDeviation, low_pass: LowPass | None) -> PathDeviation:
-    """The deviation and its parts through a low-pass; the parts still add up. The machine rests
-    before the record begins.
+    """Filter the deviation and its parts by a low-pass; the parts still add up. The machine is at
+    rest before the record begins.
     """
     if low_pass is None:
         return found
@@ -143,13 +144,13 @@ def filter_deviation(found: PathDeviation, low_pass: LowPass | None) -> PathDevi
 def measure_zones(
     deviation: PathDeviation, raw: PathDeviation, move: SetPoint, output: int, residual_time: float
 ) -> tuple[ZoneFigures, ZoneFigures]:
-    """Figures of one output in both zones; a zone ends before the next one begins, or so long after
-    its ramp.
+    """Measure one output in both zones; a zone ends before the next one begins, or a given time
+    after its ramp.
 
     Args:
-        raw: Before the filter, which would round the corners of the quasi-static part and carry
-            residual vibration from one zone into another.
-        residual_time: How long after a ramp its residual vibration is looked at [s].
+        raw: The deviation before the filter, which would round the corners of the quasi-static part
+            and spread residual vibration from one zone into another.
+        residual_time: Time after a ramp in which its residual vibration is evaluated [s].
     """
     (_, first_end), (second, _) = move.zones
     limits = max(second, first_end), float(deviation.times[-1])
@@ -162,16 +163,17 @@ def measure_zones(
 
 @dataclass(frozen=True)
 class CruiseFigures:
-    """One output while the feed is constant: how straight the line is, and what repeats in it.
+    """Store figures of one output at constant feed: straightness, and the strongest
+    periodic part.
 
     Attributes:
-        begin: When the residual vibration of the first ramp is no longer looked at [s].
-        end: When the second ramp begins [s].
+        begin: End of the residual vibration of the first ramp [s].
+        end: Begin of the second ramp [s].
         variation: Largest less smallest deviation [m, rad].
-        straightness: The same about the least-squares line.
-        period: Of the strongest wave that fits at least twice [s].
-        distance: The same along the path [m].
-        amplitude: Of this wave [m, rad].
+        straightness: Largest less smallest distance from the least-squares line.
+        period: Period of the strongest sinusoid that fits at least twice [s].
+        distance: Wavelength of this sinusoid along the path [m].
+        amplitude: Amplitude of this sinusoid [m, rad].
     """
 
     begin: float
@@ -186,13 +188,13 @@ class CruiseFigures:
 def measure_cruise(
     found: PathDeviation, move: SetPoint, output: int, residual_time: float
 ) -> CruiseFigures | None:
-    """Figures of one output at constant feed; None where that is too short to tell.
+    """Measure one output at constant feed; None where that is too short.
 
     Args:
-        residual_time: How long after the ramp its residual vibration is left out [s].
+        residual_time: Time after the ramp that is excluded for its residual vibration [s].
 
-    Source: the strongest wave by the least-squares spectrum of the values about their line (Lomb
-    1976).
+    Source: the strongest sinusoid by the least-squares spectrum of the values about their line
+    (Lomb 1976).
     """
     begin, end = move.zones[0][1] + residual_time, move.zones[1][0]
     inside = (found.times >= begin) & (found.times <= end)
@@ -202,7 +204,7 @@ def measure_cruise(
     arms = times - times.mean()
     rest = values - values.mean() - arms * float(arms @ values) / float(arms @ arms)
     span = float(times[-1] - times[0])
-    # a fine grid of frequencies: the transform of the values with zeros behind them
+    # a fine grid of frequencies: the transform of zero-padded values
     size = FINER * len(rest)
     spectrum = np.abs(np.fft.rfft(rest * np.hanning(len(rest)), size))
     frequencies = np.fft.rfftfreq(size, span / (len(times) - 1))
@@ -223,8 +225,8 @@ def measure_cruise(
 
 
 class _Zone(NamedTuple):
-    """Times of a ramp [s]: its begin and end, up to when its figures count, and until when nothing
-    else moves the machine.
+    """Store times of a ramp [s]: its begin and end, until when its figures are measured, and until
+    when no other ramp acts.
     """
 
     begin: float
@@ -260,8 +262,8 @@ def _measure(found: PathDeviation, raw: PathDeviation, output: int, zone: _Zone)
 
 
 def _settle(raw: PathDeviation, output: int, zone: _Zone) -> float | None:
-    """Time after a ramp from which the residual vibration stays small until the next ramp or the end; None
-    when it does not.
+    """Return the time after a ramp from which the residual vibration stays small until the next
+    ramp or the end; None when it does not.
     """
     first, ended, last = np.searchsorted(raw.times, [zone.begin, zone.ramp_end, zone.limit - 1e-9])
     residual = np.abs(raw.dynamic[first:last, output])

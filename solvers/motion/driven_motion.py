@@ -1,7 +1,7 @@
-"""A machine under control in time, with friction in its guides, and where the energy went.
+"""A machine under control in time, with friction in its guides, and its energy balance.
 
-Steps are exact but for friction (``friction_loop``). They are as long as what is given and the natural
-modes allow, and are halved where friction changes faster than its parabola follows.
+Steps are exact but for friction (``friction_loop``). They are as long as inputs and natural modes
+allow, and are halved where friction is not represented by a parabola.
 """
 
 import dataclasses
@@ -34,13 +34,13 @@ from headstock.solvers.motion.friction_loop import (
 from headstock.solvers.second_order import Channel
 
 TOLERANCE = 1e-10  # error of a step by friction, as a share of the size of each kind of state
-ANGLE = 8.0  # of the fastest natural mode in a step [rad]: works are integrated inside it
+ANGLE = 8.0  # phase of the fastest natural mode in a step [rad]: works are integrated inside it
 PROBES = 2000
 
 
 @dataclass(frozen=True, eq=False)
 class _EnergyHistory:
-    """Energies over time ``(n,)`` [J], counted from the start.
+    """Store energies over time ``(n,)`` [J], counted from the start.
 
     Attributes:
         stored: Kinetic and strain energy of the machine.
@@ -55,7 +55,7 @@ class _EnergyHistory:
 
     @property
     def error(self) -> float:
-        """Largest energy that is missing, over the largest that is stored, was put in or lost."""
+        """Return the largest missing energy, over the largest that is stored, put in or lost."""
         missing = (
             self.stored
             - self.stored[0]
@@ -79,15 +79,15 @@ class _EnergyHistory:
 
 @dataclass(frozen=True, eq=False)
 class DrivenMotion:
-    """What a controlled machine did.
+    """Store the motion of a controlled machine.
 
     Attributes:
         times: ``(n,)`` [s].
         left: ``(n, m)`` states just before each time.
-        right: ``(n, m)`` and just after it: an impulse is between them.
+        right: ``(n, m)`` and just after it: an impulse lies between them.
         outputs: ``(n, p)`` of the closed loop, just after each time.
         friction: ``(n, k)`` force against the motion there [N].
-        steps: How many were taken.
+        steps: Number of steps taken.
     """
 
     times: FloatArray
@@ -100,13 +100,14 @@ class DrivenMotion:
 
 
 @dataclass(frozen=True, eq=False)
-class _Outset:
-    """How a motion begins that does not begin from rest, and what strikes it on its way.
+class _InitialState:
+    """Define the initial state of a motion that does not start from rest, and impulses
+    during it.
 
     Attributes:
         state: ``(m,)`` before the first time.
         jumps: ``(n, m)`` of the state at each time, by impulses.
-        sizes: ``(p, m)`` states as large as those to be expected.
+        sizes: ``(p, m)`` states of the expected size.
     """
 
     state: FloatArray
@@ -123,19 +124,20 @@ def solve_motion(
     breaks: FloatArray | None = None,
     longest: float = np.inf,
 ) -> DrivenMotion:
-    """Motion from rest under set points and loads, with the friction of every drive that has one.
+    """Integrate the motion from rest under set points and loads, with the friction of every drive
+    that has one.
 
     Args:
-        loop: Closed with ``friction_channels`` of its drives among its inputs.
-        given: What is given ``(n, q)`` at times ``(n,)``.
+        loop: Closed loop with ``friction_channels`` of its drives among its inputs.
+        given: Returns inputs ``(n, q)`` at times ``(n,)``.
         times: ``(n,)`` instants wanted, rising; the first is the start.
-        spread: Set points and loads to their rows ``(q,)`` of what is given; None for these
+        spread: Set points and loads to their rows ``(q,)`` of the inputs; None for these
             themselves, in their order.
-        breaks: Instants at which what is given jumps or kinks: no step reaches over one.
-        longest: Over which what is given is a polynomial of degree four [s].
+        breaks: Instants at which inputs or their slopes jump: no step extends over one.
+        longest: Longest step in which inputs are polynomials of degree four [s].
 
     Raises:
-        ConvergenceError: Friction does not settle.
+        ConvergenceError: Newton's method for friction does not converge.
     """
     track = still_track(make_friction_loop(loop, spread))
     return integrate_track(track, given, times, breaks=breaks, longest=longest)
@@ -147,41 +149,41 @@ def integrate_track(
     times: FloatArray,
     *,
     breaks: FloatArray | None = None,
-    outset: _Outset | None = None,
+    initial: _InitialState | None = None,
     longest: float = np.inf,
 ) -> DrivenMotion:
-    """The same of a loop that may change along a path, and from any state.
+    """Integrate the same of a loop that may change along a path, from any state.
 
-    A step is that of the pose at its middle. Works are integrated inside every step, that of friction
-    by its law, so that their balance tells what the parabolas miss.
+    A step is that of the pose at its middle. Works are integrated inside every step, that of
+    friction by its law, so that their balance shows the error of the parabolas.
 
     Args:
-        given: What is given ``(n, q)`` at times ``(n,)``.
+        given: Returns inputs ``(n, q)`` at times ``(n,)``.
         times: ``(n,)`` instants wanted, rising; the first is the start.
-        breaks: Instants at which what is given jumps or kinks: no step reaches over one.
-        outset: How it begins; None for rest.
-        longest: Over which what is given is a polynomial of degree four [s].
+        breaks: Instants at which inputs or their slopes jump: no step extends over one.
+        initial: Initial state and impulses; None for rest.
+        longest: Longest step in which inputs are polynomials of degree four [s].
 
     Raises:
-        ConvergenceError: Friction does not settle.
+        ConvergenceError: Newton's method for friction does not converge.
     """
     times = np.asarray(times, dtype=float)
     typical = track.loop(len(track.places) // 2)
-    outset = outset or _Outset(
+    initial = initial or _InitialState(
         np.zeros(typical.size),
         np.zeros((len(times), typical.size)),
         _coarse_states(typical, given, times),
     )
-    allowed = TOLERANCE * _state_scale(typical, outset.sizes, float(times[-1] - times[0]))
+    allowed = TOLERANCE * _state_scale(typical, initial.sizes, float(times[-1] - times[0]))
     grid = cut_steps(times, breaks, given, min(longest, ANGLE / _fastest_mode(typical)))
     wanted = np.searchsorted(grid, times)
     kept = {int(instant): number for number, instant in enumerate(wanted)}
     left = np.empty((len(times), typical.size))
-    right = np.empty_like(left) if outset.jumps.any() else left
+    right = np.empty_like(left) if initial.jumps.any() else left
     works, posed = np.zeros((len(grid), len(WORKS))), np.zeros(len(grid))
     steps, integrator = np.diff(grid), FrictionIntegrator(track, typical, allowed)
     few = find_rare_sizes(steps) & (not track.still)
-    state = outset.state
+    state = initial.state
     for start in range(0, len(steps), CHUNK):
         part = slice(start, min(start + CHUNK, len(steps)))
         after = slice(start + 1, part.stop + 1)
@@ -194,7 +196,7 @@ def integrate_track(
             if part.start + number in kept:
                 instant = kept[part.start + number]
                 left[instant] = state
-                state = right[instant] = state + outset.jumps[instant]
+                state = right[instant] = state + initial.jumps[instant]
             begun[number] = state
             state = ended[number] = integrator.advance(
                 number,
@@ -208,7 +210,7 @@ def integrate_track(
         if not track.still:
             ends = grid[start : part.stop + 1]
             posed[after] = _posed_work(track, ends, middles, begun, ended)
-    left[-1], right[-1] = state, state + outset.jumps[-1]
+    left[-1], right[-1] = state, state + initial.jumps[-1]
     positions = track.positions(times)
     friction_forces, outputs = _observe(track, positions, right, given(times))
     return DrivenMotion(
@@ -242,8 +244,8 @@ def _add_works(
 def _posed_work(
     track: LoopTrack, grid: FloatArray, middles: FloatArray, begun: FloatArray, ended: FloatArray
 ) -> FloatArray:
-    """Return the energy ``(n,)`` that states take in by the change of pose in each step, from its begin
-    to its middle and on to its end.
+    """Return the change of stored energy ``(n,)`` by the change of pose in each step, from its
+    begin to its middle and on to its end.
     """
     positions = track.positions(grid)
     return np.asarray(
@@ -255,14 +257,14 @@ def _posed_work(
 
 
 def _stored(track: LoopTrack, positions: FloatArray, states: FloatArray) -> FloatArray:
-    """Stored energy ``(n,)`` of states in their poses."""
+    """Return the stored energy ``(n,)`` of states in their poses."""
     return track.blend(positions, lambda model, which: model.stored_energy(states[which]))
 
 
 def _observe(
     track: LoopTrack, positions: FloatArray, states: FloatArray, given: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Friction ``(n, k)`` and outputs ``(n, p)``."""
+    """Return friction ``(n, k)`` and outputs ``(n, p)``."""
     friction_forces = friction_force(
         track.loop(0).law,
         track.blend(
@@ -276,19 +278,19 @@ def _observe(
         return np.asarray(
             states[which] @ space.c[rows].T
             + given[which] @ model.d[rows].T
-            - friction_forces[which] @ model.passed[rows].T
+            - friction_forces[which] @ model.feedthrough[rows].T
         )
 
     return friction_forces, track.blend(positions, outputs)
 
 
 def _fastest_mode(model: FrictionLoop) -> float:
-    """Of the machine with free motors [rad/s]."""
+    """Return the highest natural frequency of the machine with free motors [rad/s]."""
     return float(np.abs(np.linalg.eigvals(model.loop.plant.a).imag).max(initial=1e-9))
 
 
 def _coarse_states(model: FrictionLoop, given: Given, times: FloatArray) -> FloatArray:
-    """States ``(p, m)`` of a coarse linear run from rest without friction."""
+    """Return states ``(p, m)`` of a coarse linear run from rest without friction."""
     instants = np.linspace(times[0], times[-1], PROBES)
     step = float(instants[1] - instants[0])
     # implicit Euler: rough and never unstable; only sizes are wanted
@@ -303,7 +305,9 @@ def _coarse_states(model: FrictionLoop, given: Given, times: FloatArray) -> Floa
 
 
 def _state_scale(model: FrictionLoop, states: FloatArray, duration: float) -> FloatArray:
-    """How large each kind of state gets ``(m,)``, from states ``(p, m)`` as large."""
+    """Return the size ``(m,)`` of each kind of state, from states ``(p, m)`` of the
+    expected size.
+    """
     machine = model.loop.plant_size
     dry = float(np.maximum(model.law.coulomb, model.law.breakaway).sum())
     energy = float(model.stored_energy(states).max(initial=0.0))
@@ -316,7 +320,7 @@ def _state_scale(model: FrictionLoop, states: FloatArray, duration: float) -> Fl
 
 @dataclass(frozen=True, eq=False)
 class FrictionTransient:
-    """What a controlled machine with friction did under loads over time.
+    """Store the motion of a controlled machine with friction under loads over time.
 
     Attributes:
         friction: ``(n - 1, k)`` force against the motion at the begin of each step, and at its end
@@ -330,10 +334,10 @@ class FrictionTransient:
 
 
 def sharpen_friction(loop: ClosedLoop, share: float) -> ClosedLoop:
-    """The loop with friction that changes its sign over a share of the speed.
+    """Return the loop with friction whose sign changes over a share of the present speed range.
 
     Args:
-        loop: Closed with ``friction_channels`` of its drives.
+        loop: Closed loop with ``friction_channels`` of its drives.
     """
     trains = tuple(
         train
@@ -357,15 +361,15 @@ def solve_friction_transient(
     inputs: Sequence[Channel],
     outputs: Sequence[Channel],
 ) -> FrictionTransient:
-    """Motion under loads with friction, set points at rest.
+    """Compute the motion under loads with friction, set points at rest.
 
     Args:
-        loop: Closed with the inputs and ``friction_channels`` of its drives.
-        free: The same motion without friction, which begins alike and tells how large states get.
-        inputs: Where the loads act.
+        loop: Closed loop with the inputs and ``friction_channels`` of its drives.
+        free: The same motion without friction, for its initial state and the size of states.
+        inputs: Input channels of the loads.
 
     Raises:
-        ConvergenceError: Friction does not settle.
+        ConvergenceError: Newton's method for friction does not converge.
     """
     # several loads may act on one channel
     rows = {channel: np.array([float(other == channel) for other in inputs]) for channel in inputs}
@@ -374,7 +378,7 @@ def solve_friction_transient(
         still_track(model),
         _follow_loads(loads),
         loads.times,
-        outset=_Outset(free.left[0], loads.impulses @ model.b.T, free.right),
+        initial=_InitialState(free.left[0], loads.impulses @ model.b.T, free.right),
     )
     friction_forces = (
         friction_force(model.law, motion.right[:-1] @ model.slides.T),
@@ -389,7 +393,9 @@ def solve_friction_transient(
 
 
 def _follow_loads(loads: SteppedLoads) -> Given:
-    """Loads ``(n, k)`` at times; where one jumps, that after it."""
+    """Return a function for loads ``(n, k)`` at times; where one jumps, its value after
+    the jump.
+    """
 
     def given(times: FloatArray) -> FloatArray:
         numbers = np.searchsorted(loads.times, times, side="right") - 1
@@ -413,27 +419,29 @@ def _read_outputs(
     friction: tuple[FloatArray, FloatArray],
     outputs: Sequence[Channel],
 ) -> Response:
-    """Displacements and speeds of the outputs wanted."""
+    """Return displacements and speeds of the outputs wanted."""
     space = model.loop.space
     wanted = space.rows.of(outputs)
-    rows, direct, passed = space.c[wanted], model.d[wanted], model.passed[wanted]
+    rows, direct, feedthrough = space.c[wanted], model.d[wanted], model.feedthrough[wanted]
     values, rates = loads.evaluate()
     moved, speeds = [], []
     for end, states in enumerate((motion.right[:-1], motion.left[1:])):
         sliding, friction_forces = states @ model.slides.T, friction[end]
         changes = states @ space.a.T + values[:, end] @ model.b.T - friction_forces @ model.drag.T
         slopes = friction_slope(model.law, sliding)
-        moved.append(states @ rows.T + values[:, end] @ direct.T - friction_forces @ passed.T)
+        moved.append(states @ rows.T + values[:, end] @ direct.T - friction_forces @ feedthrough.T)
         speeds.append(
             changes @ rows.T
             + rates[:, end] @ direct.T
-            - (slopes * (changes @ model.slides.T)) @ passed.T
+            - (slopes * (changes @ model.slides.T)) @ feedthrough.T
         )
     return Response(loads.times, moved[0], moved[1], speeds[0], speeds[1], loads.sampled)
 
 
 def _add_energies(model: FrictionLoop, motion: DrivenMotion) -> EnergyBalance:
-    """Works of drives and loads beside what dampers and friction take."""
+    """Return the energy balance: works of drives and loads against losses in dampers and
+    friction.
+    """
     every, first = motion.energy, model.stored_energy(motion.left[0])
     begun = float(every.stored[0] - first)  # by an impulse at the first time
     return EnergyBalance(

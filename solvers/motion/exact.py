@@ -47,15 +47,15 @@ SAME_STEP = 1e-9
 
 @dataclass(frozen=True)
 class PathModel:
-    """What a deviation is computed of.
+    """Define which deviation is computed.
 
     Attributes:
         source: Input of the acceleration along the path.
-        outputs: Where the deviation is wanted.
+        outputs: Outputs of the deviation.
         low_frequency_limit_hz: Modes below it do not follow a ramp [Hz].
-        up_to_hz: Modes kept; those above follow at once. None keeps all.
-        loads: On the machine; None for none.
-        watched: Other outputs that are asked for as a whole.
+        up_to_hz: Modes kept; those above respond statically. None keeps all.
+        loads: Loads on the machine; None for none.
+        watched: Other outputs whose total alone is wanted.
     """
 
     source: Channel
@@ -67,25 +67,25 @@ class PathModel:
 
     @property
     def inputs(self) -> tuple[Channel, ...]:
-        """All of them."""
+        """Channels of the acceleration along the path and of the loads."""
         return (self.source, *load_channels(self.loads))
 
 
 @dataclass(frozen=True, eq=False)
 class Disturbance:
-    """Loads along a path that do not come from its acceleration.
+    """Describe loads along a path that are independent of its acceleration.
 
     Attributes:
-        channels: Where they act.
-        at: Loads ``(n, k)`` at instants ``(n,)``.
-        step: Longest time over which a load may be taken for straight [s].
-        passed: What outputs have of them at once; None for nothing.
+        channels: Input channels of the loads.
+        at: Returns loads ``(n, k)`` at instants ``(n,)``.
+        step: Longest time over which a load may be approximated as linear [s].
+        feedthrough: Direct feedthrough of the loads to outputs; None for none.
     """
 
     channels: tuple[Channel, ...]
     at: Callable[[FloatArray], FloatArray]
     step: float
-    passed: Feedthrough | None = None
+    feedthrough: Feedthrough | None = None
 
     def act_on(
         self,
@@ -97,11 +97,11 @@ class Disturbance:
         held: FloatArray,
         samples: FloatArray,
     ) -> PathDeviation:
-        """Return what they do to a system between their channels and outputs.
+        """Return the deviation of a system by these loads.
 
         Args:
             below: ``(p, n)`` outputs of the low-frequency states.
-            held: ``(p, k)`` what inputs hold without these.
+            held: ``(p, k)`` static response to inputs, without the low-frequency states.
             samples: ``(n,)`` evenly spaced, from zero [s].
         """
         fine, parts = refine_times(samples, self.step)
@@ -126,10 +126,10 @@ class Disturbance:
 def solve_path(
     system: SecondOrderSystem, model: PathModel, move: SetPoint, samples: FloatArray
 ) -> PathDeviation:
-    """Deviation of a system over a move; no error but that of the model, whatever the sampling.
+    """Compute the deviation of a system over a move, exact for any sampling.
 
     Args:
-        system: Symmetric, with the source among its inputs.
+        system: Symmetric system, with the source among its inputs.
         samples: ``(n,)`` evenly spaced, from zero [s].
 
     Raises:
@@ -141,7 +141,7 @@ def solve_path(
         coordinates = keep_modes(coordinates, count_modes(coordinates, model.up_to_hz))
     space = modal_state_space(coordinates, model.inputs, outputs)
     below, held = _split_modes(coordinates, space, model.outputs, model.low_frequency_limit_hz)
-    # of what loads do nothing counts as quasi-static
+    # the whole response to loads counts as dynamic
     held[:, space.columns.of(load_channels(model.loads))] = 0.0
     steps = step_move(model.loads, move, samples)
     return respond_exactly(
@@ -158,7 +158,7 @@ def solve_path(
 def _find_coordinates(
     system: SecondOrderSystem, inputs: Sequence[Channel], outputs: Sequence[Channel]
 ) -> ModalCoordinates:
-    """Return the modes of a system in time.
+    """Return the modal coordinates of a system for time integration.
 
     Raises:
         ModelError: A channel is unknown, a damper acts on a dof without mass, or a matrix is not
@@ -186,11 +186,11 @@ def respond_exactly(
     error of integration.
 
     Args:
-        space: Its ``n`` states and ``k`` inputs; its outputs are not looked at.
+        space: State space with ``n`` states and ``k`` inputs; its own outputs are not used.
         wanted: ``p`` outputs that deviate.
-        below: ``(p, n)`` the same of the low-frequency states alone.
-        quasi_static: ``(n_samples, p)`` what inputs hold without these.
-        channels: Names of what is watched.
+        below: ``(p, n)`` these outputs of the low-frequency states alone.
+        quasi_static: ``(n_samples, p)`` static response to inputs, without these states.
+        channels: Names of the watched outputs.
     """
     count, c = len(below), np.vstack([wanted.states, below, watched.states])
     states = dataclasses.replace(
@@ -219,23 +219,23 @@ def solve_loads(
     low_frequency_limit_hz: float,
     watch: Watch,
 ) -> PathDeviation:
-    """Deviation of a system at rest under loads along a path that do not come from its acceleration,
-    such as errors of guides as they are passed, exact for loads that are straight between fine steps.
+    """Compute the deviation of a system at rest under loads along a path that are independent of
+    its acceleration, such as guide errors; exact for loads that are linear between fine steps.
 
     Args:
-        system: Symmetric, with the channels of the loads among its inputs.
-        outputs: Where the deviation is wanted.
-        loads: They begin at zero.
+        system: Symmetric system, with the channels of the loads among its inputs.
+        outputs: Outputs of the deviation.
+        loads: Loads that begin at zero.
         samples: ``(n,)`` evenly spaced, from zero [s].
         low_frequency_limit_hz: Modes below count as low-frequency response [Hz].
-        watch: What else is wanted of it.
+        watch: Other outputs that are wanted.
 
     Raises:
         ModelError: A channel is unknown, or a damper acts on a dof without mass.
     """
     wanted = (*outputs, *watch.outputs)
     coordinates = _find_coordinates(system, loads.channels, wanted)
-    space = modal_state_space(coordinates, loads.channels, wanted).pass_on(loads.passed)
+    space = modal_state_space(coordinates, loads.channels, wanted).pass_on(loads.feedthrough)
     below, held = _split_modes(coordinates, space, outputs, low_frequency_limit_hz)
     return loads.act_on(space, outputs, watch, below=below, held=held, samples=samples)
 
@@ -248,12 +248,12 @@ def solve_loop_loads(
     samples: FloatArray,
     watch: Watch,
 ) -> PathDeviation:
-    """The same of a stable closed loop that holds its set points; its quasi-static part is what it
-    holds under constant loads.
+    """Compute the same of a stable closed loop at constant set points; its quasi-static part is its
+    static response.
     """
     columns, rows = loop.columns.of(loads.channels), loop.rows.of(outputs)
     b, d = loop.b[:, columns], loop.d[:, columns]
-    space = dataclasses.replace(loop, b=b, d=d, inputs=loads.channels).pass_on(loads.passed)
+    space = dataclasses.replace(loop, b=b, d=d, inputs=loads.channels).pass_on(loads.feedthrough)
     held = space.d[rows] - loop.c[rows] @ np.linalg.solve(loop.a, b)
     none = np.zeros((len(outputs), len(space.a)))
     return loads.act_on(space, outputs, watch, below=none, held=held, samples=samples)
@@ -266,7 +266,7 @@ def _split_modes(
     low_frequency_limit_hz: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the outputs of the low-frequency modes ``(p, n)``, and the deviation per unit of each
-    input ``(p, k)`` if all other modes respond quasi-statically, with what outputs have directly.
+    input ``(p, k)`` if all other modes respond quasi-statically, with the direct feedthrough.
     """
     rows = space.rows.of(outputs)
     slow = coordinates.omega < 2.0 * np.pi * low_frequency_limit_hz
@@ -282,11 +282,11 @@ def slow_modes(frequencies_hz: Sequence[float] | FloatArray, low_frequency_limit
 
 @dataclass(frozen=True, eq=False)
 class StepTable:
-    """Exact steps along a path, those of one size interpolated.
+    """Interpolate exact steps of one size along a path.
 
     Attributes:
         step: Position [m] and size [s] to the matrix of a step: the state after it from the state
-            and what is given at its beginning and end.
+            before and the inputs at its beginning and end.
         size: The most frequent one [s].
         spline: Position to the matrix of a step of this size.
     """
@@ -299,9 +299,9 @@ class StepTable:
         """Return the states at all times ``(n, size)``, from rest.
 
         Args:
-            move: Where the system stands.
+            move: Move that gives the position of the system.
             times: ``(n,)`` [s].
-            given: ``(n - 1, k)`` what the matrix of each step takes besides the state.
+            given: ``(n - 1, k)`` inputs of each step besides the state.
         """
         steps = np.diff(times)
         middles = sample_move(move, 0.5 * (times[1:] + times[:-1])).positions
@@ -322,10 +322,10 @@ class StepTable:
 
 
 def make_step_table(system: VaryingSystem, size: float) -> StepTable:
-    """Return steps of one size at so many places that those between are known.
+    """Tabulate steps of one size at enough positions to interpolate between them.
 
     Raises:
-        AccuracyError: The greatest number of places does not suffice.
+        AccuracyError: The largest number of positions does not suffice.
     """
 
     def step(position: float, size: float) -> FloatArray:
@@ -337,16 +337,16 @@ def make_step_table(system: VaryingSystem, size: float) -> StepTable:
 def tabulate_steps(
     step: Callable[[float, float], FloatArray], length: float, size: float
 ) -> StepTable:
-    """The same of any steps.
+    """Tabulate any steps of one size at enough positions to interpolate between them.
 
     Args:
-        step: The matrix of a step in the middle of which the system stands at a position [m], by its
+        step: The matrix of a step in the middle of which the system is at a position [m], by its
             size [s].
         length: Of the path [m].
         size: The most frequent one [s].
 
     Raises:
-        AccuracyError: The greatest number of places does not suffice.
+        AccuracyError: The largest number of positions does not suffice.
     """
     exact: dict[float, FloatArray] = {}
     count = FIRST_KNOTS
@@ -377,8 +377,9 @@ def tabulate_steps(
 def _step_pose(pose: SampledPlant, scales: FloatArray, size: float) -> FloatArray:
     """Return the exact step of the system frozen at one position, as a matrix ``(2m, 2m + 2k)``.
 
-    It gives the state ``(scale q, q')`` after the step from the state before it and what acts at its
-    beginning and end, between which it is linear: the acceleration along the path, and loads.
+    It gives the state ``(scale q, q')`` after the step from the state before it and the inputs at
+    its beginning and end, between which these are linear: the acceleration along the path, and
+    loads.
 
     Args:
         pose: Modal matrices of ``m`` modes at that position.
@@ -402,7 +403,7 @@ def solve_varying_path(
     samples: FloatArray,
     table: StepTable | None = None,
 ) -> PathDeviation:
-    """Deviation over a move along which the system changes.
+    """Compute the deviation over a move along which the system changes.
 
     Args:
         move: Along the same path.
@@ -429,8 +430,8 @@ def solve_varying_path(
 def observe_along(
     rows: CubicSpline, positions: FloatArray, displacements: FloatArray
 ) -> FloatArray:
-    """Motion at the outputs ``(n, p)``; one output after the other, as rows along the path take
-    room.
+    """Return the motion at the outputs ``(n, p)``; one output after the other, which
+    saves memory.
     """
     outputs = range(rows.c.shape[2])
     single = (

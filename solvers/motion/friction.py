@@ -20,7 +20,7 @@ type FrictionLaw = GuideFriction | StackedFriction
 
 @dataclass(frozen=True, eq=False)
 class StackedFriction:
-    """Laws of ``d`` guides as arrays ``(d,)``; see :class:`GuideFriction`."""
+    """Store laws of ``d`` guides as arrays ``(d,)``; see :class:`GuideFriction`."""
 
     coulomb: FloatArray
     breakaway: FloatArray
@@ -34,24 +34,29 @@ class StackedFriction:
 
 
 def stack_laws(laws: Sequence[GuideFriction | None]) -> StackedFriction:
-    """Return the laws of several guides, to be evaluated together; None for a guide without friction."""
+    """Return the laws of several guides, to be evaluated together; zero for a guide without
+    friction.
+    """
     names = [law_field.name for law_field in dataclasses.fields(StackedFriction)]
     filled = [law or GuideFriction() for law in laws]
     return StackedFriction(*(np.array([getattr(law, name) for law in filled]) for name in names))
 
 
 def friction_force(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
-    """Force against the motion [N]; of several guides at speeds ``(..., d)``."""
+    """Return the force against the motion [N]; of several guides at speeds ``(..., d)``."""
     return evaluate_friction(law, velocity)[0]
 
 
 def friction_slope(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
-    """Derivative of the force by the velocity [N s/m]; negative where friction falls with speed."""
+    """Return the derivative of the force by the velocity [N s/m]; negative where friction falls
+    with speed.
+    """
     return evaluate_friction(law, velocity)[1]
 
 
 def evaluate_friction(law: FrictionLaw, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Force against the motion [N] and its derivative by the velocity [N s/m], likewise.
+    """Return the force against the motion [N] and its derivative by the velocity [N s/m],
+    likewise.
 
     Source: Armstrong-Helouvry, Dupont and Canudas de Wit (1994), A survey of models, section 2.1
     (Stribeck curve with a Gaussian);
@@ -69,11 +74,12 @@ def evaluate_friction(law: FrictionLaw, velocity: FloatArray) -> tuple[FloatArra
 
 @dataclass(frozen=True, eq=False)
 class CoordinateFriction:
-    """Friction on ``d`` coordinates.
+    """Describe friction on ``d`` coordinates.
 
     Attributes:
-        coordinates: ``(d,)`` which.
-        speeds: ``(n, d)`` at ``n`` steps, what the speed of each is beside that of the system [m/s].
+        coordinates: ``(d,)`` indices of the coordinates.
+        speeds: ``(n, d)`` set speeds at ``n`` steps, to which the rates of the coordinates are
+            added [m/s].
     """
 
     coordinates: NDArray[np.intp]
@@ -85,7 +91,7 @@ class CoordinateFriction:
         return friction_force(self.law, self.speeds + rates[:, self.coordinates])
 
     def settle(self, step: int, free: FloatArray, gain: FloatArray) -> FloatArray:
-        """Forces ``(d,)`` that act on the coordinates at a step [N].
+        """Solve for the friction forces ``(d,)`` on the coordinates at a step [N].
 
         Args:
             free: ``(d,)`` speeds of the coordinates at its end without these forces [m/s].
@@ -105,7 +111,7 @@ class CoordinateFriction:
             change = np.linalg.solve(np.eye(len(now)) + gain * slopes, -off)
             share, missed = 1.0, np.abs(off).max()
             while True:
-                # the law bends within its smoothing: what overshoots is halved
+                # the law is curved within its smoothing: steps that overshoot are halved
                 trial = now + share * change
                 friction_forces, slopes = evaluate_friction(self.law, trial)
                 off = trial + gain @ friction_forces - target

@@ -1,5 +1,5 @@
-"""Steps of a closed loop with friction, one after the other: forces at their nodes by Newton's method,
-each step halved until friction is the parabola that it is taken for, and the works in them.
+"""Time steps of a closed loop with friction: forces at their nodes by Newton's method, each step
+halved until a parabola represents the friction in it, and the works in them.
 """
 
 import math
@@ -31,7 +31,7 @@ from headstock.solvers.motion.friction_loop import (
 
 CHUNK = 512  # steps whose works are found together
 SAME_STEP = 1e-9
-BENT = 1e-4  # what a polynomial through what is given may miss of it, for a step of full length
+BENT = 1e-4  # tolerance of the polynomial through the inputs, for a step of full length
 MOST_CUTS = 20
 FEW_STEPS = 8  # of one size along a path: they are made in their own poses
 EASY = 0.02  # share of the tolerance below which the next step may be twice as long
@@ -45,8 +45,8 @@ WORKS = ("drives", "loads", "damping", "friction")
 def cut_steps(
     times: FloatArray, breaks: FloatArray | None, given: Given, longest: float
 ) -> FloatArray:
-    """Steps that end at times and breaks, none longer than asked, and shorter where what is given is
-    not the polynomial that it is taken for.
+    """Return steps that end at times and breaks, none longer than asked, and shorter where the
+    inputs are not represented by a polynomial.
     """
     inner = np.zeros(0) if breaks is None else breaks[(breaks > times[0]) & (breaks < times[-1])]
     nearest = np.abs(inner[:, None] - times).min(axis=1, initial=np.inf)
@@ -68,7 +68,7 @@ def cut_steps(
             off = values[:, len(GIVEN) :] - LOOKS @ values[:, : len(GIVEN)]
             share = np.abs(off) / np.where(sizes > 0.0, sizes, 1.0)
             missed[start : start + CHUNK] = share.max(axis=(1, 2), initial=0.0)
-        # what is off acts while the step lasts
+        # the error acts over the duration of the step
         halves = looked[0.5**halving * missed > BENT] * np.array([1.0, 0.5])
         if not len(halves):
             break
@@ -78,7 +78,7 @@ def cut_steps(
 
 
 def find_rare_sizes(steps: FloatArray) -> BoolArray:
-    """Find the steps of a size that hardly any other has."""
+    """Find the steps whose size hardly any other step has."""
     _, which, counts = np.unique(
         np.round(steps / steps.max(), 9), return_inverse=True, return_counts=True
     )
@@ -86,15 +86,15 @@ def find_rare_sizes(steps: FloatArray) -> BoolArray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Stack:
-    """Steps of one size in ``p`` poses, between which they are mixed.
+class _StepStack:
+    """Store steps of one size in ``p`` poses, to be interpolated.
 
     Attributes:
-        moved: ``(p r, c)`` of all, one below the other.
+        moved: ``(p r, c)`` of all poses, one below the other.
         pushed: ``(p, r, 3 k)``.
         missed: ``(p, n, 3 k)``.
-        push: How far one newton of friction all over a step moves any state, of what is allowed.
-        miss: The same of what it is off where it is checked.
+        push: Largest change of any state by 1 N of friction over a step, over the error allowed.
+        miss: Largest error of any state by 1 N of error in friction, likewise.
     """
 
     steps: tuple[FrictionStep, ...]
@@ -104,56 +104,62 @@ class _Stack:
     push: float
     miss: float
 
-    def mix(self, shares: FloatArray) -> "_Mixture":
-        """A pose among these, by the share ``(p,)`` of each."""
+    def mix(self, shares: FloatArray) -> "_InterpolatedStep":
+        """Interpolate a pose among these, by the share ``(p,)`` of each."""
         pushed = self.pushed[0] if len(shares) == 1 else np.tensordot(shares, self.pushed, 1)
-        return _Mixture(self, shares, np.asarray(pushed))
+        return _InterpolatedStep(self, shares, np.asarray(pushed))
 
 
 @dataclass(frozen=True, eq=False)
-class _Mixture:
-    """A step in a pose, with what friction does in it ``(r, 3 k)``."""
+class _InterpolatedStep:
+    """Store a step in an interpolated pose, with its response to friction ``(r, 3 k)``."""
 
-    stack: _Stack
+    stack: _StepStack
     shares: FloatArray
     pushed: FloatArray
 
     @property
     def size(self) -> float:
-        """[s]."""
+        """Duration [s]."""
         return self.stack.steps[0].size
 
     def move(self, known: FloatArray) -> FloatArray:
-        """Motion ``(r,)`` without friction, of the state before and what is given ``(c,)``."""
+        """Return the motion ``(r,)`` without friction, from the state before and the inputs
+        ``(c,)``.
+        """
         moved = self.stack.moved @ known
         return moved if len(self.shares) == 1 else self.shares @ moved.reshape(len(self.shares), -1)
 
     def miss(self, off: FloatArray) -> FloatArray:
-        """Error ``(n,)`` of the state where friction is off by ``(3 k,)`` where it is checked."""
+        """Return the error ``(n,)`` of the state by errors ``(3 k,)`` of friction at the check
+        points.
+        """
         return np.asarray(self.shares @ (self.stack.missed @ off))
 
 
 @dataclass(frozen=True, eq=False)
-class _Taken:
-    """A step that was taken, in one of those of the grid: from which state, given and friction."""
+class _AcceptedStep:
+    """Store an accepted step: its number in the grid, its matrices, and its initial state, inputs
+    and friction.
+    """
 
     number: int
-    mixture: _Mixture
+    interpolated: _InterpolatedStep
     known: FloatArray
 
 
 class FrictionIntegrator:
-    """Steps one after the other, each halved until friction is followed."""
+    """Integrate a closed loop with friction, each step halved until its friction is resolved."""
 
     def __init__(self, track: LoopTrack, typical: FrictionLoop, allowed: FloatArray) -> None:
-        """Steps of a loop, with errors that are allowed of each state ``(n,)``."""
+        """Prepare the integration of a loop, with allowed errors ``(n,)`` of its states."""
         self._track, self._allowed = track, allowed
         self._laws, self._size, self._count = typical.law, typical.size, len(typical.law)
         self._level, self._last = 0, math.inf
         self._forces: FloatArray = np.zeros((len(FORCED), self._count))
         self._unit: FloatArray = np.eye(len(FORCED) * self._count)
-        self._stacks: dict[tuple[int, str], _Stack] = {}
-        self._taken: list[_Taken] = []
+        self._stacks: dict[tuple[int, str], _StepStack] = {}
+        self._taken: list[_AcceptedStep] = []
         self.steps = 0
 
     def advance(
@@ -166,23 +172,24 @@ class FrictionIntegrator:
         near: tuple[int, FloatArray],
         alone: float | None,
     ) -> FloatArray:
-        """The state after a step of the grid.
+        """Return the state after a step of the grid.
 
         Args:
-            given: ``(5 q,)`` in it.
-            size: Of it [s].
-            near: First place about its middle, and the share of it and the next ones.
-            alone: Its middle, where its matrices are made in its own pose [m]; None elsewhere.
+            given: Inputs ``(5 q,)`` in the step.
+            size: Duration of the step.
+            near: First tabulated pose around its middle, and the shares of it and the next ones.
+            alone: Position of its middle, where its matrices are not interpolated [m]; None
+                elsewhere.
 
         Raises:
             ConvergenceError: Friction does not settle.
         """
         level, part = max(self._level - 1, 0), 0
-        mixtures: dict[int, _Mixture] = {}
+        mixtures: dict[int, _InterpolatedStep] = {}
         lone = None if alone is None else self._track.loop_at(alone)
         while part < 2**level:
             if level not in mixtures:
-                mixtures[level] = self._mix(0.5**level * size, near, lone)
+                mixtures[level] = self._interpolate_step(0.5**level * size, near, lone)
             now = given
             if level:
                 now = (narrow_given(level, part) @ given.reshape(len(GIVEN), -1)).ravel()
@@ -197,7 +204,7 @@ class FrictionIntegrator:
                 continue
             state, forces, missed = attempt
             acting = np.concatenate([acting, forces])
-            self._taken.append(_Taken(number, mixtures[level], acting))
+            self._taken.append(_AcceptedStep(number, mixtures[level], acting))
             self._forces, self._last = forces.reshape(self._forces.shape), mixtures[level].size
             part += 1
             if level and part % 2 == 0 and missed < EASY:
@@ -205,21 +212,23 @@ class FrictionIntegrator:
         self._level = level
         return state
 
-    def _mix(
+    def _interpolate_step(
         self, size: float, near: tuple[int, FloatArray], lone: FrictionLoop | None
-    ) -> _Mixture:
-        """The step of a size about a position."""
+    ) -> _InterpolatedStep:
+        """Return the step of a size at a position."""
         if lone is not None:
-            return self._pile(make_friction_step(lone, size)).mix(np.ones(1))
+            return self._stack_steps(make_friction_step(lone, size)).mix(np.ones(1))
         first, shares = near
         key = first, f"{size:.9e}"
         if key not in self._stacks:
             forget(self._stacks)
             places = range(first, first + len(shares))
-            self._stacks[key] = self._pile(*(self._track.step(pose, size) for pose in places))
+            self._stacks[key] = self._stack_steps(
+                *(self._track.step(pose, size) for pose in places)
+            )
         return self._stacks[key].mix(shares)
 
-    def _pile(self, *steps: FrictionStep) -> _Stack:
+    def _stack_steps(self, *steps: FrictionStep) -> _StepStack:
         pushed, missed = (
             np.stack(parts)
             for parts in ([step.pushed for step in steps], [step.missed for step in steps])
@@ -229,13 +238,13 @@ class FrictionIntegrator:
             for part in (pushed[0, : self._size], missed[0])
         )
         moved = np.concatenate([step.moved for step in steps])
-        return _Stack(steps, moved, pushed, missed, push, miss)
+        return _StepStack(steps, moved, pushed, missed, push, miss)
 
     def _attempt(
-        self, step: _Mixture, known: FloatArray
+        self, step: _InterpolatedStep, known: FloatArray
     ) -> tuple[FloatArray, FloatArray, float] | None:
-        """State and friction ``(3 k,)`` after a step, and its error of what is allowed; None where that
-        is too large.
+        """Return state and friction ``(3 k,)`` after a step, and its error over the allowed one;
+        None where that is too large.
         """
         free, pushed, stack = step.move(known), step.pushed, step.stack
         if not self._count:
@@ -250,7 +259,7 @@ class FrictionIntegrator:
             off = friction_forces[: len(FORCED)].ravel() - forces
             if np.abs(off).max() * stack.push <= SETTLED:
                 break
-            # forces that the law has at the speeds to which they lead, by Newton's method
+            # Newton's method: forces equal the law at the speeds that they cause
             steep = slopes[: len(FORCED)].reshape(-1, 1)
             change = dgesv(self._unit - steep * inner, off)[2]
             forces = forces + change
@@ -264,23 +273,23 @@ class FrictionIntegrator:
         if error > EASY:
             error = float((np.abs(step.miss(missed.ravel())) / self._allowed).max())
         if error > 1.0:
-            # a stiff law makes much of little speeds; what is off is what it would be if they gave way
+            # a stiff law amplifies small speed errors, which forces reduce by their feedback on speeds
             soft = slopes[len(FORCED) :, :, None] * stack.steps[0].softness
             eased = np.linalg.solve(np.eye(self._count) + soft, missed[:, :, None])
             error = float((np.abs(step.miss(np.ravel(eased))) / self._allowed).max())
         return None if error > 1.0 else (moved[: self._size], forces, error)
 
     def collect_works(self, count: int) -> FloatArray:
-        """Works ``(count, 4)`` in the steps of the grid since it was last asked."""
+        """Return the works ``(count, 4)`` in the steps of the grid since the last call."""
         works = np.zeros((count, len(WORKS)))
-        alike: dict[int, list[_Taken]] = {}
+        alike: dict[int, list[_AcceptedStep]] = {}
         for taken in self._taken:
-            alike.setdefault(id(taken.mixture.stack), []).append(taken)
+            alike.setdefault(id(taken.interpolated.stack), []).append(taken)
         for group in alike.values():
             acting = np.array([taken.known for taken in group])
-            shares = np.array([taken.mixture.shares for taken in group])
+            shares = np.array([taken.interpolated.shares for taken in group])
             numbers = np.array([taken.number for taken in group])
-            steps = group[0].mixture.stack.steps
+            steps = group[0].interpolated.stack.steps
             np.add.at(works, numbers, self._find_works(steps, shares, acting))
         self.steps += len(self._taken)
         self._taken = []
@@ -289,7 +298,7 @@ class FrictionIntegrator:
     def _find_works(
         self, steps: Sequence[FrictionStep], shares: FloatArray, known: FloatArray
     ) -> FloatArray:
-        """Works ``(m, 4)`` of steps that are mixtures of the same ones."""
+        """Return the works ``(m, 4)`` of steps interpolated from the same ones."""
 
         def view(name: str) -> FloatArray:
             """``(m, 13, r)``."""

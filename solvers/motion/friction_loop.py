@@ -1,12 +1,13 @@
-"""A closed loop with friction in its guides, its steps, and how both change along a path: known at
-places, cubic between them.
+"""A closed loop with friction in its guides, its time steps, and their change along a path:
+tabulated at positions, cubic between them.
 
-Within a step of size h the loop ``x' = A x + B u - G f(V x + W u)`` is linear but for the friction f. What
-is given, u, is a polynomial through Gauss points, f a parabola through three nodes: one matrix exponential
-then holds the step, however stiff the loop is, and only the forces at the nodes are unknown. Nodes at 1/6,
-2/3 and 1 are next to those of Radau IIA: a method of order four, A- and L-stable, so that stiff friction
-is followed without residual oscillation. They are twelfths of the step, as are all places at which a step is looked
-into, so that powers of one exponential give them all.
+Within a step of size h the loop ``x' = A x + B u - G f(V x + W u)`` is linear but for the friction
+f. The input u is a polynomial through Gauss points, f a parabola through three nodes: one matrix
+exponential then gives the step, however stiff the loop is, and only the forces at the nodes are
+unknown. Nodes at 1/6, 2/3 and 1 are close to those of Radau IIA: a method of order four, A- and
+L-stable, so that stiff friction is integrated without spurious oscillation. Nodes and all other
+points at which a step is evaluated are multiples of a twelfth of it, so that powers of one
+exponential give them all.
 
 Source: Hochbruck and Ostermann (2010), Exponential integrators, section 2.3 (collocation); Van Loan
 (1978), Computing integrals involving the matrix exponential.
@@ -30,12 +31,12 @@ from headstock.solvers.second_order import Channel, Positions
 type InputRows = Mapping[Channel, FloatArray]
 IntArray = NDArray[np.intp]
 Given = Callable[[FloatArray], FloatArray]
-ABOUT = 4  # places about a position, between which a cubic is laid
+ABOUT = 4  # tabulated positions around a position, for a cubic
 REMEMBERED = 128  # steps of one size in a pose
 PARTS = 12
 FORCED, CHECKED = (2, 8, 12), (0, 5, 10)  # where friction is collocated, and where it is checked
 NODES: FloatArray = np.arange(PARTS + 1, dtype=np.float64) / PARTS
-# where what is given is looked at, as shares of a step
+# where inputs are evaluated, as shares of a step
 GIVEN: FloatArray = np.asarray(0.5 + 0.5 * np.polynomial.legendre.leggauss(5)[0], dtype=np.float64)
 LOOKED: FloatArray = np.array([0.01, 0.13, 0.36, 0.64, 0.87, 0.99])  # and where that is checked
 _HALF = np.array([41.0, 216.0, 27.0, 272.0, 27.0, 216.0, 41.0]) / (140.0 * PARTS)
@@ -45,23 +46,23 @@ WEIGHTS: FloatArray = np.concatenate([_HALF[:-1], [2.0 * _HALF[-1]], _HALF[1:]])
 
 @dataclass(frozen=True, eq=False)
 class FrictionLoop:
-    """``x' = A x + B S u - G f(V x + W u)``, ``y = C x + D u - H f``.
+    """Describe the loop ``x' = A x + B S u - G f(V x + W u)``, ``y = C x + D u - H f``.
 
-    The machine's states are ``(s p, p')`` of each mode, so that a load enters as its work per
-    velocity. Where they are deviations from a motion, ``W u`` is the speed of that motion, and works
-    are those done on the deviations.
+    The machine's states are ``(s p, p')`` of each mode, so that the work of a load per velocity
+    equals its input row. Where states are deviations from a motion, ``W u`` is the guide speed of
+    that motion, and works are those of the deviations.
 
     Attributes:
-        loop: Closed, with the loads that are given and those of friction among its inputs.
-        law: Of the guides with friction.
+        loop: Closed loop, with the inputs and those of friction.
+        law: Friction laws of the guides.
         slides: V ``(k, n)``: velocity in these guides.
         drag: G ``(n, k)``.
-        passed: H ``(p, k)``.
+        feedthrough: H ``(p, k)``.
         acting: B ``(n, m)`` of all inputs but those of friction.
-        spread: S ``(m, q)``: these inputs of what is given over time.
-        d: D ``(p, q)`` of what is given.
-        pushing: ``(l, q)`` the loads among what is given.
-        reach: ``(l, m)`` motion, per state of the machine, that each of these pushes along.
+        spread: S ``(m, q)``: these inputs from the time-dependent input u.
+        d: D ``(p, q)`` of the time-dependent input.
+        pushing: ``(l, q)`` the loads as rows of the time-dependent input.
+        reach: ``(l, m)`` motion at the point of each load, per state of the machine.
         weights: ``(m, m)`` of the machine's states in twice the energy.
         dampers: ``(m, m)`` power lost in dampers.
         guides: W ``(k, q)``.
@@ -71,7 +72,7 @@ class FrictionLoop:
     law: StackedFriction
     slides: FloatArray
     drag: FloatArray
-    passed: FloatArray
+    feedthrough: FloatArray
     acting: FloatArray
     spread: FloatArray
     d: FloatArray
@@ -88,29 +89,29 @@ class FrictionLoop:
 
     @functools.cached_property
     def b(self) -> FloatArray:
-        """Columns ``(n, q)`` of what is given over time."""
+        """Columns ``(n, q)`` of the time-dependent input."""
         return np.asarray(self.acting @ self.spread)
 
     def stored_energy(self, states: FloatArray) -> FloatArray:
-        """Kinetic and strain energy ``(...)`` [J]."""
+        """Return kinetic and strain energy ``(...)`` [J]."""
         machine = states[..., : self.loop.plant_size]
         return np.asarray(0.5 * np.einsum("...i,...i", machine @ self.weights, machine))
 
 
 def friction_channels(trains: tuple[DriveTrain, ...]) -> tuple[Channel, ...]:
-    """Inputs where friction acts, with which a loop is to be closed."""
+    """Return the inputs of friction forces, with which a loop has to be closed."""
     return tuple((train.name, SLIDE) for train in trains if train.friction is not None)
 
 
 def _other_inputs(loop: ClosedLoop) -> tuple[Channel, ...]:
-    """Inputs of a closed loop but those of friction: set points, then loads."""
+    """Return the inputs of a closed loop except those of friction: set points, then loads."""
     channels = friction_channels(loop.trains)
     return tuple(channel for channel in loop.space.inputs if channel not in channels)
 
 
 def spread_inputs(inputs: Sequence[Channel], given: InputRows) -> FloatArray:
-    """Return the inputs ``(m, q)`` of what is given over time, from the row ``(q,)`` of each; inputs
-    without a row are zero.
+    """Return the inputs ``(m, q)`` from the row ``(q,)`` of each in the time-dependent input;
+    inputs without a row are zero.
     """
     none = np.zeros_like(next(iter(given.values())))
     return np.array([given.get(channel, none) for channel in inputs]).reshape(-1, len(none))
@@ -119,16 +120,16 @@ def spread_inputs(inputs: Sequence[Channel], given: InputRows) -> FloatArray:
 def make_friction_loop(
     loop: ClosedLoop, given: InputRows | None = None, guides: FloatArray | None = None
 ) -> FrictionLoop:
-    """Take a closed loop apart.
+    """Build the matrices of a loop with friction from a closed loop.
 
     Args:
-        loop: With ``friction_channels`` of its drives among its inputs.
-        given: Other inputs to their rows ``(q,)`` of what is given over time; None for these
-            themselves, in their order.
-        guides: ``(k, q)`` speed of each guide that what is given says; None for guides at rest.
+        loop: Closed loop with ``friction_channels`` of its drives among its inputs.
+        given: Other inputs to their rows ``(q,)`` in the time-dependent input; None for these
+            inputs themselves, in their order.
+        guides: ``(k, q)`` speed of each guide per time-dependent input; None for guides at rest.
 
     Raises:
-        ValueError: It is closed without them.
+        ValueError: The loop is closed without these channels.
     """
     space, plant = loop.space, loop.plant
     channels, others = friction_channels(loop.trains), _other_inputs(loop)
@@ -157,7 +158,7 @@ def make_friction_loop(
         law=stack_laws([train.friction for train in loop.trains if train.friction is not None]),
         slides=slides,
         drag=space.b[:, friction_columns],
-        passed=space.d[:, friction_columns],
+        feedthrough=space.d[:, friction_columns],
         acting=space.b[:, acting],
         spread=spread,
         d=space.d[:, acting] @ spread,
@@ -171,15 +172,16 @@ def make_friction_loop(
 
 @dataclass(frozen=True, eq=False)
 class _StepViews:
-    """What works of a step are made of, ``(13, r, p)`` at its twelfths, and its damping.
+    """Store the rows of which works in a step are computed, ``(13, r, p)`` at its twelfths, and its
+    damping.
 
-    Columns are the state before the step, what is given and the friction at the nodes, as in
+    Columns are the state before the step, the inputs and the friction at the nodes, as in
     :class:`FrictionStep`.
 
     Attributes:
-        sliding: Speed in each guide, of what moves.
-        reached: Motion that each load pushes along.
-        dampers: ``(p, p)`` what dampers take in the step, as a quadratic form.
+        sliding: Speed in each guide by the states.
+        reached: Motion at the point of each load.
+        dampers: ``(p, p)`` energy lost in dampers in the step, as a quadratic form.
     """
 
     sliding: FloatArray
@@ -193,15 +195,15 @@ class _StepViews:
 
 @dataclass(frozen=True, eq=False)
 class FrictionStep:
-    """A step of one size.
+    """Store a step of one size.
 
     Attributes:
-        size: [s].
+        size: Duration [s].
         moved: ``(n + 6 k, n + 5 q)`` the state after the step, then speeds in the guides where
-            friction is collocated and where it is checked, of the state before it and what is given.
-        pushed: ``(n + 6 k, 3 k)`` the same of the friction where it is collocated.
-        missed: ``(n, 3 k)`` error of the state by what friction is off where it is checked.
-        softness: ``(k, k)`` speeds that friction all through the step takes off.
+            friction is collocated and where it is checked, from the state before it and the inputs.
+        pushed: ``(n + 6 k, 3 k)`` the same from the friction at the nodes.
+        missed: ``(n, 3 k)`` error of the state by errors of friction at the check points.
+        softness: ``(k, k)`` decrease of speeds by constant unit friction over the step.
     """
 
     size: float
@@ -215,7 +217,7 @@ class FrictionStep:
 def make_friction_step(model: FrictionLoop, size: float) -> FrictionStep:
     """Return the step of a loop over ``size`` seconds."""
     n, k = model.size, len(model.law)
-    growth, values, friction = _grow(model, size)
+    growth, values, friction = _assemble_growth(model, size)
     part = scipy.linalg.expm(growth / PARTS)
     rows = _view_rows(model, friction, len(growth))
     first = np.concatenate(list(rows.values()))
@@ -250,11 +252,12 @@ def make_friction_step(model: FrictionLoop, size: float) -> FrictionStep:
     )
 
 
-def _grow(model: FrictionLoop, size: float) -> tuple[FloatArray, FloatArray, int]:
-    """Return how states, what is given and friction grow in a step, what makes them of values at the
-    nodes, and where friction begins.
+def _assemble_growth(model: FrictionLoop, size: float) -> tuple[FloatArray, FloatArray, int]:
+    """Return the matrix whose exponential is a step of states, inputs and friction, the matrix from
+    nodal values to its variables, and the index of the first friction variable.
 
-    Polynomials stand as their derivatives, each of which is the rate of the one before.
+    Polynomials are represented by their derivatives, each of which is the rate of the one
+    before.
     """
     n, q, k = model.size, model.b.shape[1], len(model.law)
     friction = n + len(GIVEN) * q
@@ -271,8 +274,8 @@ def _grow(model: FrictionLoop, size: float) -> tuple[FloatArray, FloatArray, int
 
 
 def _view_rows(model: FrictionLoop, friction: int, whole: int) -> dict[str, FloatArray]:
-    """Return the rows ``(r, whole)`` of what works are made of, by the fields of :class:`_StepViews`, and
-    of the machine's states.
+    """Return the rows ``(r, whole)`` of which works are computed, by the fields of
+    :class:`_StepViews`, and of the machine's states.
     """
     space, machine = model.loop.space, slice(0, model.loop.plant_size)
     forces = space.rows.of(force_channels(model.loop.trains))
@@ -283,7 +286,7 @@ def _view_rows(model: FrictionLoop, friction: int, whole: int) -> dict[str, Floa
         "drives": [
             (states, space.c[forces]),
             (given, model.d[forces]),
-            (slice(friction, friction + len(model.law)), -model.passed[forces]),
+            (slice(friction, friction + len(model.law)), -model.feedthrough[forces]),
         ],
         "motors": [(states, model.loop.rates)],
         "reached": [(machine, model.reach)],
@@ -300,13 +303,15 @@ def _view_rows(model: FrictionLoop, friction: int, whole: int) -> dict[str, Floa
 
 
 def _derivatives(nodes: FloatArray) -> FloatArray:
-    """Derivatives at zero ``(m, m)`` of the polynomial through values at nodes ``(m,)``."""
+    """Return the derivatives at zero ``(m, m)`` of the polynomial through values at nodes
+    ``(m,)``.
+    """
     factorials = np.array([math.factorial(order) for order in range(len(nodes))], dtype=float)
     return np.asarray(np.linalg.inv(np.vander(nodes, increasing=True) / factorials))
 
 
 def _lagrange(nodes: FloatArray, places: FloatArray) -> FloatArray:
-    """Values ``(p, m)`` at places of the polynomials that are one at one node each."""
+    """Return the Lagrange polynomials of nodes at places ``(p, m)``."""
     inverse = np.linalg.inv(np.vander(nodes, increasing=True))
     return np.asarray(np.vander(places, len(nodes), increasing=True) @ inverse)
 
@@ -319,11 +324,11 @@ CHECKS: FloatArray = _lagrange(NODES[list(FORCED)], NODES[list(CHECKED)])
 
 @functools.lru_cache(maxsize=64)
 def continue_forces(ratio: float) -> FloatArray:
-    """Friction ``(3, 3)`` where it is collocated in a step from that in the step before, by its
-    parabola.
+    """Return the matrix ``(3, 3)`` that extrapolates friction at the nodes from the step before, by
+    its parabola.
 
     Args:
-        ratio: Of the size of the step to that of the one before.
+        ratio: Size of the step over that of the one before.
     """
     nodes = NODES[list(FORCED)]
     return _lagrange(nodes, 1.0 + ratio * nodes)
@@ -331,18 +336,21 @@ def continue_forces(ratio: float) -> FloatArray:
 
 @functools.lru_cache(maxsize=4096)
 def narrow_given(level: int, number: int) -> FloatArray:
-    """Return what is given ``(5, 5)`` in one of ``2**level`` equal parts of a step from what is given in it."""
+    """Return the matrix ``(5, 5)`` from the inputs of a step to those of one of its ``2**level``
+    equal parts.
+    """
     return _lagrange(GIVEN, (number + GIVEN) * 0.5**level)
 
 
 @dataclass(frozen=True, eq=False)
 class LoopTrack:
-    """A loop that may change along a path; between known places its matrices are cubics.
+    """Describe a loop that may change along a path; between tabulated positions its matrices are
+    cubics.
 
     Attributes:
-        places: ``(p,)`` rising, one or at least four [m].
-        positions: Where it is at times ``(n,)`` [m].
-        rows: Which of its outputs are wanted; None for all.
+        places: ``(p,)`` tabulated positions, rising, one or at least four [m].
+        positions: Returns positions at times ``(n,)`` [m].
+        rows: Indices of the outputs that are wanted; None for all.
     """
 
     places: FloatArray
@@ -354,17 +362,17 @@ class LoopTrack:
 
     @property
     def still(self) -> bool:
-        """Nothing changes."""
+        """True where the loop does not change."""
         return len(self.places) == 1
 
     def loop(self, number: int) -> FrictionLoop:
-        """The loop at one of the places."""
+        """Return the loop at one of the tabulated positions."""
         if number not in self._loops:
             self._loops[number] = self.loop_at(float(self.places[number]))
         return self._loops[number]
 
     def step(self, number: int, size: float) -> FrictionStep:
-        """Its step there."""
+        """Return the step of a size at one of the tabulated positions."""
         key = number, f"{size:.9e}"
         if key not in self._steps:
             forget(self._steps)
@@ -372,8 +380,8 @@ class LoopTrack:
         return self._steps[key]
 
     def near(self, positions: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Places about positions ``(n,)``: the first of each, and the share ``(n, 4)`` that it and the
-        next ones have in a cubic through them.
+        """Return the tabulated positions around positions ``(n,)``: the first of each, and the
+        shares ``(n, 4)`` of it and the next ones in a cubic through them.
         """
         if self.still:
             return np.zeros(len(positions), dtype=np.intp), np.ones((len(positions), 1))
@@ -390,11 +398,11 @@ class LoopTrack:
     def blend(
         self, positions: FloatArray, find: Callable[[FrictionLoop, slice | IntArray], FloatArray]
     ) -> FloatArray:
-        """Return what loops say ``(n, ...)`` at positions ``(n,)``.
+        """Return values ``(n, ...)`` of loops, interpolated to positions ``(n,)``.
 
         Args:
-            positions: Where [m].
-            find: What a loop says, of those of the positions that are named.
+            positions: Positions [m].
+            find: Returns the values of a loop at the positions with given indices.
         """
         if self.still:
             return find(self.loop(0), slice(None))
@@ -409,11 +417,11 @@ class LoopTrack:
 
 
 def forget[K, V](memory: dict[K, V]) -> None:
-    """Drop what has been known longest where that is much."""
+    """Drop the oldest entries of a cache that is too large."""
     if len(memory) >= REMEMBERED:
         del memory[next(iter(memory))]
 
 
 def still_track(model: FrictionLoop) -> LoopTrack:
-    """The track of a loop that does not change."""
+    """Return the track of a loop that does not change."""
     return LoopTrack(np.zeros(1), lambda place: model, np.zeros_like)

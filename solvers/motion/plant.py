@@ -2,10 +2,10 @@
 pose to pose and interpolated between sampled poses.
 
 In every pose the coordinates are the modes up to a frequency. Modes of neighbouring poses differ in
-sign, in order and, where two frequencies cross, altogether; turned to agree as well as they can
+sign, in order and, where two frequencies cross, in shape; rotated to agree as well as possible
 (parallel transport in the mass product) they change as smoothly as the machine does, and the
-coupling of their speeds through the change of pose vanishes within them. What is left of it is of
-second order in the speed of the axis over the length in which a shape changes, and goes to modes
+coupling of their speeds through the change of pose vanishes within them. The remaining coupling is
+of second order in the speed of the axis over the length in which a shape changes, and excites modes
 beyond the highest frequency. Source: Amsallem and Farhat (2011), An online method for interpolating
 linear parametric reduced-order models, SIAM J. Sci. Comput. 33, 2169 (consistent coordinates); Kato
 (1950), On the adiabatic theorem (parallel transport).
@@ -32,24 +32,25 @@ from headstock.solvers.linear.modal_coordinates import (
 )
 from headstock.solvers.second_order import Channel, Index, SecondOrderSystem
 
-# of what the largest entries of inputs and outputs would do in the lowest elastic mode
+# of the response of the lowest elastic mode with the largest entries of inputs and outputs
 ROUNDOFF = 1e-9
 SEARCHED = (
     1.5  # the highest mode kept lies below the widest gap up to so many times the highest frequency
 )
-HELD = 1e-9  # of the largest motion at a place, in m or rad: less is roundoff
+HELD = 1e-9  # of the largest motion at a point, in m or rad: less is roundoff
 FIELDS = ("stiffness", "damping", "loads", "rows", "direct")
 
 
 @dataclass(frozen=True, eq=False)
 class PosedModes:
-    """The system in a pose and its undamped modes.
+    """Store the system in a pose and its undamped modes.
 
     Attributes:
-        modes: Of the system without damping, all or the lowest.
+        modes: Modes of the system without damping, all or the lowest.
         motions: ``(n_all, m)`` their shapes in dofs that are the same in every pose.
         momenta: ``(n_all, m)`` mass times shape there.
-        feedthrough: Output and input to what the output has of the input at once, whatever moves.
+        feedthrough: Output and input to the direct feedthrough between them, independent of any
+            motion.
     """
 
     system: SecondOrderSystem
@@ -63,7 +64,7 @@ class PosedModes:
         rows: Mapping[Channel, FloatArray],
         feedthrough: Mapping[tuple[Channel, Channel], float],
     ) -> "PosedModes":
-        """Return the system with further outputs ``(n,)`` and what they have of inputs at once."""
+        """Return the system with further outputs ``(n,)`` and their direct feedthrough."""
         system = dataclasses.replace(self.system, outputs={**self.system.outputs, **rows})
         taken = {**self.feedthrough, **feedthrough}
         return dataclasses.replace(self, system=system, feedthrough=taken)
@@ -71,20 +72,20 @@ class PosedModes:
 
 @dataclass(frozen=True, eq=False)
 class SampledPlant:
-    """The system at a position of the path in parallel-transported modes of unit mass; or at ``n`` of
-    them, the first axis of every field.
+    """Store the system at a position of the path in parallel-transported modes of unit mass; or at
+    ``n`` positions, the first axis of every field.
 
     Attributes:
         channels: Its ``k`` inputs and ``p`` outputs.
         stiffness: ``(m, m)``.
         damping: ``(m, m)`` viscous.
-        loads: ``(m, k)`` of each input.
+        loads: ``(m, k)`` modal load of each input.
         rows: ``(p, m)`` motion at the outputs.
-        direct: ``(p, k)`` what the modes left out add at once.
-        reach: ``(p, k)`` or ``(1, k)`` sizes of the compliances of the elastic modes: what ``direct`` is
-            compared with. It is not interpolated.
-        low_frequency: ``(p, m)`` motion at the outputs of the low-frequency modes alone, which are those
-            in the middle of the path; None where they are not parted from the others.
+        direct: ``(p, k)`` residual flexibility of the modes left out, and direct feedthrough.
+        reach: ``(p, k)`` or ``(1, k)`` sizes of the compliances of the elastic modes: the scale of
+            errors of ``direct``. It is not interpolated.
+        low_frequency: ``(p, m)`` motion at the outputs of the low-frequency modes alone, which are
+            those in the middle of the path; None where they are not separated from the others.
         quasi_static: ``(p,)`` deviation per unit of the first input if all but the low-frequency modes
             respond quasi-statically; likewise.
     """
@@ -108,17 +109,18 @@ class SampledPlant:
         return self.rows[..., self.channels.rows.of(outputs), :]
 
     def direct_of(self, outputs: Iterable[Channel], inputs: Iterable[Channel]) -> FloatArray:
-        """Return what some outputs have of some inputs at once ``(..., p', k')``."""
+        """Return the direct feedthrough ``(..., p', k')`` from some inputs to some outputs."""
         rows = self.direct[..., self.channels.rows.of(outputs), :]
         return rows[..., self.channels.columns.of(inputs)]
 
     def part_slow(self, slow: int, left_out: FloatArray) -> "SampledPlant":
-        """Return it with its first modes parted from the others.
+        """Return the system with its lowest modes separated from the others.
 
         Args:
-            slow: How many are low-frequency modes: the same along the path, so that a mode whose
-                frequency passes the limit is no step in what is interpolated.
-            left_out: ``(p, k)`` sum over the modes left out: the difference of ``direct`` loses digits.
+            slow: Number of low-frequency modes: the same along the path, so that a mode whose
+                frequency crosses the limit causes no step in interpolated fields.
+            left_out: ``(p, k)`` sum over the modes left out: as a difference of ``direct`` it would
+                lose digits.
         """
         held = np.linalg.solve(self.stiffness[slow:, slow:], self.loads[slow:])
         fast = self.rows[:, slow:]
@@ -126,7 +128,7 @@ class SampledPlant:
         return dataclasses.replace(
             self,
             direct=left_out,
-            # what the modes lack is small beside the whole, and often nothing but roundoff: so is
+            # the residual flexibility is small relative to the whole, and often roundoff: so is
             # the whole across the plane of a symmetric machine
             reach=reach.max(axis=0, keepdims=True, initial=0.0),
             low_frequency=np.where(np.arange(len(self.stiffness)) < slow, self.rows, 0.0),
@@ -134,8 +136,8 @@ class SampledPlant:
         )
 
     def sizes(self) -> dict[str, FloatArray]:
-        """Return the size of each field that is interpolated, but of stiffness and damping: what its
-        misfit is a share of; zero where that does not matter.
+        """Return the size of each interpolated field, except stiffness and damping, that its misfit
+        is relative to; zero where it does not matter.
         """
         sizes = {
             "loads": np.abs(self.loads).max(axis=0, keepdims=True, initial=0.0),
@@ -150,14 +152,14 @@ class SampledPlant:
 
 @dataclass(frozen=True)
 class PlantChannels:
-    """What is asked of a plant along a path.
+    """Define the inputs and outputs of a plant along a path.
 
     Attributes:
-        inputs: Where loads act.
-        outputs: Where motion is wanted.
-        up_to_hz: Modes kept [Hz]; those above follow at once.
-        kinds: Output to its kind: the misfit of outputs of one kind is a share of the largest of
-            them. An output without a kind stands for itself.
+        inputs: Inputs where loads act.
+        outputs: Outputs where motion is wanted.
+        up_to_hz: Highest frequency of modes kept [Hz]; those above respond statically.
+        kinds: Output to its kind: the misfit of outputs of one kind is relative to the largest of
+            them. An output without a kind is a kind of its own.
     """
 
     inputs: tuple[Channel, ...]
@@ -167,16 +169,16 @@ class PlantChannels:
 
     @functools.cached_property
     def columns(self) -> Index:
-        """Return the positions of the inputs."""
+        """Return the indices of the inputs."""
         return Index(self.inputs)
 
     @functools.cached_property
     def rows(self) -> Index:
-        """Return the positions of the outputs."""
+        """Return the indices of the outputs."""
         return Index(self.outputs)
 
     def share_sizes(self, sizes: FloatArray) -> FloatArray:
-        """Sizes ``(p, 1)`` of the outputs, of those of one kind the largest."""
+        """Return sizes ``(p, 1)`` of the outputs, of those of one kind the largest."""
         kinds = [self.kinds.get(channel, channel) for channel in self.outputs]
         largest: dict[Channel, float] = {}
         for kind, size in zip(kinds, map(float, sizes[:, 0]), strict=True):
@@ -186,16 +188,16 @@ class PlantChannels:
 
 @dataclass(frozen=True, eq=False)
 class VaryingSystem:
-    """A system along a path.
+    """Interpolate a system along a path.
 
     Attributes:
         positions: ``(k,)`` of the sampled poses [m].
         scales: ``(m,)`` angular frequencies of the modes in the middle [rad/s].
         splines: Field of a sampled pose to its cubic spline along the path.
-        error: Largest error of splines through the others at the sampled poses added last; of
-            splines through all about 1/16 of it.
-        rotation_error: Largest difference of modes transported along all sampled poses from
-            those transported along all but the last ones [rad].
+        error: Largest error, at the sampled poses added last, of splines through the others; with
+            all poses it is about 1/16 of that.
+        rotation_error: Largest difference of modes transported along all sampled poses from those
+            transported along all but the last ones [rad].
         next_hz: Lowest frequency, anywhere along the path, of a mode that is not kept [Hz]; inf
             where all are.
     """
@@ -218,8 +220,8 @@ class VaryingSystem:
 
 @dataclass(frozen=True, eq=False)
 class SampledModes:
-    """What is kept of a pose: its modes as they come between some channels, and what each output has of
-    each input at once, whatever moves ``(p, k)``.
+    """Store the modes of a pose between some channels, and the direct feedthrough ``(p, k)`` of
+    each input to each output.
     """
 
     channels: PlantChannels
@@ -235,14 +237,16 @@ class SampledModes:
         return beyond if modes.complete else beyond + modes.residual
 
 
-def look_at_pose(
+def sample_pose(
     posed: PosedModes, channels: PlantChannels, *, all_modes: bool = True, least: int = 0
 ) -> SampledModes:
-    """A pose in its modes, with the shapes of those that may be kept.
+    """Return the modes of a pose between its channels, with the shapes of those that may
+    be kept.
 
     Args:
-        all_modes: Also those that are certainly not kept; else they are in the residual flexibility.
-        least: So many may be kept in any case.
+        all_modes: Include modes that are certainly not kept; else they are in the residual
+            flexibility.
+        least: Number of modes that may be kept in any case.
 
     Raises:
         ModelError: A damper acts on a dof without mass, or a matrix is not symmetric.
@@ -283,9 +287,9 @@ def look_at_pose(
 
 
 def _find_held_outputs(posed: PosedModes, channels: PlantChannels) -> NDArray[np.bool_]:
-    """Which outputs ``(p,)`` the machine holds rigidly in a pose: beside its other motions at the same
-    place, by as much energy in any one coordinate, nothing but roundoff is left of them, which no
-    spline could follow.
+    """Find outputs ``(p,)`` that are rigidly constrained in a pose: relative to other motions at
+    the same point, with the same energy in any one coordinate, only roundoff is left of them, which
+    no spline could fit.
     """
     system, outputs = posed.system, channels.outputs
     omega = 2.0 * np.pi * channels.up_to_hz
@@ -308,14 +312,14 @@ def _find_held_outputs(posed: PosedModes, channels: PlantChannels) -> NDArray[np
 
 
 def find_middle(positions: Iterable[float]) -> float:
-    """Find the one of rising positions that is nearest to the middle of the path."""
+    """Find the position that is nearest to the middle of the path."""
     places = list(positions)
     return min(places, key=lambda position: abs(position - 0.5 * (places[0] + places[-1])))
 
 
 def transport_modes(poses: Mapping[float, SampledModes], kept: int) -> dict[float, FloatArray]:
-    """Return the rotation ``(m, m)`` of the modes of each pose that makes them agree with their neighbours';
-    those of the middle stay.
+    """Return the rotation ``(m, m)`` of the modes of each pose that aligns them with those of its
+    neighbours; those of the middle pose are kept.
     """
     positions = list(poses)
     middle = positions.index(find_middle(positions))
@@ -327,23 +331,23 @@ def transport_modes(poses: Mapping[float, SampledModes], kept: int) -> dict[floa
 
 
 def align_modes(before: SampledModes, after: SampledModes, kept: int) -> FloatArray:
-    """Express the first modes of a pose by those of another one: orthogonal ``(m, m)``, a row for each
-    of the former.
+    """Express the lowest modes of a pose by those of another one: orthogonal ``(m, m)``, a row for
+    each of the former.
 
-    Orthogonal Procrustes: of all turns of the new modes the one nearest to the old ones in mass.
-    Signs, order and mixtures of close modes are free in every pose; left as they come, entries
-    would jump and no spline could join them.
+    Orthogonal Procrustes: the rotation of the new modes that is closest to the old ones in mass.
+    Signs, order and mixtures of close modes are arbitrary in every pose; without alignment, entries
+    would jump and could not be interpolated.
     """
     left, _, right = np.linalg.svd(before.momenta[:, :kept].T @ after.motions[:, :kept])
     return np.asarray(left @ right)
 
 
 def turn_plant(pose: SampledModes, turn: FloatArray) -> SampledPlant:
-    """The matrices of a pose in modes that were carried along a path.
+    """Return the matrices of a pose in transported modes.
 
     Args:
-        turn: ``(m, m)`` modes are this times the carried ones: where close modes mix, the stiffness
-            is full, and smooth along the path.
+        turn: ``(m, m)`` modes are this times the transported ones: where close modes mix, the
+            stiffness is full, and smooth along the path.
     """
     kept = len(turn)
     modes = keep_modes(pose.coordinates, kept - pose.coordinates.rigid_count)
@@ -353,7 +357,7 @@ def turn_plant(pose: SampledModes, turn: FloatArray) -> SampledPlant:
         modes.inputs[flexible] / modes.eigenvalues[flexible, None]
     ) + np.abs(modes.residual)
     if len(modes.eigenvalues) > modes.rigid_count:
-        # a travel that bends nothing leaves elastic modes nothing but roundoff
+        # where rigid motion causes no deformation, the loads of elastic modes are roundoff
         rows, columns = (
             largest_entries(modes.outputs),
             largest_entries(modes.inputs.T).T,
@@ -372,32 +376,34 @@ def turn_plant(pose: SampledModes, turn: FloatArray) -> SampledPlant:
 
 
 def largest_entries(values: FloatArray) -> FloatArray:
-    """The largest entry of each row."""
+    """Return the largest entry of each row."""
     return np.asarray(np.abs(values).max(axis=-1, keepdims=True, initial=0.0))
 
 
 def invert_sizes(size: FloatArray) -> FloatArray:
-    """One over each entry; zero where it is zero."""
+    """Return one over each entry; zero where it is zero."""
     return np.asarray(np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0))
 
 
 @dataclass(frozen=True, eq=False)
 class SampledMotion:
-    """A machine along its trajectory.
+    """Interpolate a machine along its trajectory.
 
     Attributes:
         breaks: ``(b,)`` times at which pieces of the trajectory meet, its ends among them [s].
         pieces: Of each piece, field of :class:`SampledPlant` to its spline over time.
-        poses: How many poses were taken.
-        modes: How many modes are kept.
-        error: Largest error of splines through the others at the poses added last; of splines
-            through all it is about a sixteenth.
-        rotation_error: What modes transported over steps of twice the length are turned by beside these [rad].
-        highest_hz: Highest natural frequency, anywhere on the trajectory, of a mode kept by half or more.
+        poses: Number of poses.
+        modes: Number of modes.
+        error: Largest error, at the poses added last, of splines through the others; with all poses
+            it is about a sixteenth.
+        rotation_error: Rotation between modes transported over steps of twice the length and these
+            [rad].
+        highest_hz: Highest natural frequency, anywhere on the trajectory, of a mode that is kept
+            with a share of at least one half.
         complete: No mode is left out or fades.
         anchors: Times of a few poses to the momenta ``(n_all, m)`` of the transported modes there.
-        along: Places of the trajectory at times ``(n,)``, where it was not sampled by time; None where it
-            was.
+        along: Returns positions on the trajectory at times ``(n,)``, where it was not sampled by
+            time; None where it was.
     """
 
     channels: PlantChannels
@@ -413,11 +419,11 @@ class SampledMotion:
     along: Callable[[FloatArray], FloatArray] | None = None
 
     def at(self, times: FloatArray, *names: str) -> SampledPlant:
-        """The matrices at times ``(n,)`` [s]; of fields that are not named nothing.
+        """Return the matrices at times ``(n,)`` [s]; of fields that are not named none.
 
         Args:
-            times: Before the first and after the last one the outermost pose holds.
-            names: Of fields; all where none is named.
+            times: Times; before the first and after the last pose, that pose holds.
+            names: Names of fields; all where none is named.
         """
         places = times if self.along is None else self.along(times)
         inside = np.clip(places, self.breaks[0], self.breaks[-1])

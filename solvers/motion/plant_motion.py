@@ -24,11 +24,11 @@ LOAD_SPACING = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryLoads:
-    """What acts on a machine along its trajectory.
+    """Describe the loads on a machine along its trajectory.
 
     Attributes:
-        at: Values ``(n, r)`` of these at times ``(n,)``.
-        weight: The one of gravity: what it moves alone is no deviation.
+        at: Returns their values ``(n, r)`` at times ``(n,)``.
+        weight: Channel of gravity: the deflection under gravity alone is no deviation.
     """
 
     channels: tuple[Channel, ...]
@@ -36,7 +36,7 @@ class TrajectoryLoads:
     weight: Channel
 
     def deviating(self, times: FloatArray) -> FloatArray:
-        """Return the values ``(n, r)`` at times ``(n,)``, zero of the weight."""
+        """Return the values ``(n, r)`` at times ``(n,)``, with zero gravity."""
         values = np.array(self.at(times))
         values[:, self.channels.index(self.weight)] = 0.0
         return values
@@ -51,12 +51,13 @@ def follow_motion(
     node_spacing: float = NODE_SPACING,
     load_spacing: float = LOAD_SPACING,
 ) -> LinearMotion:
-    """The linear system along a trajectory: matrices at nodes, loads of the rigid motion at finer ones.
+    """Return the linear system along a trajectory: matrices at nodes, loads of the rigid motion at
+    finer ones.
 
     Args:
         times: ``(n,)`` even steps [s].
-        loads: That act on it, but for those on the tool.
-        tool: Its three inputs and outputs of force and motion.
+        loads: Loads except those on the tool.
+        tool: Three inputs of force and three outputs of motion of the tool.
         node_spacing: Time between which matrices are linear [s].
         load_spacing: Time between which loads are linear [s].
     """
@@ -68,7 +69,7 @@ def follow_motion(
         now = load_nodes[part]
         finer = sampled.at(now, "loads", "direct")
         acting.append(apply_matrices(finer.loads[:, :, given], loads.at(now)))
-        # gravity alone is no deviation, also of the modes left out
+        # deflection under gravity is no deviation, for the modes left out as well
         beyond = finer.direct[:, moved][:, :, given]
         rests.append(apply_matrices(beyond, loads.deviating(now)))
     weight = loads.at(nodes)[:, loads.channels.index(loads.weight)]
@@ -93,8 +94,8 @@ def follow_motion(
 def interpolate_smooth(
     given: Callable[[FloatArray], FloatArray], times: FloatArray, spacing: float = LOAD_SPACING
 ) -> FloatArray:
-    """Values ``(n, r)`` at times ``(n,)`` of what is as smooth as the rigid motion: linear between
-    nodes so far apart, where these are fewer [s].
+    """Return values ``(n, r)`` at times ``(n,)`` of a function as smooth as the rigid motion:
+    linear between nodes at a given spacing, where these are fewer [s].
     """
     nodes = even_nodes(times, spacing)
     return (
@@ -104,13 +105,13 @@ def interpolate_smooth(
 
 @dataclass(frozen=True, eq=False)
 class SampledHistory:
-    """What a machine did along its trajectory, and what acted on it beside its weight.
+    """Store the motion of a machine along its trajectory, and its inputs other than gravity.
 
     Attributes:
         motion: The machine; its first coordinates are its modes.
         plant: Its matrices at the nodes of the motion.
-        inputs: Where something acts.
-        acting: Values ``(m, k)`` of these in a part of the steps.
+        inputs: Input channels that are active.
+        acting: Returns values ``(m, k)`` of these in a slice of the steps.
     """
 
     motion: LinearMotion
@@ -120,7 +121,7 @@ class SampledHistory:
     acting: Callable[[slice], FloatArray]
 
     def observe(self, watch: Watch) -> FloatArray:
-        """Return what is watched ``(n, p)``, less what the weight alone does."""
+        """Return watched outputs ``(n, p)``, less those under gravity alone."""
         motion, plant, states = self.motion, self.plant, self.history
         modes = plant.rows.shape[2]
         rows, direct = plant.rows_of(watch.channels), plant.direct_of(watch.channels, self.inputs)
@@ -163,8 +164,8 @@ def follow_outputs(
 
     Args:
         times: ``(n,)`` [s].
-        outputs: ``p`` of them.
-        coordinates: ``(n, m)`` of its modes then.
+        outputs: Channels of the ``p`` outputs.
+        coordinates: ``(n, m)`` modal coordinates then.
         acting: ``(n, k)`` values of inputs.
     """
     rows, columns = sampled.channels.rows.of(outputs), sampled.channels.columns.of(inputs)

@@ -1,14 +1,16 @@
-"""Poses of a system along a path, as many as splines between them need; modes are transported from pose to
-pose (:mod:`headstock.solvers.motion.plant`). Two policies say which modes are kept.
+"""Poses of a system along a path, as many as interpolation by splines needs; modes are transported
+from pose to pose (:mod:`headstock.solvers.motion.plant`). There are two policies for the modes that
+are kept.
 
-Hard: as many modes everywhere, up to the widest gap above a frequency. A span is halved where splines
-through the other poses miss its middle.
+Hard: the same number of modes everywhere, up to the widest gap above a frequency. A span is halved
+where splines through the other poses are inaccurate in its middle.
 
-Fading: the trajectory is cut into pieces at its corners; every piece has its own splines, with twice as
-many poses until those half-way between are met. Modes beyond a frequency follow at once: what they add
-statically is sampled as well. Modes cross that frequency, and each other about it, so that no number of
-modes is the same set in all poses. What moves a mode and what it moves therefore fade out smoothly above
-that frequency, and its static share takes over: a mode that leaves or joins those kept does so without any.
+Fading: the trajectory is cut into pieces at its corners; every piece has its own splines, and its
+number of poses is doubled until the poses half-way between are matched. Modes beyond a frequency
+respond statically: their residual flexibility is sampled as well. Modes cross that frequency, and
+each other near it, so that no number of modes is the same set in all poses. The input and output
+rows of a mode therefore fade out smoothly above that frequency, and its static share takes over: a
+mode has no influence when it joins or leaves those kept.
 """
 
 import dataclasses
@@ -35,33 +37,33 @@ from headstock.solvers.motion.plant import (
     find_middle,
     invert_sizes,
     largest_entries,
-    look_at_pose,
+    sample_pose,
     transport_modes,
     turn_plant,
 )
 
 FIRST_POSES = 5
 MOST_POSES = 257
-# of what is interpolated half-way between sampled poses, as a share of its size; 1/16 of it between
+# error of interpolation half-way between sampled poses, relative to its size; 1/16 of it between
 # all
 TOLERANCE = 5e-5
-TURN_TOLERANCE = 1e-3  # of modes transported along the sampled poses before the last halving [rad]; 1/4 of it along all
+TURN_TOLERANCE = 1e-3  # of transported modes before the last halving [rad]; 1/4 with all poses
 LEAST_HZ = 1.0
 MOST_SAMPLES = 400
-# of what splines miss half-way between poses, as a share of its size, before the last halving
+# misfit of splines half-way between poses, relative to the size of a field, before the last halving
 MISS_TOLERANCE = 1e-3
-FADED = 1.5  # times the frequency up to which modes are kept: there nothing is left of them
-ROUNDOFF = 1e-5  # an input so much smaller than the largest one moves nothing
-ANCHORED = 4  # parts of a piece at whose ends a machine that differs little is looked at
+FADED = 1.5  # over the frequency up to which modes are kept in full: nothing is left above
+ROUNDOFF = 1e-5  # an input smaller than this share of the largest one counts as zero
+ANCHORED = 4  # parts of a piece at whose ends a machine that differs little is sampled
 
 
 def sample_system(
     place: Callable[[float], PosedModes], length: float, model: PathModel
 ) -> VaryingSystem:
-    """Sampled poses along a path, closer where splines through the others miss them.
+    """Sample poses along a path, closer where splines through the others are inaccurate.
 
     Args:
-        place: The system at a position of the path [m].
+        place: Returns the system at a position of the path [m].
         length: Of the path [m].
 
     Raises:
@@ -81,21 +83,21 @@ def sample_plant(
     *,
     slow_below_hz: float | None = None,
 ) -> VaryingSystem:
-    """The same of a system between any loads and motions.
+    """Sample poses of a system between any loads and motions, likewise.
 
     Args:
-        slow_below_hz: Modes below are parted from the others [Hz]; None for none.
+        slow_below_hz: Modes below are separated from the others [Hz]; None for none.
 
     Raises:
         ModelError: A damper acts on a dof without mass.
         AccuracyError: The greatest number of sampled poses does not suffice.
     """
     first = [float(value) for value in np.linspace(0.0, length, FIRST_POSES)]
-    poses = {position: look_at_pose(place(position), channels) for position in first}
+    poses = {position: sample_pose(place(position), channels) for position in first}
     wide = list(itertools.pairwise(first))
     while True:
         before, halves = list(poses), [0.5 * (low + high) for low, high in wide]
-        poses |= {position: look_at_pose(place(position), channels) for position in halves}
+        poses |= {position: sample_pose(place(position), channels) for position in halves}
         poses = dict(sorted(poses.items()))
         kept, next_hz = _count_kept_modes(poses, channels.up_to_hz)
         turns = transport_modes(poses, kept)
@@ -133,8 +135,8 @@ def sample_plant(
 
 
 def _count_kept_modes(poses: Mapping[float, SampledModes], up_to_hz: float) -> tuple[int, float]:
-    """How many modes are kept everywhere: all up to a frequency, one at least, and on to the widest
-    gap; and the lowest frequency left out [Hz].
+    """Return the number of modes that are kept everywhere: all up to a frequency, at least one, and
+    on to the widest gap; and the lowest frequency left out [Hz].
     """
     frequencies = [pose.coordinates.omega / (2.0 * np.pi) for pose in poses.values()]
     most = min(len(part) for part in frequencies)
@@ -194,8 +196,8 @@ def _misfit(
     sampled_pose: SampledPlant,
     scales: FloatArray,
 ) -> float:
-    """How far splines miss a sampled pose: matrices by the frequencies they make, the rest by its
-    largest entry.
+    """Return the misfit of splines in a sampled pose: of matrices relative to natural frequencies,
+    of the rest relative to its largest entry.
     """
     root = np.sqrt(scales)
     sizes = sampled_pose.sizes() | {
@@ -214,8 +216,8 @@ def _misfit(
 def _compare_transports(
     poses: Mapping[float, SampledModes], turns: Mapping[float, FloatArray], some: Sequence[float]
 ) -> float:
-    """Largest difference between modes transported along some of the poses and those transported
-    along all.
+    """Return the largest difference between modes transported along some of the poses and those
+    transported along all.
     """
     kept = len(next(iter(turns.values())))
     middle = find_middle(poses)
@@ -233,13 +235,13 @@ def _compare_transports(
 
 @dataclass(frozen=True, eq=False)
 class _TransportedPose:
-    """A pose in modes that were transported along the trajectory.
+    """Store a pose in modes that were transported along the trajectory.
 
     Attributes:
-        pose: In its natural modes, which fade.
-        turn: ``(m, m)`` these are this times the transported ones.
-        plant: Its matrices in the transported ones.
-        shares: ``(m,)`` how much is kept of each natural mode.
+        pose: The pose in its natural modes, which fade.
+        turn: ``(m, m)`` natural modes are this times the transported ones.
+        plant: Matrices in the transported modes.
+        shares: ``(m,)`` share that is kept of each natural mode.
     """
 
     pose: SampledModes
@@ -249,17 +251,18 @@ class _TransportedPose:
 
     @property
     def momenta(self) -> FloatArray:
-        """Momenta ``(n_all, m)`` of the transported modes."""
+        """Return the momenta ``(n_all, m)`` of the transported modes."""
         return np.asarray(self.pose.momenta[:, : len(self.turn)] @ self.turn)
 
 
 def sample_motion(
     place: Callable[[float], PosedModes], breaks: Sequence[float], channels: PlantChannels
 ) -> SampledMotion:
-    """Poses of a trajectory, twice as many in each piece until splines through the others meet them.
+    """Sample poses of a trajectory, twice as many in each piece until splines through the others
+    match them.
 
     Args:
-        place: The machine at a time of the trajectory [s].
+        place: Returns the machine at a time of the trajectory [s].
         breaks: ``(b,)`` rising times of its ends and corners [s].
 
     Raises:
@@ -280,7 +283,9 @@ def sample_motion(
                 f"{MOST_SAMPLES} poses along the trajectory do not suffice to follow its matrices to {MISS_TOLERANCE:g}; "
                 'write a lower modes_to, or pose_model = "frozen"'
             )
-        looks |= {time: _look(place(time), channels) for time in wanted if time not in looks}
+        looks |= {
+            time: _find_fading_modes(place(time), channels) for time in wanted if time not in looks
+        }
         poses = {time: looks[time] for time in sorted(wanted)}
         kept, highest_hz = _count_fading_modes(poses.values(), channels.up_to_hz)
         turns = transport_modes(poses, kept)
@@ -314,14 +319,15 @@ def vary_motion(
     channels: PlantChannels,
     shared: NDArray[np.intp],
 ) -> SampledMotion:
-    """The trajectory of a machine that differs little from one that was sampled: what it differs by is
-    looked at in a few poses, in the modes nearest to those of the other, and joined by splines.
+    """Return the trajectory of a machine that differs little from one that was sampled: the
+    differences are sampled in a few poses, in the modes nearest to those of the other, and
+    interpolated by splines.
 
     Args:
         base: The other machine along its trajectory.
-        place: This one at a time of the trajectory [s].
-        channels: What was asked of the other.
-        shared: Rows of its motions that are those of the other, in their order.
+        place: Returns this machine at a time of the trajectory [s].
+        channels: Channels of the other machine.
+        shared: Rows of its motions that the other machine has, in the order of the latter.
 
     Raises:
         ModelError: The machine is free to move, or a damper acts on a dof without mass.
@@ -331,7 +337,7 @@ def vary_motion(
     before, poses = base.at(times), list[SampledModes]()
     plants: dict[str, list[FloatArray]] = {name: [] for name in FIELDS}
     for time, momenta in base.anchors.items():
-        pose = _look(place(time), channels, base.modes)
+        pose = _find_fading_modes(place(time), channels, base.modes)
         if pose.motions.shape[1] < base.modes:
             raise AccuracyError(
                 f"{base.modes} modes are kept along the trajectory, and this machine has {pose.motions.shape[1]} that may be"
@@ -363,13 +369,13 @@ def vary_motion(
     )
 
 
-def _look(posed: PosedModes, channels: PlantChannels, least: int = 0) -> SampledModes:
-    """The modes of a pose that may be kept, so many at least, faded.
+def _find_fading_modes(posed: PosedModes, channels: PlantChannels, least: int = 0) -> SampledModes:
+    """Return the modes of a pose that may be kept, at least a given number, faded.
 
     Raises:
         ModelError: The machine is free to move.
     """
-    modes = look_at_pose(posed, channels, all_modes=False, least=least)
+    modes = sample_pose(posed, channels, all_modes=False, least=least)
     modes = _fade_modes(modes, channels.up_to_hz)
     if modes.coordinates.rigid_count:
         raise ModelError(
@@ -380,12 +386,12 @@ def _look(posed: PosedModes, channels: PlantChannels, least: int = 0) -> Sampled
 
 
 def _fade_modes(pose: SampledModes, up_to_hz: float) -> SampledModes:
-    """A pose whose modes beyond a frequency are moved less and less, and move less; what they lack
-    follows at once.
+    """Return a pose whose modes beyond a frequency have smaller and smaller input and output rows;
+    their static share is added to the residual flexibility.
 
     Args:
-        up_to_hz: Up to here they are kept as they are; from ``FADED`` times that on nothing is left
-            [Hz].
+        up_to_hz: Highest frequency of modes that are kept in full; from ``FADED`` times that on
+            nothing is left [Hz].
     """
     modes = pose.coordinates
     shares = _shares(modes.omega, up_to_hz)
@@ -405,8 +411,8 @@ def _fade_modes(pose: SampledModes, up_to_hz: float) -> SampledModes:
 
 
 def _shares(omega: FloatArray, up_to_hz: float) -> FloatArray:
-    """How much of what moves each mode, and of what it moves, is kept ``(m,)``: falls from one to
-    zero with continuous second derivative.
+    """Return the share ``(m,)`` that is kept of the input and output rows of each mode: it falls
+    from one to zero with continuous second derivative.
     """
     left = (FADED - omega / (2.0 * np.pi * up_to_hz)) / (FADED - 1.0)
     level = np.clip(left, 0.0, 1.0)
@@ -414,8 +420,8 @@ def _shares(omega: FloatArray, up_to_hz: float) -> FloatArray:
 
 
 def _count_fading_modes(poses: Collection[SampledModes], up_to_hz: float) -> tuple[int, float]:
-    """How many modes there are that are kept or fading in some pose, and the highest frequency of
-    one that is kept by half or more [Hz].
+    """Return the number of modes that are kept or fading in some pose, and the highest frequency of
+    one that is kept with a share of at least one half [Hz].
     """
     shares = [(pose.coordinates.omega, _shares(pose.coordinates.omega, up_to_hz)) for pose in poses]
     available = min(pose.motions.shape[1] for pose in poses)
@@ -430,9 +436,11 @@ def _find_errors(
     transported: Mapping[float, _TransportedPose],
     channels: PlantChannels,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return what splines of each piece ``(n,)`` miss, and by how much its modes are rotated [rad]."""
+    """Return the misfit of the splines of each piece ``(n,)``, and the rotation error of its modes
+    [rad].
+    """
     pairs = zip(grids, finer, strict=True)
-    misses = [_miss(grid, fine, transported, channels) for grid, fine in pairs]
+    misses = [_find_misfit(grid, fine, transported, channels) for grid, fine in pairs]
     return np.array(misses), np.array([_find_rotation_error(fine, transported) for fine in finer])
 
 
@@ -454,14 +462,14 @@ def _join(
     }
 
 
-def _miss(
+def _find_misfit(
     grid: Sequence[float],
     finer: Sequence[float],
     transported: Mapping[float, _TransportedPose],
     channels: PlantChannels,
 ) -> float:
-    """How far splines through poses of a grid miss those half-way, each field by its own size, and
-    no more than its mode is kept.
+    """Return the misfit of splines through poses of a grid at those half-way, each field relative
+    to its size, and weighted by the share that is kept of a mode.
     """
     splines = _join(grid, transported)
     largest = 0.0
@@ -474,7 +482,7 @@ def _miss(
         plant, turn, shares = here.plant, here.turn, here.shares
         omega = here.pose.coordinates.omega[: len(turn)]
         off = {name: splines[name](time) - getattr(plant, name) for name in FIELDS}
-        # what all modes together answer statically: what is left out is judged by it
+        # static response of all modes together: the scale for errors of the residual flexibility
         single = np.abs(plant.rows @ turn.T / omega**2)
         whole = single @ np.abs(turn @ plant.loads) + np.abs(plant.direct)
         sizes = np.abs(plant.loads).max(axis=0, initial=0.0)
@@ -500,8 +508,8 @@ def _miss(
 def _find_rotation_error(
     finer: Sequence[float], transported: Mapping[float, _TransportedPose]
 ) -> float:
-    """By how much modes that are transported over two steps differ from those transported over one step of
-    twice the length, along a piece and no more than they are kept [rad].
+    """Return the rotation between modes that are transported over two steps and over one step of
+    twice the length, along a piece and weighted by the share that is kept of them [rad].
     """
     total = 0.0
     for first, middle, last in zip(finer[:-2:2], finer[1:-1:2], finer[2::2], strict=True):

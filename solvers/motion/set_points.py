@@ -1,5 +1,5 @@
 """Set points of a straight move: from rest to a feed and back to rest, along a path of given
-length; and loads that act meanwhile, such as those of a cut.
+length; and loads that act meanwhile, such as cutting forces.
 
 A control without look-ahead filters the interpolated feed after the fact: one moving average over
 the time constant makes linear ramps (constant acceleration), a second one limits the jerk, a
@@ -28,12 +28,12 @@ SAME_INSTANT = 1e-9  # a break so near to a sample, as a share of the step, is t
 
 @dataclass(frozen=True)
 class Ramp:
-    """How the feed is reached and left.
+    """Define how the feed is reached and left.
 
     Attributes:
         kind: ``linear``: constant acceleration; ``s_curve``: its jerk limited too; ``exponential``:
             a first-order lag.
-        time_constant: Feed over acceleration, or the lag [s].
+        time_constant: Feed over acceleration, or the time constant of the lag [s].
         jerk_time: Acceleration over jerk, of an S-curve [s]; at most the time constant.
     """
 
@@ -51,12 +51,12 @@ class Ramp:
 
 @dataclass(frozen=True)
 class SetPoint:
-    """A move.
+    """Define a move.
 
     Attributes:
-        distance: Length of the way [m]; [rad] where only rotary axes move.
+        distance: Length of the path [m]; [rad] where only rotary axes move.
         feed: Speed along it [m/s, rad/s].
-        unit: Of the distance, ``m`` or ``rad``.
+        unit: Unit of the distance, ``m`` or ``rad``.
     """
 
     distance: float
@@ -66,7 +66,7 @@ class SetPoint:
 
     @property
     def name(self) -> str:
-        """``3000 mm/min`` or ``90 deg/min``."""
+        """Feed as text: ``3000 mm/min`` or ``90 deg/min``."""
         return show_feed(self.feed, self.unit)
 
     @property
@@ -76,7 +76,7 @@ class SetPoint:
 
     @property
     def duration(self) -> float:
-        """Return the time at which it is over [s]."""
+        """Return the time at which the move ends [s]."""
         return self.braking + self.ramp.duration
 
     @property
@@ -86,15 +86,15 @@ class SetPoint:
 
 
 def show_feed(feed: float, unit: str) -> str:
-    """A feed rate as controls have it: ``3000 mm/min``, or ``90 deg/min`` where its way is measured in
-    ``rad``.
+    """Format a feed rate as controls show it: ``3000 mm/min``, or ``90 deg/min`` where the path is
+    measured in ``rad``.
     """
     return f"{6e4 * feed:g} mm/min" if unit == "m" else f"{60.0 * math.degrees(feed):g} deg/min"
 
 
 @dataclass(frozen=True, eq=False)
 class PathMotion:
-    """A move at instants.
+    """Store a move at instants.
 
     Attributes:
         positions: ``(n,)`` [m].
@@ -120,14 +120,14 @@ def find_move_fault(move: SetPoint) -> str:
 
 
 def list_breaks(move: SetPoint) -> FloatArray:
-    """Instants ``(b,)`` at which the acceleration, or its slope, jumps [s]."""
+    """List the instants ``(b,)`` at which the acceleration, or its slope, jumps [s]."""
     if move.ramp.kind == "exponential":
         return np.array([0.0, move.braking])
     return _acceleration_pieces(move)[0]
 
 
 def sample_move(move: SetPoint, times: FloatArray) -> PathMotion:
-    """Position, speed and acceleration at instants [s]; at rest before and after."""
+    """Return position, speed and acceleration at instants [s]; at rest before and after."""
     if move.ramp.kind == "exponential":
         return _sample_lag(move, np.asarray(times, dtype=float))
     position, speed, acceleration = _laws(move)
@@ -141,9 +141,9 @@ def sample_move(move: SetPoint, times: FloatArray) -> PathMotion:
 
 
 def average_accelerations(move: SetPoint, times: FloatArray, step: float) -> PathMotion:
-    """Position, speed and mean acceleration over a step ``step`` about instants, at rest before and
-    after: where accelerations jump, as on linear ramps, steps in time then keep the impulse, and their
-    error stays of second order.
+    """Return position, speed and mean acceleration over a step ``step`` about instants, at rest
+    before and after: where accelerations jump, as on linear ramps, time integration then preserves
+    the impulse, and its error remains of second order.
     """
     now = sample_move(move, times)
     before, after = (sample_move(move, times + side * step).speeds for side in (-0.5, 0.5))
@@ -151,23 +151,25 @@ def average_accelerations(move: SetPoint, times: FloatArray, step: float) -> Pat
 
 
 def _step_accelerations(move: SetPoint, times: FloatArray) -> FloatArray:
-    """Acceleration at the beginning and at the end of each step ``(n - 1, 2)``, as seen from inside
-    it.
+    """Return the acceleration at the beginning and at the end of each step ``(n - 1, 2)``, as
+    limits from inside it.
 
-    No step may reach over a break. Within a step it is linear, but for exponential ramps, where the
-    secant is taken.
+    No step may extend over a break. Within a step it is linear, but for exponential ramps, where
+    the secant is taken.
     """
     times = np.asarray(times, dtype=float)
     inner = 1e-6 * np.diff(times)
     after = sample_move(move, times[:-1] + inner).accelerations
     before = sample_move(move, times[1:] - inner).accelerations
-    # linear inside a step: what lies a millionth inside says what lies at its ends
+    # linear inside a step: values a millionth inside extrapolate to its ends
     slope = (before - after) * (1e-6 / (1.0 - 2e-6))
     return np.column_stack([after - slope, before + slope])
 
 
 def _acceleration_pieces(move: SetPoint) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Breaks ``(b,)``, and acceleration at the beginning and the end of each piece ``(b - 1,)``."""
+    """Return breaks ``(b,)``, and acceleration at the beginning and the end of each piece
+    ``(b - 1,)``.
+    """
     ramp = move.ramp
     top = move.feed / ramp.time_constant
     if ramp.kind == "s_curve" and ramp.jerk_time > 0.0:
@@ -183,7 +185,7 @@ def _acceleration_pieces(move: SetPoint) -> tuple[FloatArray, FloatArray, FloatA
 
 @functools.lru_cache(maxsize=16)
 def _laws(move: SetPoint) -> "tuple[scipy.interpolate.PPoly, ...]":
-    """Position, speed and acceleration over time."""
+    """Return position, speed and acceleration as functions of time."""
     breaks, first, last = _acceleration_pieces(move)
     spans = np.diff(breaks)
     cubic, square = (last - first) / (6.0 * spans), 0.5 * first
@@ -215,8 +217,8 @@ def _sample_lag(move: SetPoint, times: FloatArray) -> PathMotion:
 
 
 def sample_times(move: SetPoint, sampling_hz: float, settle: float) -> FloatArray:
-    """Evenly spaced instants ``(n,)`` [s] from the beginning of a move until its vibration has been
-    followed for long enough.
+    """Return evenly spaced instants ``(n,)`` [s] from the beginning of a move to a settling time
+    after its end.
 
     Args:
         sampling_hz: Samples per second [Hz].
@@ -230,7 +232,7 @@ def sample_times(move: SetPoint, sampling_hz: float, settle: float) -> FloatArra
 
 
 def _step_times(move: SetPoint, samples: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-    """The samples and the breaks of a move together ``(m,)``, and which of them are samples
+    """Return the samples and the breaks of a move together ``(m,)``, and the indices of the samples
     ``(n,)``.
     """
     breaks = list_breaks(move)
@@ -249,12 +251,12 @@ def _step_times(move: SetPoint, samples: FloatArray) -> tuple[FloatArray, NDArra
 
 @dataclass(frozen=True, eq=False)
 class PathLoads:
-    """Loads on a machine along a path.
+    """Describe loads on a machine along a path.
 
     Attributes:
-        channels: Where they act.
-        at: Loads ``(n, n_loads)`` at instants and at the speeds along the path there.
-        step: Longest time over which a load may be taken for straight [s].
+        channels: Input channels of the loads.
+        at: Returns loads ``(n, n_loads)`` at instants and at the speeds along the path there.
+        step: Longest time over which a load may be approximated as linear [s].
     """
 
     channels: tuple[Channel, ...]
@@ -263,34 +265,39 @@ class PathLoads:
 
 
 def cut_times(samples: FloatArray, loads: PathLoads | None) -> tuple[FloatArray, int]:
-    """Instants between which loads are straight, and into how many of them a sample is cut.
+    """Return instants between which loads are approximately linear, and the number of steps per
+    sample.
 
     Args:
         samples: ``(n,)`` evenly spaced [s].
-        loads: None where there are none.
+        loads: Loads; None where there are none.
     """
     return refine_times(samples, longest_step(loads))
 
 
 def refine_times(samples: FloatArray, longest: float) -> tuple[FloatArray, int]:
-    """Return instants ``(n,)`` with no step longer than allowed, and how many steps a sample takes."""
+    """Return instants ``(n,)`` with no step longer than allowed, and the number of steps per
+    sample.
+    """
     parts = max(1, math.ceil((samples[1] - samples[0]) / longest))
     fine = np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1)
     return np.asarray(fine, dtype=float), parts
 
 
 def load_channels(loads: PathLoads | None) -> tuple[Channel, ...]:
-    """Return the inputs on which loads act."""
+    """Return the input channels of loads."""
     return () if loads is None else loads.channels
 
 
 def longest_step(loads: PathLoads | None) -> float:
-    """Longest time over which loads may be taken for straight [s]."""
+    """Return the longest time over which loads may be approximated as linear [s]."""
     return math.inf if loads is None else loads.step
 
 
 def _loads_at(loads: PathLoads | None, times: FloatArray, speeds: FloatArray) -> FloatArray:
-    """Loads ``(n, n_loads)`` at instants and speeds along the path; no column where there are none."""
+    """Return loads ``(n, n_loads)`` at instants and speeds along the path; no column where there
+    are none.
+    """
     return np.zeros((len(times), 0)) if loads is None else loads.at(times, speeds)
 
 
@@ -303,11 +310,11 @@ def path_inputs(loads: PathLoads | None, move: SetPoint, times: FloatArray) -> F
 
 @dataclass(frozen=True, eq=False)
 class SteppedInputs:
-    """Inputs on steps over which they are linear.
+    """Store inputs on steps over which they are linear.
 
     Attributes:
-        times: ``(n,)`` samples, and what is needed between them [s].
-        wanted: Which of these are samples.
+        times: ``(n,)`` samples, and further instants between them [s].
+        wanted: Indices of the samples.
         ends: ``(n - 1, 2, k)`` at the begin and the end of each step.
         now: ``(n_samples, k)`` at the samples.
     """
@@ -319,7 +326,8 @@ class SteppedInputs:
 
 
 def step_move(loads: PathLoads | None, move: SetPoint, samples: FloatArray) -> SteppedInputs:
-    """Return acceleration along the path, then loads, with a step's end at every break of a move.
+    """Return acceleration along the path, then loads, in steps that end at every break of
+    a move.
 
     Args:
         samples: ``(n,)`` evenly spaced, from zero [s].

@@ -31,7 +31,7 @@ from headstock.solvers.motion.closed_loop import (
 from headstock.solvers.motion.deviation import PathDeviation
 from headstock.solvers.motion.friction import friction_force
 from headstock.solvers.motion.friction_loop import friction_channels
-from headstock.solvers.motion.plant import PlantChannels, PosedModes, look_at_pose, turn_plant
+from headstock.solvers.motion.plant import PlantChannels, PosedModes, sample_pose, turn_plant
 from headstock.solvers.motion.sampling import sample_plant
 from headstock.solvers.motion.set_points import PathLoads, Ramp, SetPoint, sample_move, sample_times
 from headstock.solvers.second_order import SecondOrderSystem
@@ -358,7 +358,7 @@ def test_a_travel_that_bends_nothing_is_not_followed_to_its_roundoff() -> None:
     system = SecondOrderSystem(heavy, None, stiffness, pulled, rows, tuple("abcd"))
     modes = solve_modal(system)
     channels = PlantChannels((PATH, end), (("first", "x"), end), up_to_hz=400.0)
-    posed = look_at_pose(PosedModes(system, modes, modes.shapes, heavy @ modes.shapes), channels)
+    posed = sample_pose(PosedModes(system, modes, modes.shapes, heavy @ modes.shapes), channels)
     found = turn_plant(posed, np.eye(3))
     assert found.direct.any()  # the fourth mode is left out
     travel, force = np.abs(found.sizes()["direct"]).T
