@@ -1,3 +1,3 @@
-"""Meshes and modes chosen for a stated accuracy, round by round. Never the error estimates
+"""Meshes and modes chosen for a stated accuracy, in rounds. Never the error estimates
 themselves.
 """

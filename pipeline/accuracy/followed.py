@@ -1,5 +1,5 @@
-"""Numbers of a machine, followed in the same machine with other bodies or joints: small coupled machines
-whose modes are paired by shape.
+"""Numbers of a machine, tracked in the same machine with other bodies or joints: small coupled
+machines whose modes are paired by shape.
 """
 
 import dataclasses
@@ -39,15 +39,15 @@ from headstock.solvers.pairing.response_peaks import (
     measure_levels,
 )
 
-type Followed = PoseModes | StaticAnswer | PoseResponse  # answers with numbers that can be followed
+type Followed = PoseModes | StaticAnswer | PoseResponse  # answers with numbers that can be tracked
 FOLLOWED = (PoseModes, StaticAnswer, PoseResponse)
 
 
 class MachineFamily:
-    """Machines of the same bodies in other models, watched at the same points.
+    """Watch machines of the same bodies in different models at the same points.
 
     Attributes:
-        places: By body, points that stand for its mass.
+        places: By body, points that represent its mass.
     """
 
     def __init__(self, parts: MachineParts) -> None:
@@ -62,7 +62,7 @@ class MachineFamily:
         return ComparedMachine(self, parts)
 
     def move(self, name: str, element: Superelement) -> FloatArray:
-        """Return how the points of a body move with the dofs of a model of it ``(3 k, n)``."""
+        """Return the motion of the points of a body per dof of a model of it ``(3 k, n)``."""
         if element not in self._motions:
             self._motions[element] = place_motion(element, self.places[name].points)
         return self._motions[element]
@@ -70,7 +70,7 @@ class MachineFamily:
 
 @dataclass(eq=False)
 class ComparedMachine:
-    """A machine of a family, coupled once in each pose."""
+    """Couple a machine of a family, once in each pose."""
 
     family: MachineFamily
     parts: MachineParts
@@ -78,13 +78,15 @@ class ComparedMachine:
     _watched: dict[tuple[str, int], WatchedModes] = field(default_factory=dict)
 
     def at(self, pose: str) -> CoupledPose:
-        """Return it coupled in a pose."""
+        """Return the machine coupled in a pose."""
         if pose not in self._posed:
             self._posed[pose] = couple_pose(self.parts, self.parts.plan.poses[pose])
         return self._posed[pose]
 
     def watch(self, pose: str, count: int) -> WatchedModes:
-        """Return enough of its modes for the first ``count`` of another machine to find theirs."""
+        """Return enough of its modes to find partners of the first ``count`` modes of another
+        machine.
+        """
         if (pose, count) not in self._watched:
             self._watched[pose, count] = watch_modes(
                 self.at(pose).coupled, self.family.places, self._motions, count=count
@@ -99,13 +101,13 @@ class ComparedMachine:
 
 @dataclass(frozen=True, eq=False)
 class _FollowedNumbers:
-    """Numbers of an answer in a changed machine, under the keys of the answer.
+    """Store numbers of an answer in a changed machine, under the keys of the answer.
 
     Attributes:
         numbers: With the ± that the changed machine has, where it was asked for; NaN for one that has no
             partner.
         motion: Motion ``(n, m)`` of the changed machine that a number depends on.
-        missing: Natural modes of it that none of the answer is partner of.
+        missing: Natural modes of the changed machine without a partner in the answer.
     """
 
     numbers: tuple[Number, ...]
@@ -114,8 +116,8 @@ class _FollowedNumbers:
 
 
 def list_followed(answer: Answer) -> list[Number]:
-    """Return the numbers of an answer that can be followed: frequencies of elastic modes, compliances
-    in x, y, z that something resists, peaks and levels.
+    """Return the numbers of an answer that can be tracked: frequencies of elastic modes,
+    compliances in x, y, z that are not zero, peaks and levels.
     """
     if isinstance(answer, PoseModes):
         elastic = {
@@ -137,14 +139,14 @@ def list_followed(answer: Answer) -> list[Number]:
 def follow_numbers(
     answer: Answer, base: ComparedMachine, changed: ComparedMachine, *, with_errors: bool = False
 ) -> _FollowedNumbers:
-    """Return the numbers of an answer of a machine in a changed one.
+    """Return the numbers of a machine's answer in a changed machine.
 
     Args:
         answer: With modes, compliances or a frequency response.
         with_errors: Estimate the ± of the changed machine.
 
     Raises:
-        TypeError: The answer has no numbers that can be followed.
+        TypeError: The answer has no numbers that can be tracked.
     """
     if isinstance(answer, PoseModes):
         return _follow_modes(answer, base, changed, with_errors=with_errors)
@@ -267,11 +269,12 @@ def put_errors[A: Answer](
     source: str,
     how: Literal["add", "replace"],
 ) -> A:
-    """Return an answer with the ± of its numbers, and the part of ± of damped frequencies and damping
-    ratios that changes of frequencies bring: the one moves as far, of the other nothing is known.
+    """Return an answer with the ± of its numbers, and with the part of ± that changes of
+    frequencies cause in damped frequencies, which change as much, and damping ratios, whose change
+    is unknown.
 
     Args:
-        how: Added to the ± that numbers have, or in place of it.
+        how: Add to the ± that numbers have, or replace it.
     """
     added: dict[Key, Estimate] = {}
     if isinstance(answer, PoseModes):

@@ -1,5 +1,5 @@
-"""Interfaces of rigid joints between elastic bodies that stay as they are for a stated accuracy, and
-those that get how many deformation shapes, in which form.
+"""The choice of interfaces of rigid joints between elastic bodies for a stated accuracy: which
+remain rigid or average, and which get deformation shapes, how many and in which form.
 """
 
 import dataclasses
@@ -35,29 +35,30 @@ from headstock.solvers.linear.modal_analysis import keep_lowest
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 
-# tried one after the other; 24 is what `auto` means without an accuracy
+# tried one after the other; 24 is the number of `auto` without an accuracy
 TRIED_SHAPES = (12, 24, 40, 60, 90)
-# Processor time [s] that trials of shapes may take: the next one is begun where it is likely to end
+# Processor time [s] that trials of shapes may take: the next one starts where it is likely to end
 # within that. Its cost is about that of the shapes it is compared with, one solve each: three parts
 # of 71 000 dofs took 31, 34, 25 and 58 s.
 TRIAL_SECONDS = 120.0
-INTERFACE_SHARE = 0.25  # of the accuracy, of every joint; the rest is for meshes and modes
-# the half-space under an interface says within a factor of three what its kind changes
+INTERFACE_SHARE = 0.25  # share of the accuracy for every joint; the rest is for meshes and modes
+# the half-space under an interface predicts the change by its kind within a factor of three
 DOUBT_MARGIN = 5.0
 FORMS: dict[CouplingKind, str] = {STRONG: "strong", WEAK: "weak"}
 
 
 @dataclass(frozen=True)
 class ShapeChoice:
-    """The interfaces of a joint that leaves them to the accuracy.
+    """Store the choice for a joint whose interfaces depend on the accuracy.
 
     Attributes:
-        shapes: Most shapes of each; 0 where they stay as they are.
-        number: The number of the scene that it puts off most; empty where nothing is known.
-        reason: Why the share is above what the joint may take; empty where it is not.
-        kind: The form of the shapes; None for as written.
-        other: By how much the other form puts a number off; None where it was not tried.
-        unknown: Why nothing is known of interfaces that stay as they are.
+        shapes: Largest number of shapes of each interface; 0 where they remain as they are.
+        number: The number of the scene with the largest error by the joint; empty where it is
+            unknown.
+        reason: Why that error is above the share allowed for the joint; empty where it is not.
+        kind: Form of the shapes; None for the form in the scene.
+        other: Error with the other form; None where it was not tried.
+        unknown: Why the error of interfaces that remain as they are is unknown.
     """
 
     joint: GluedJoint
@@ -70,7 +71,7 @@ class ShapeChoice:
     unknown: str = ""
 
     def measured_by(self, errors: InterfaceErrorsAnswer) -> "ShapeChoice":
-        """Return it with the number that its joint puts off most."""
+        """Return the choice with the number that has the largest error by its joint."""
         number, share = errors.largest(self.joint.name)
         reason = errors.left_out.get(self.joint.name, "")
         words = "" if number is None else number.describe()
@@ -93,24 +94,24 @@ class ShapeChoice:
 def choose_shapes(
     scene: Scene, start: Scene, accuracy: float, run_round: Callable[[Scene], RunState]
 ) -> list[ShapeChoice]:
-    """Choose the fewest shapes of every joint that may choose, for which each takes at most its share of
+    """Choose the fewest shapes of every selectable joint for which its error is within its share of
     the accuracy; collective.
 
-    Joints that have none keep six motions where these are enough, by the half-space under their
-    areas or, where that is not sure, compared with shapes. The gap between both forms hardly depends on
-    the mesh, so it is found on that of the first round.
+    Joints without shapes keep six rigid-body motions where these are enough, by the half-space
+    under their areas or, where that is not certain, compared with shapes. The difference between
+    both forms hardly depends on the mesh, so it is evaluated on that of the first round.
 
     Args:
-        start: The same with the settings and analyses of the first round.
+        start: The same scene with the settings and analyses of the first round.
         accuracy: Largest relative error of any number.
-        run_round: Runs a scene without writing anything.
+        run_round: Runs a scene without writing files.
     """
     allowed = INTERFACE_SHARE * accuracy
-    chosen = _begin(scene, start, allowed, run_round)
+    chosen = _choose_candidates(scene, start, allowed, run_round)
     forms = {name: _list_forms(scene, choice.joint) for name, choice in chosen.items()}
     open_joints = [name for name, choice in chosen.items() if choice.shapes]
     compared = [max(COMPARED_SHAPES[0], 2 * count) for count in TRIED_SHAPES]
-    last, spent = 0.0, 0.0  # of the trial before, and of all [s]
+    last, spent = 0.0, 0.0  # time of the trial before, and of all [s]
     for step, count in enumerate(TRIED_SHAPES):
         growth = compared[step] / compared[max(step - 1, 0)]
         if not open_joints or spent + growth * last > TRIAL_SECONDS:
@@ -118,7 +119,7 @@ def choose_shapes(
         begun = time.process_time()
         tried = {name: dataclasses.replace(chosen[name], shapes=count) for name in open_joints}
         comm = _try_forms(start, chosen, tried, forms, run_round)
-        # processors of ranks differ, and all have to end alike
+        # times differ between ranks, and all have to stop together
         last = comm.bcast(time.process_time() - begun)
         spent += last
         open_joints = [
@@ -129,10 +130,10 @@ def choose_shapes(
     return list(chosen.values())
 
 
-def _begin(
+def _choose_candidates(
     scene: Scene, start: Scene, allowed: float, run_round: Callable[[Scene], RunState]
 ) -> dict[str, ShapeChoice]:
-    """Return joints that may choose with their first number of shapes, and those that keep six motions;
+    """Return selectable joints with their first number of shapes, and those that keep six motions;
     collective.
     """
     planned = plan_scene(start).components
@@ -158,8 +159,8 @@ def _try_forms(
     forms: Mapping[str, Sequence[CouplingKind | None]],
     run_round: Callable[[Scene], RunState],
 ) -> MPI.Comm:
-    """Run the machine with so many shapes at joints, once for every form, and choose the better form of
-    each; collective.
+    """Run the machine with the shapes to try at joints, once for every form, and choose the better
+    form of each; collective.
 
     Args:
         chosen: All joints; those that are tried are replaced.
@@ -182,7 +183,7 @@ def _try_forms(
 
 
 def _explain_end(shapes: int) -> str:
-    """Return why a joint ends above its share of the accuracy."""
+    """Explain why the error by a joint is above its share of the accuracy."""
     reason = f"it takes more than {show_share(INTERFACE_SHARE)} of the accuracy"
     if shapes < TRIED_SHAPES[-1]:
         reason += (
@@ -193,7 +194,7 @@ def _explain_end(shapes: int) -> str:
 
 
 def _may_deform(scene: Scene, end: Interface) -> bool:
-    """Whether an interface with six motions may get shapes."""
+    """Tell whether an interface with six motions may get shapes."""
     goal = scene.accuracy
     if goal is None or goal.interfaces == "none" or end.flexible:
         return False
@@ -201,7 +202,7 @@ def _may_deform(scene: Scene, end: Interface) -> bool:
 
 
 def _list_forms(scene: Scene, joint: GluedJoint) -> list[CouplingKind | None]:
-    """Forms to try; None for that which is written."""
+    """List the forms to try; None for that in the scene."""
     ends = [scene.machine.components[component].interfaces[name] for component, name in joint.ends]
     plain = not any(end.flexible for end in ends)
     return [STRONG, WEAK] if plain or all(end.open_kind for end in ends) else [None]
@@ -210,30 +211,30 @@ def _list_forms(scene: Scene, joint: GluedJoint) -> list[CouplingKind | None]:
 def _evaluate_plain(
     joints: list[GluedJoint], state: RunState, allowed: float
 ) -> dict[str, ShapeChoice]:
-    """Estimate how far joints without shapes put a number off, by name; collective."""
-    doubts = make_on_root(state.comm, functools.partial(_doubt, joints, state))
-    if all(choice.share <= allowed for choice in doubts.values()):
-        return doubts
+    """Estimate the largest error of a number by each joint without shapes; collective."""
+    bounds = make_on_root(state.comm, functools.partial(_bound_by_half_space, joints, state))
+    if all(choice.share <= allowed for choice in bounds.values()):
+        return bounds
     errors = _compare(state)
-    for name, choice in doubts.items():
+    for name, choice in bounds.items():
         if choice.share <= allowed:
             continue
         reason = errors.left_out.get(name, "")
         plain = ShapeChoice(choice.joint, 0, unknown=reason)
-        doubts[name] = plain if reason else plain.measured_by(errors)
-    return doubts
+        bounds[name] = plain if reason else plain.measured_by(errors)
+    return bounds
 
 
-def _doubt(joints: list[GluedJoint], state: RunState) -> dict[str, ShapeChoice]:
-    """Return the most that the kind of their interfaces may put a number off, on rank 0."""
+def _bound_by_half_space(joints: list[GluedJoint], state: RunState) -> dict[str, ShapeChoice]:
+    """Return upper limits of the errors by the kind of the joints' interfaces, on rank 0."""
     shares: dict[str, dict[str, float]] = {}
     for answer in state.answers:
-        doubts: Iterable[tuple[str, str, float]] = ()
+        bounds: Iterable[tuple[str, str, float]] = ()
         if isinstance(answer, PoseModes):
-            doubts = _doubt_modes(state, answer)
+            bounds = _bound_frequencies(state, answer)
         elif isinstance(answer, StaticAnswer):
-            doubts = _doubt_points(state, answer)
-        for number, end, share in doubts:
+            bounds = _bound_compliances(state, answer)
+        for number, end, share in bounds:
             shares.setdefault(number, {})[end] = share
     choices = {}
     for joint in joints:
@@ -247,20 +248,20 @@ def _doubt(joints: list[GluedJoint], state: RunState) -> dict[str, ShapeChoice]:
     return choices
 
 
-def _doubt_modes(state: RunState, answer: PoseModes) -> Iterator[tuple[str, str, float]]:
-    """Yield numbers in words, ends of joints, and by how much of the number the kind of the end may put
-    it off.
+def _bound_frequencies(state: RunState, answer: PoseModes) -> Iterator[tuple[str, str, float]]:
+    """Yield the name of each frequency, an end of a joint, and the relative error by the kind of
+    this end.
     """
     model = couple_pose(state.parts, answer.pose)
     modes = keep_lowest(model.all_modes, count=answer.below + len(answer.frequencies_hz))
     where = f" in pose {answer.pose.name}" if len(state.plan.poses) > 1 else ""
-    for end, doubts in doubt_frequencies(state.parts, model.coupled, modes).items():
-        for mode in range(max(modes.rigid_count, answer.below), len(doubts)):
+    for end, bounds in doubt_frequencies(state.parts, model.coupled, modes).items():
+        for mode in range(max(modes.rigid_count, answer.below), len(bounds)):
             hz = float(modes.frequencies_hz[mode])
-            yield f"frequency {mode + 1} ({hz:.4g} Hz){where}", end, float(doubts[mode]) / hz
+            yield f"frequency {mode + 1} ({hz:.4g} Hz){where}", end, float(bounds[mode]) / hz
 
 
-def _doubt_points(state: RunState, answer: StaticAnswer) -> Iterator[tuple[str, str, float]]:
+def _bound_compliances(state: RunState, answer: StaticAnswer) -> Iterator[tuple[str, str, float]]:
     """Yield the same of compliances."""
     model = couple_pose(state.parts, state.plan.poses[answer.pose])
     where = f" in pose {answer.pose}" if len(state.plan.poses) > 1 else ""
@@ -270,14 +271,14 @@ def _doubt_points(state: RunState, answer: StaticAnswer) -> Iterator[tuple[str, 
         if not resisted:
             continue
         motions = np.stack([model.push((name, DIRECTIONS[axis])) for axis in resisted], axis=1)
-        for end, doubts in doubt_compliances(state.parts, model.coupled, motions).items():
-            for axis, doubt in zip(resisted, doubts, strict=True):
+        for end, bounds in doubt_compliances(state.parts, model.coupled, motions).items():
+            for axis, bound in zip(resisted, bounds, strict=True):
                 number = f"{DIRECTIONS[axis]} compliance at {name}{where}"
-                yield number, end, float(doubt / values[axis])
+                yield number, end, float(bound / values[axis])
 
 
 def _compare(state: RunState) -> InterfaceErrorsAnswer:
-    """Compare the joints of a run with better ones; collective."""
+    """Compare a run with the same machine with shapes at its joints; collective."""
     shaped = make_shaped_machines(state)
 
     def evaluate() -> InterfaceErrorsAnswer:
@@ -288,7 +289,7 @@ def _compare(state: RunState) -> InterfaceErrorsAnswer:
 
 
 def give_chosen(scene: Scene, choices: Iterable[ShapeChoice]) -> Scene:
-    """The scene with the shapes that were chosen, and finite elements of the bodies that have them."""
+    """Return the scene with the chosen shapes, and finite elements of the bodies that have them."""
     components: dict[str, Component] = dict(scene.machine.components)
     for choice in choices:
         for name, interface in choice.joint.ends if choice.shapes else ():

@@ -1,4 +1,4 @@
-"""The stage that says what rigid joints between elastic bodies leave out: their interfaces get
+"""The stage that estimates the error of rigid joints between elastic bodies: their interfaces get
 deformation shapes in both forms, and the small coupled machines are compared.
 """
 
@@ -63,16 +63,16 @@ WEAK: CouplingKind = "average"
 COMPARED_SHAPES = (40, 24, 12)
 MOST_SHAPES = 300
 ADVISED_SHAPES = 24
-WRONG = 0.01  # share of a number that is worth a warning
+WRONG = 0.01  # relative error of a number that is worth a warning
 
 
 @dataclass(frozen=True, eq=False)
 class _ShapedMachines:
-    """A machine whose rigid joints have deformation shapes, in both forms.
+    """Store a machine whose rigid joints have deformation shapes, in both forms.
 
     Attributes:
         forms: Form to the machine's parts, complete on rank 0.
-        failures: Joint to the reason why nothing is known of it.
+        failures: Joint to the reason why its error is unknown.
     """
 
     forms: Mapping[CouplingKind, MachineParts]
@@ -84,18 +84,18 @@ def run_interfaces_stage(state: RunState, stage: Stage) -> Outcome:
     """Compare frequencies, compliances and responses with those of the machine whose rigid joints
     have deformation shapes; collective.
 
-    The strong form is too stiff, the weak one too soft: what is further from a number is how far it
-    may be off.
+    The strong form is too stiff, the weak one too soft: the larger of the two differences is the
+    possible error of a number.
     """
     shaped = make_shaped_machines(state)
     return estimate_interfaces(state, shaped) if state.is_root else Outcome()
 
 
 def make_shaped_machines(state: RunState) -> _ShapedMachines:
-    """Superelements with deformation shapes at rigid joints, in both forms; collective.
+    """Reduce superelements with deformation shapes at rigid joints, in both forms; collective.
 
     Args:
-        state: Of the run, after its analyses.
+        state: State of the run, after its analyses.
     """
     joints = find_glued_joints(state.scene.machine, state.plan.components)
     counts = {joint.name: _choose_counts(state, joint) for joint in joints}
@@ -121,7 +121,7 @@ def make_shaped_machines(state: RunState) -> _ShapedMachines:
 
 
 def _choose_counts(state: RunState, joint: GluedJoint) -> list[int]:
-    """Numbers of shapes to compare a joint with, the best first."""
+    """Return the numbers of shapes to compare a joint with, the best first."""
     own = max(
         state.plan.components[component].interfaces[interface].flexible
         for component, interface in joint.ends
@@ -133,8 +133,8 @@ def _choose_counts(state: RunState, joint: GluedJoint) -> list[int]:
 def _reduce_with_shapes(
     state: RunState, shapes: Mapping[GluedJoint, int], kind: CouplingKind
 ) -> tuple[MachineParts, dict[str, str]]:
-    """The machine with shapes at some joints, and joints with a component that cannot have them;
-    collective.
+    """Return the machine with shapes at some joints, and the joints with a component that cannot
+    have them; collective.
     """
     interfaces: dict[str, dict[str, int]] = {}
     for joint, count in shapes.items():
@@ -161,7 +161,7 @@ def _reduce_with_shapes(
 
 
 def _find_mismatches(parts: MachineParts, joints: list[GluedJoint]) -> dict[str, str]:
-    """Joints between interfaces that cannot share shapes, with the reason."""
+    """Find the joints between interfaces that cannot share shapes, with the reason."""
     found: dict[str, str] = {}
     (pose, *_) = parts.plan.poses.values()
     machine = parts.scene.machine
@@ -180,8 +180,8 @@ def _find_mismatches(parts: MachineParts, joints: list[GluedJoint]) -> dict[str,
     return found
 
 
-class _Family(MachineFamily):
-    """The machine, and with shapes in both forms."""
+class _ShapedFamily(MachineFamily):
+    """Compare the machine with the same machine with shapes in both forms."""
 
     def __init__(self, parts: MachineParts, shaped: _ShapedMachines) -> None:
         super().__init__(parts)
@@ -189,8 +189,8 @@ class _Family(MachineFamily):
         self.forms = {kind: self.change(own) for kind, own in shaped.forms.items()}
 
     def split(self, pose: str, motions: FloatArray, size: float) -> dict[str, float]:
-        """Return parts of a bound by joint, as their shapes hold energy in motions ``(n, m)`` of the
-        machine in the strong form, all together.
+        """Divide a bound among joints, by the energy of their shapes in motions ``(n, m)`` of the
+        machine in the strong form.
         """
         machine = self.base.parts.scene.machine
         joints = {joint.name: machine.joints[joint.name] for joint in self.joints}
@@ -199,10 +199,10 @@ class _Family(MachineFamily):
 
 
 def estimate_interfaces(state: RunState, shaped: _ShapedMachines) -> Outcome:
-    """Put what shapes change into the ± of the frequencies, compliances and responses of a run; on
+    """Add the changes by shapes to the ± of the frequencies, compliances and responses of a run; on
     rank 0.
     """
-    family = _Family(state.parts, shaped)
+    family = _ShapedFamily(state.parts, shaped)
     shares: dict[Key, dict[str, float]] = {}
     lines: dict[Key, dict[str, float]] = {}
     lost: list[str] = []
@@ -239,7 +239,9 @@ def estimate_interfaces(state: RunState, shaped: _ShapedMachines) -> Outcome:
 def _relative_parts(
     base: Sequence[Number], errors: Mapping[Key, Estimate]
 ) -> dict[Key, dict[str, float]]:
-    """Return the part of each joint in the ± of numbers, over the number; none of what is lost."""
+    """Return the part of each joint in the ± of numbers, relative to the number; nothing for lost
+    numbers.
+    """
     return {
         number.key: {
             joint: part / number.value
@@ -250,8 +252,12 @@ def _relative_parts(
     }
 
 
-def _compare_forms(family: _Family, answer: Answer, base: Sequence[Number]) -> dict[Key, Estimate]:
-    """Return the part that shapes have in the ± of numbers: the larger change of both forms, by joint."""
+def _compare_forms(
+    family: _ShapedFamily, answer: Answer, base: Sequence[Number]
+) -> dict[Key, Estimate]:
+    """Return the contribution of shapes to the ± of numbers: the larger change of both forms, by
+    joint.
+    """
     moved = {kind: follow_numbers(answer, family.base, own) for kind, own in family.forms.items()}
     moves = {
         (str(kind), INTERFACE): compare_numbers(base, own.numbers) for kind, own in moved.items()
@@ -265,7 +271,7 @@ def _compare_forms(family: _Family, answer: Answer, base: Sequence[Number]) -> d
 
 @dataclass(frozen=True, eq=False)
 class _Responses:
-    """The response of a machine in one form, and what it says about cutting."""
+    """Store the response of a machine in one form, and its figures for chatter."""
 
     model: FrfModel
     form: FormResponse
@@ -273,10 +279,11 @@ class _Responses:
 
 
 def _compare_lines(
-    family: _Family, answer: PoseResponse
+    family: _ShapedFamily, answer: PoseResponse
 ) -> tuple[PoseResponse, dict[Key, dict[str, float]]]:
-    """Return a response with what shapes change in the ± of its lines and of its most negative real
-    parts, and joints to their part of the line that changes most, over its largest entry.
+    """Return a response with the changes by shapes in the ± of its lines and of its most negative
+    real parts; and the part of each joint at the line that changes most, relative to the largest
+    entry of the line.
     """
     curves, pose = answer.curves, answer.curves.pose
     found = {kind: _respond(own.at(pose), answer) for kind, own in family.forms.items()}
@@ -285,7 +292,7 @@ def _compare_lines(
     )
     largest = np.abs(curves.receptance).max(axis=(1, 2))
     shares = change.max(axis=(1, 2)) / np.where(largest > 0.0, largest, np.inf)
-    # at rest the compliance says it
+    # at rest the compliance is compared instead
     shares = np.where(curves.frequencies_hz > 0.0, shares, np.nan)
     worst: dict[Key, dict[str, float]] = {}
     if np.isfinite(shares).any():
@@ -304,7 +311,9 @@ def _compare_lines(
 
 
 def _respond(model: CoupledPose, answer: PoseResponse) -> _Responses:
-    """The response of a machine at the lines of an answer, on its own peaks and around them."""
+    """Compute the response of a machine at the lines of an answer, on its own peaks and around
+    them.
+    """
     request = model.parts.scene.analyses.get(FrfRequest)
     if request is None:
         raise ValueError("a frequency response needs an analysis in the scene")
@@ -326,7 +335,7 @@ def _respond(model: CoupledPose, answer: PoseResponse) -> _Responses:
 
 
 def _compare_depths(answer: PoseResponse, responses: Sequence[_Responses]) -> dict[Key, Estimate]:
-    """Return what shapes change of the most negative real parts that have ±."""
+    """Return the changes by shapes of the most negative real parts that have a ±."""
     errors: dict[Key, Estimate] = {}
     for own in answer.figures:
         key = answer.figure_key(own.channel)
@@ -343,8 +352,8 @@ def _compare_depths(answer: PoseResponse, responses: Sequence[_Responses]) -> di
     return errors
 
 
-def _describe(family: _Family, joint: GluedJoint) -> JointShapes:
-    """The shapes of a joint, as it is and as it was compared."""
+def _describe(family: _ShapedFamily, joint: GluedJoint) -> JointShapes:
+    """Describe the shapes of a joint, in the scene and in the comparison."""
     (component, interface), _ = joint.ends
     entries = [
         parts.superelements[component].interface_maps[interface].shapes
@@ -362,8 +371,8 @@ def _list_warnings(
     *,
     several: bool,
 ) -> Iterator[str]:
-    """Yield a warning for every joint whose own part of a number is large, with the worst number; for
-    modes that lose their shape, and for joints of which nothing is known.
+    """Yield a warning for every joint with a large part of a number, with the worst number; for
+    modes that lose their shape; and for joints whose error is unknown.
     """
     for joint in shaped.joints:
         number, share = found.largest(joint.name)

@@ -1,5 +1,5 @@
-"""Where a mesh of tetrahedra needs small elements and where large ones do: from what its cells
-miss of the numbers that are not good enough yet.
+"""Element sizes of a mesh of tetrahedra that vary in space: small where its cells contribute to the
+error of numbers that are not accurate enough.
 """
 
 import importlib
@@ -23,12 +23,14 @@ from headstock.scene.scene import LOAD
 from headstock.solvers.pairing.response_peaks import ResponsePeak
 from headstock.solvers.second_order import Channel
 
-MIXING = 0.02  # of omega^2: modes nearer to each other than that mix as if that far apart
-NODE = 1e-3  # of the largest motion at a channel: there a mode has a node and its peak is another's
+MIXING = 0.02  # of omega^2: closer modes mix as if they were this far apart
+NODE = 1e-3  # of the largest motion at a channel: below it the mode has a node there
 
 
 def mean_size(reduced: ReducedComponent) -> float:
-    """Element size of a mesh that is fine in places: side of the cube per displacement dof [m]."""
+    """Return the mean element size of a locally refined mesh: side of the cube per displacement dof
+    [m].
+    """
     if reduced.quality is None:
         raise ValueError("only what was meshed here has a mean size")
     return float(np.cbrt(reduced.quality.volume / reduced.superelement.full_dofs))
@@ -37,13 +39,13 @@ def mean_size(reduced: ReducedComponent) -> float:
 def refine_sizes(
     state: RunState, names: Sequence[str], short: Sequence[Quantity], ratio: float
 ) -> SizeField:
-    """Sizes with which the mesh of a part should miss so many times what it misses; on rank 0.
+    """Return sizes with which the error of a part's mesh should fall by a ratio; on rank 0.
 
     Args:
-        state: Of a round, after its analyses.
+        state: State of a round, after its analyses.
         names: The part, and those that share its superelement.
-        short: Numbers that are not good enough.
-        ratio: What it should miss of them over what it misses now.
+        short: Numbers that are not accurate enough.
+        ratio: Wanted error of these numbers by the part's mesh, over the present one.
     """
     part = state.plan.components[names[0]]
     mesh, _ = load_or_make_mesh(state, part)
@@ -61,8 +63,8 @@ def refine_sizes(
 
 
 def _list_motions(state: RunState) -> Iterator[tuple[CoupledPose, Key, FloatArray]]:
-    """Yield every number's motion ``(n,)`` of the machine, of such a height that the energy it strains
-    is the number's relative error.
+    """Yield the motion ``(n,)`` of the machine for every number, scaled so that its strain energy
+    error is the number's relative error.
     """
     for modes in state.modal:
         model = couple_pose(state.parts, modes.pose)
@@ -91,18 +93,19 @@ def _list_motions(state: RunState) -> Iterator[tuple[CoupledPose, Key, FloatArra
 def _move_peak(
     model: CoupledPose, mode: int, ends: tuple[Channel, Channel]
 ) -> Iterator[FloatArray]:
-    """Motions of a peak ``phi_i phi_o / (2 zeta omega^2)``: that of its mode for the frequency, and per
-    channel that of its mode and of all others, through which its shape changes there.
+    """Return the motions of a peak ``phi_i phi_o / (2 zeta omega^2)``: that of its mode for the
+    frequency, and per channel those of its mode and of all others, through which its shape changes
+    there.
 
-    What a mesh changes of a shape at a channel is a product of two motions ``u^T E v``, of which half of
-    ``a u^T E u + v^T E v / a`` is the least bound with both terms alike.
+    The change of a shape by a mesh at a channel is a product of two motions ``u^T E v``, which is
+    bounded by half of ``a u^T E u + v^T E v / a``, least where both terms are equal.
     """
     modes = model.all_modes
     squares = (2.0 * np.pi * modes.frequencies_hz) ** 2
     own, square = modes.shapes[:, mode], squares[mode]
     yield own / np.sqrt(square)
     apart = squares - square
-    # others at the same place mix with the mode by as much as their damping allows
+    # modes at the same frequency mix with the mode by as much as their damping allows
     shares = apart / (apart**2 + (MIXING * square) ** 2)
     shares[mode] = 0.0
     for channel in dict.fromkeys(ends):
@@ -119,7 +122,7 @@ def _move_peak(
 
 
 def _push(model: CoupledPose, height: float, ends: tuple[Channel, Channel]) -> Iterator[FloatArray]:
-    """Motions of a static level: those under loads at both channels, likewise."""
+    """Return the motions of a static level: those under loads at both channels, likewise."""
     loads = [_load(model, channel) for channel in ends]
     moved = [solve_machine_static(model.coupled, load).displacements for load in loads]
     soft = [float(load @ own) for load, own in zip(loads, moved, strict=True)]
@@ -135,7 +138,7 @@ def _load(model: CoupledPose, channel: Channel) -> FloatArray:
 
 
 def _parts_of(model: CoupledPose, names: Sequence[str], motion: FloatArray) -> Iterator[FloatArray]:
-    """What a motion of the machine is in the dofs of some components."""
+    """Return a motion of the machine in the dofs of some components."""
     own = model.expand(motion[:, None])[:, 0]
     for name in names:
         element = model.coupled.layout.superelements[name]

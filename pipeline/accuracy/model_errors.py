@@ -1,5 +1,5 @@
-"""The stage that says what rigid and segmented bodies leave out: coarse finite elements are put in
-their place, kept in the store, and the small coupled machines are compared.
+"""The stage that estimates the error of rigid and segmented bodies: coarse finite elements, kept in
+the store, replace them, and the small coupled machines are compared.
 """
 
 import dataclasses
@@ -57,12 +57,12 @@ MODE_STEP = 2.0
 
 @dataclass(frozen=True, eq=False)
 class RefinedBodies:
-    """Coarse finite elements of bodies that are rigid or segmented in the machine.
+    """Store coarse finite elements of bodies that are rigid or segmented in the machine.
 
     Attributes:
-        parts: The machine with all of them in place; complete on rank 0.
+        parts: The machine with all of them; complete on rank 0.
         components: Body to its component with the settings of its mesh.
-        failures: Body that cannot be meshed to the reason.
+        failures: Body that cannot be meshed, to the reason.
     """
 
     parts: MachineParts
@@ -74,8 +74,8 @@ def run_models_stage(state: RunState, stage: Stage) -> Outcome:
     """Compare every number with that of the machine whose rigid and segmented bodies are coarse
     finite elements; collective.
 
-    Frequencies, compliances and responses get the change as a part of their ±, beside what meshes
-    and reductions of the finite elements leave out.
+    The change becomes a part of the ± of frequencies, compliances and responses, in addition to
+    that by meshes and reductions of the finite elements.
     """
     names = [name for name, part in state.plan.components.items() if is_simple(part)]
     refined = _make_refined_bodies(state, names)
@@ -83,9 +83,7 @@ def run_models_stage(state: RunState, stage: Stage) -> Outcome:
 
 
 def repeat_comparison(state: RunState, known: ModelComparison) -> Outcome:
-    """Put what a comparison of the same scene has found in place of the numbers of a run; on rank
-    0.
-    """
+    """Replace the numbers of a run by those of a stored comparison of the same scene; on rank 0."""
     numbers = iter(known.numbers)
     state.answers[:] = [
         next(numbers) if isinstance(answer, FOLLOWED) else answer for answer in state.answers
@@ -94,9 +92,7 @@ def repeat_comparison(state: RunState, known: ModelComparison) -> Outcome:
 
 
 def compare_models(state: RunState, refined: RefinedBodies) -> ModelComparison:
-    """Return the numbers that a run found with the changes that refined bodies make in their ±; on rank
-    0.
-    """
+    """Return the numbers of a run with the changes by refined bodies in their ±; on rank 0."""
     comparison = _Comparison(state, refined)
     answers = [
         comparison.revise(answer) for answer in state.answers if isinstance(answer, FOLLOWED)
@@ -126,11 +122,11 @@ def compare_models(state: RunState, refined: RefinedBodies) -> ModelComparison:
 
 
 class _Comparison:
-    """The machine of a run beside those with refined bodies, all of them and each alone.
+    """Compare the machine of a run with those with refined bodies, all of them and each alone.
 
     Attributes:
-        changes: Key of each number to what all of them change of it; None where it has no partner.
-        single: Body to the same of it alone.
+        changes: Key of each number to its change by all of them; None where it has no partner.
+        single: Body to the changes by it alone.
         missing: Modes that the machine of the run lacks, in plain words.
     """
 
@@ -147,7 +143,7 @@ class _Comparison:
         self.missing: list[str] = []
 
     def revise(self, answer: Followed) -> Answer:
-        """Return an answer with what refined bodies change in its ±."""
+        """Return an answer with the changes by refined bodies in its ±."""
         base, family = list_followed(answer), self._family
         moved = follow_numbers(answer, family.base, self._together, with_errors=True)
         if isinstance(answer, PoseModes) and moved.missing:
@@ -182,7 +178,7 @@ def _replace_body(parts: MachineParts, refined: RefinedBodies, name: str) -> Mac
 def _name_missing(
     machine: ComparedMachine, answer: PoseModes, missing: Sequence[int], *, several: bool
 ) -> str:
-    """Return modes of the machine with refined bodies that the other lacks, in plain words."""
+    """Name the modes of the machine with refined bodies that the other lacks, in plain words."""
     pose, count = answer.pose.name, answer.below + len(answer.frequencies_hz)
     modes = machine.watch(pose, count).modes
     names = machine.at(pose).name_modes(keep_lowest(modes, count=max(missing) + 1)).names
@@ -194,11 +190,12 @@ def _name_missing(
 def _replace_errors(
     base: Sequence[Number], move: Moved, singles: Mapping[str, Moved]
 ) -> dict[Key, Estimate]:
-    """Return the ± of numbers: what refined bodies change, and the ± of the machine that has them.
+    """Return the ± of numbers: the changes by refined bodies, and the ± of the machine that has
+    them.
 
     Args:
-        move: What all refined bodies change.
-        singles: Body to what it alone changes.
+        move: Changes by all refined bodies.
+        singles: Body to the changes by it alone.
     """
 
     def split(key: Key, size: float) -> dict[str, float]:
@@ -216,8 +213,8 @@ def _relative(move: Moved, number: Number) -> float | None:
 def _compare_lines(
     machine: ComparedMachine, answer: PoseResponse
 ) -> tuple[PoseResponse, float | None]:
-    """Return a response with what refined bodies change in the ± of its lines, and the largest such
-    change over the largest entry of its line.
+    """Return a response with the changes by refined bodies in the ± of its lines, and the largest
+    such change over the largest entry of its line.
     """
     curves, model = answer.curves, machine.at(answer.curves.pose)
     prepared = prepare_response(model)
@@ -228,7 +225,7 @@ def _compare_lines(
     change = np.abs(response.receptance - curves.receptance)
     largest = np.abs(curves.receptance).max(axis=(1, 2))
     shares = change.max(axis=(1, 2)) / np.where(largest > 0.0, largest, np.inf)
-    # the depth of the real part would be that of another machine
+    # the most negative real part would be that of another machine
     depths = {
         answer.figure_key(figures.channel): Estimate({MODEL: None}) for figures in answer.figures
     }
@@ -241,12 +238,12 @@ def _compare_lines(
 
 
 def _make_refined_bodies(state: RunState, names: Iterable[str]) -> RefinedBodies:
-    """Superelements of coarse finite elements for some bodies of a run; collective. Equal bodies
-    share one, and the store keeps them.
+    """Reduce coarse finite elements of some bodies of a run; collective. Equal bodies share one
+    superelement, and the store keeps it.
 
     Args:
-        state: Of the run, after its analyses: they say up to where modes are kept.
-        names: Of rigid and segmented components.
+        state: State of the run, after its analyses, which define the frequency range of modes.
+        names: Names of rigid and segmented components.
     """
     modes_to = _modes_to(state)
     started = {
@@ -272,7 +269,7 @@ def _make_refined_bodies(state: RunState, names: Iterable[str]) -> RefinedBodies
             )
             make_superelements(other, only=group)
         except (HeadstockError, SharedFailure) as error:
-            # the other bodies still tell something; only rank 0 reports the reason
+            # the other bodies are still compared; only rank 0 reports the reason
             failures |= dict.fromkeys(group, str(error))
             continue
         for name in group:
@@ -287,7 +284,9 @@ def _make_refined_bodies(state: RunState, names: Iterable[str]) -> RefinedBodies
 
 
 def _modes_to(state: RunState) -> float | None:
-    """Up to where modes of finite elements are kept [Hz]; None where no analysis is dynamic."""
+    """Return the frequency up to which modes of finite elements are kept [Hz]; None where no
+    analysis is dynamic.
+    """
     highest = [
         float(answer.frequencies_hz[-1])
         for answer in state.answers

@@ -1,5 +1,5 @@
 """The choice among rigid, segmented and elastic bodies: the cheapest that keep every number within
-what is asked, compared with the machine of finite elements whose own error is known.
+a stated accuracy, compared with the machine of finite elements, whose own error is known.
 """
 
 import dataclasses
@@ -40,14 +40,14 @@ from headstock.solvers.errors import ModelError
 
 SEGMENT_COUNTS = (4, 8, 16)
 RIGID_SECONDS = 1e-3
-WORTHWHILE = 0.9  # of what a coarser cut leaves out
+WORTHWHILE = 0.9  # of the error with fewer segments
 Choice = Mapping[str, int]  # body to the index of its model among the candidates
 
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A model of a body: its component, its superelement, and the processor time that a run pays for
-    it from an empty store [s].
+    """Describe a model of a body: its component, its superelement, and the processor time that it
+    costs in a run with an empty store [s].
     """
 
     component: Component
@@ -62,12 +62,12 @@ class _Candidate:
 
 @dataclass(frozen=True, eq=False)
 class ModelChoice:
-    """The bodies of a machine after the choice.
+    """Store the bodies of a machine after the choice.
 
     Attributes:
-        bodies: What is reported of each body.
-        worst: The number that is furthest off.
-        errors: Key of each number to by how much of it that may be off.
+        bodies: Report on each body.
+        worst: The number with the largest relative error.
+        errors: Key of each number to its relative error.
     """
 
     components: dict[str, Component]
@@ -79,12 +79,12 @@ class ModelChoice:
 
 @dataclass(eq=False)
 class _Bodies:
-    """Equal bodies, which change together so that one superelement serves them.
+    """Group equal bodies, which change together so that they share one superelement.
 
     Attributes:
-        candidates: Models from the cheapest on; the last is the one of the round.
+        candidates: Models in order of cost, the cheapest first; the last is the one of the round.
         model: Index of the present one among the candidates.
-        alone: Index of a model to what these bodies alone change with it of each number.
+        alone: Index of a model to the change of each number by these bodies alone.
     """
 
     names: tuple[str, ...]
@@ -102,8 +102,8 @@ class _Bodies:
         return dict.fromkeys(self.names, model)
 
     def refine(self, worst: Key) -> None:
-        """Take the next better model; where a finer cut into segments brought nothing to a number, the
-        next will not either.
+        """Take the next better model; where finer segments did not improve a number, more segments
+        are skipped.
         """
         left = abs(self.alone[self.model][worst])
         before = abs(self.alone.get(self.model - 1, {}).get(worst, np.inf))
@@ -111,7 +111,7 @@ class _Bodies:
         self.model = self.finest if idle else self.model + 1
 
     def describe(self, names: Mapping[Key, str]) -> BodyChoice:
-        """Report what is chosen, why, and what the next better model would cost and bring."""
+        """Report the chosen model, the reason, and cost and benefit of the next better one."""
 
         def largest(model: int) -> tuple[str, float]:
             changes = self.alone[model]
@@ -127,7 +127,7 @@ class _Bodies:
             )
             return BodyChoice(chosen.words, f"as {self.candidates[tried].words} it {change}", "")
         number, size = largest(self.model)
-        # finite elements are what all models are compared with
+        # all models are compared with finite elements
         return BodyChoice(
             chosen.words,
             f"leaves out {show_share(size)} of {number} at most",
@@ -136,21 +136,22 @@ class _Bodies:
 
 
 def choose_models(
-    state: RunState, ours: Sequence[str], quantities: Sequence[Quantity], accuracy: float
+    state: RunState, selectable: Sequence[str], quantities: Sequence[Quantity], accuracy: float
 ) -> ModelChoice:
-    """Choose the cheapest models of bodies with which every number stays within an accuracy. On rank 0.
+    """Choose the cheapest models of bodies within an accuracy of every number; on rank 0.
 
-    It starts with the cheapest model of every body and takes the next better one of the body that
-    alone changes most of the number furthest off; the machine that seems good enough is coupled and
-    compared as a whole, and the search goes on from there where it is not.
+    It starts with the cheapest model of every body. The body that alone changes the number with the
+    largest error most gets the next better model, until the estimated errors are within the
+    accuracy; then the machine is coupled and compared as a whole, and the search continues where it
+    is not.
 
     Args:
-        state: Of a round whose numbers are within the accuracy, with finite elements or polynomials
-            for the bodies that are ours to choose.
+        state: State of a round whose numbers are within the accuracy, with finite elements or
+            polynomials for the selectable bodies.
         quantities: Its numbers with the errors that count.
         accuracy: Relative error allowed.
     """
-    search = _ModelSearch(state, ours, quantities, accuracy)
+    search = _ModelSearch(state, selectable, quantities, accuracy)
     search.drop_hopeless()
 
     def worst_number() -> tuple[float, Key]:
@@ -174,31 +175,36 @@ def choose_models(
 def _add_change(error: float, two_sided: float, change: float) -> float:
     """Return the error of a number with other models of bodies.
 
-    Modes left out, and meshes that nothing corrects, make a machine too stiff and never too soft
-    (Rayleigh and Ritz), so the truth is softer by no more than their error. What makes the number softer by less lies between
-    both and adds nothing; what makes it stiffer adds all.
+    Modes left out, and uncorrected meshes, make a machine too stiff and never too soft (Rayleigh
+    and Ritz), so the true machine is softer by no more than their error. A change that makes a
+    number softer by less lies within this range and adds nothing; one that makes it stiffer is
+    added in full.
 
     Args:
-        error: Of the number with finite elements or polynomials.
-        two_sided: What of it may have either sign.
-        change: How much softer the models make the number, over it; below zero stiffer.
+        error: Error of a number with finite elements or polynomials.
+        two_sided: Part of it that may have either sign.
+        change: Relative increase of compliance of the number by the models; negative where stiffer.
     """
     return error - change if change <= 0.0 else max(error, change + two_sided)
 
 
 class _ModelSearch:
-    """The machine of finite elements, and what other models of bodies change of its numbers.
+    """Search models of bodies, compared with the machine of finite elements.
 
     Attributes:
-        groups: Bodies that are ours to choose.
-        errors: Key of each number to its error with the present models, as last estimated.
+        groups: Groups of selectable bodies.
+        errors: Key of each number to its error with the present models, as estimated last.
     """
 
     def __init__(
-        self, state: RunState, ours: Sequence[str], quantities: Sequence[Quantity], accuracy: float
+        self,
+        state: RunState,
+        selectable: Sequence[str],
+        quantities: Sequence[Quantity],
+        accuracy: float,
     ) -> None:
         self._state, self._quantities, self._accuracy = state, quantities, accuracy
-        parts = {name: state.scene.machine.components[name] for name in ours}
+        parts = {name: state.scene.machine.components[name] for name in selectable}
         loaded = {name for name, part in parts.items() if component_loads(state, part)}
         self.groups = [
             _Bodies(tuple(group), _list_candidates(state, group[0]))
@@ -212,11 +218,13 @@ class _ModelSearch:
 
     @property
     def simple(self) -> list[_Bodies]:
-        """Those that have a better model."""
+        """Groups that have a better model."""
         return [group for group in self.groups if group.model < group.finest]
 
     def drop_hopeless(self) -> None:
-        """Take the finest model of bodies for which the best of the simple ones does not do."""
+        """Take the finest model of bodies for which the best simple model is not accurate
+        enough.
+        """
         for group in self.groups:
             best = group.finest - 1
             group.alone[best] = self._change(group.take(best))
@@ -224,8 +232,8 @@ class _ModelSearch:
                 group.model = group.finest
 
     def estimate_errors(self) -> dict[Key, float]:
-        """Estimate the error of each number from what bodies change alone; and where that is within the
-        accuracy, from the machine as a whole.
+        """Estimate the error of each number from the changes by single bodies; and where that is
+        within the accuracy, from the machine as a whole.
         """
         simple = self.simple
         for group in simple:
@@ -239,7 +247,7 @@ class _ModelSearch:
         return self.errors
 
     def choose_components(self) -> dict[str, Component]:
-        """Return all components with the models chosen."""
+        """Return all components with the chosen models."""
         components = dict(self._state.scene.machine.components)
         for name, model in self._present.items():
             chosen = self._candidates[name][model].component
@@ -259,8 +267,8 @@ class _ModelSearch:
         }
 
     def _change(self, choice: Choice) -> Mapping[Key, float]:
-        """Return how much softer some bodies make each number, over it; inf for a mode that no longer has
-        its shape, and where nothing is left that could move.
+        """Return how much softer some bodies make each number, relative to it; inf for a mode that
+        loses its shape, and where the machine can no longer move.
         """
         try:
             machine = self._family.change(self._replace_bodies(choice))
@@ -302,7 +310,7 @@ class _ModelSearch:
 
 
 def _list_candidates(state: RunState, name: str) -> list[_Candidate]:
-    """List models of a body from the cheapest on; the last is the one of the round."""
+    """List models of a body in order of cost; the last is the one of the round."""
     part = state.scene.machine.components[name]
     loads = component_loads(state, part)
     properties = describe_solid(with_loaded_areas(part, loads), state.store, state.warn)

@@ -1,8 +1,8 @@
-"""The numbers that a scene asks for, with their relative errors, and which component and source own
-the largest.
+"""The numbers that a scene asks for, with their relative errors, and the component and source with
+the largest part.
 
-Two rounds with different meshes say how good the estimates are for one machine: how far its numbers
-still move.
+Two rounds with different meshes show how reliable the estimates are for a machine: how much its
+numbers still change.
 """
 
 import dataclasses
@@ -31,7 +31,7 @@ from headstock.pipeline.stages.run_state import RunState
 # counts until a component was refined: then its rounds tell how good its estimates are, between a
 # share of them and more than ± takes (LEAST_FACTOR, MOST_FACTOR).
 MESH_SAFETY = 1.55
-Factors = Mapping[str, float]  # component to what the estimates of its mesh are multiplied by
+Factors = Mapping[str, float]  # component to the safety factor on the estimates of its mesh
 # errors are taken to fall with this power of the mesh size, or with that of their estimates where
 # these fall faster, and what that leaves counts half as much again
 LEVEL_RATE, FASTEST_LEVEL_RATE = 1.5, 4.0
@@ -40,24 +40,25 @@ LEVEL_SAFETY = 1.5
 # true error; no less than this share of them counts.
 LEAST_FACTOR = 0.4
 MOST_FACTOR = 1.8  # the smallest estimates are little more than half of the true error
-DECISIVE = 0.5  # numbers with at least this share of a component's largest error tell its factor
-CLOSE = 0.7  # sizes so near to each other tell less than rounds further apart have told before
+DECISIVE = 0.5  # of a component's largest error: numbers with a smaller share do not count
+CLOSE = 0.7  # meshes with a larger ratio of sizes cannot raise the factor of earlier rounds
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A requested number.
+    """Describe a requested number with its relative error.
 
     Attributes:
-        key: Which one, the same in every round.
+        key: Key of the number, the same in every round.
         value: [Hz] or [m/N].
         parts: Component and source to their relative part of the error; inf where there is no
             bound.
-        faces: What of it is by curved faces of meshes as they are: the machine may be too soft as well
-            as too stiff.
-        corrected: Components whose meshes are corrected by their estimates: so it may by what is left.
-        response: It is a peak or a level of a frequency response, which errors may make too large
-            as well as too small.
+        faces: Part of the error by curved faces of uncorrected meshes: the machine may be too soft
+            as well as too stiff.
+        corrected: Components whose meshes are corrected by their estimates: the remaining error may
+            have either sign.
+        response: True for peaks and levels of a frequency response, whose error may have either
+            sign.
     """
 
     key: Key
@@ -86,11 +87,11 @@ class Quantity:
 
     @property
     def owner(self) -> Owner:
-        """Component and source with the largest part."""
+        """Component and source with the largest part of the error."""
         return max(self.parts, key=lambda key: self.parts[key])
 
     def parts_by_meshes(self, names: Container[str]) -> dict[Owner, float]:
-        """Return its parts by the meshes of some components."""
+        """Return the parts of the error by the meshes of some components."""
         return {
             (name, source): part
             for (name, source), part in self.parts.items()
@@ -98,7 +99,7 @@ class Quantity:
         }
 
     def error_left(self, before: "Quantity", steps: Mapping[str, float]) -> float:
-        """Return the error that it has still to go after meshes were refined, over the number.
+        """Return the remaining error after meshes were refined, relative to the number.
 
         Args:
             steps: Refined component to its new size over the old one.
@@ -114,7 +115,7 @@ class Quantity:
         )
 
     def report(self) -> AccuracyRound:
-        """Report a round in which it is furthest off."""
+        """Return the report of a round in which this number has the largest error."""
         component, source = self.owner
         share = show_share(self.parts[self.owner])
         reason = f"{self.name} may be off by {show_share(self.error)}; {share} is the {source} of {component}"
@@ -123,8 +124,8 @@ class Quantity:
 
 
 def gather_quantities(state: RunState) -> list[Quantity]:
-    """Return every frequency, compliance, and peak and level of a frequency response that a run has
-    found, with its error in parts as estimated; on rank 0, after its analyses.
+    """Return every frequency, compliance, and peak and level of a frequency response of a run, with
+    its error in parts as estimated; on rank 0, after its analyses.
     """
     corrected = frozenset(
         name for name, part in state.reduced.items() if part.superelement.errors.corrected
@@ -143,7 +144,7 @@ def gather_quantities(state: RunState) -> list[Quantity]:
             parts = _relative_parts(error, number.value) | _unseen_parts(state, error)
             hz = number.value if key.kind == FREQUENCY else heights_hz.get(key)
             if hz is not None and error.shares.get(REDUCTION, 0.0) is None:
-                parts |= {(name, REDUCTION): np.inf for name in _short_of(state, hz)}
+                parts |= {(name, REDUCTION): np.inf for name in _list_truncated(state, hz)}
             found.append(
                 Quantity(
                     key,
@@ -159,10 +160,10 @@ def gather_quantities(state: RunState) -> list[Quantity]:
 
 
 def count_safely(quantities: Sequence[Quantity], factors: Factors) -> list[Quantity]:
-    """The same with their errors as they are to be counted.
+    """Return the same quantities with safety factors on their errors.
 
     Args:
-        factors: Of components of which two rounds tell.
+        factors: Factors of components that were refined between two rounds.
     """
 
     def factor(owner: Owner) -> float:
@@ -178,14 +179,15 @@ def count_safely(quantities: Sequence[Quantity], factors: Factors) -> list[Quant
 
 
 def worst_quantity(quantities: list[Quantity]) -> Quantity | None:
-    """The one with the largest relative error; None where nothing has an error."""
+    """Return the quantity with the largest relative error; None where nothing has an error."""
     known = [quantity for quantity in quantities if quantity.parts]
     return max(known, key=lambda quantity: quantity.error) if known else None
 
 
 def _relative_parts(error: Estimate, value: float) -> dict[Owner, float]:
-    """Parts of an error as estimated, without what ± adds to cover 95 %; finer meshes follow curved
-    faces, too.
+    """Return the parts of an error as estimated, without the safety factor of ± that covers 95 %;
+    errors by curved faces count as errors of the mesh, as finer meshes approximate these faces
+    better.
     """
     found: dict[Owner, float] = {}
     for source, sizes in error.parts.items():
@@ -198,7 +200,7 @@ def _relative_parts(error: Estimate, value: float) -> dict[Owner, float]:
 
 
 def _unseen_parts(state: RunState, error: Estimate) -> dict[Owner, float]:
-    """Meshes whose error nobody can tell: rows of single elements."""
+    """Return the meshes whose error cannot be estimated: rows of single elements."""
     if error.shares.get(DISCRETISATION, 0.0) is not None:
         return {}
     return {
@@ -214,8 +216,8 @@ def _faces_of(error: Estimate, value: float, corrected: frozenset[str]) -> float
     return sum(size for name, size in faces.items() if name not in corrected) / value
 
 
-def _short_of(state: RunState, hz: float) -> list[str]:
-    """Components whose modes are complete only to below a frequency."""
+def _list_truncated(state: RunState, hz: float) -> list[str]:
+    """List the components whose modes are complete only to below a frequency."""
     return [
         name
         for name, part in state.reduced.items()
@@ -230,25 +232,26 @@ def weigh_estimates(
     known: Factors,
     unseen: Container[str] = (),
 ) -> dict[str, float]:
-    """Factors by which the estimates of meshes are to be counted, from how far numbers moved
-    between two rounds.
+    """Return the safety factors of mesh estimates, from the change of numbers between two
+    rounds.
 
-    A number that moved by ``d`` while the size fell to the share ``s`` has ``d s^p / (1 - s^p)``
-    still to go, where errors fall with the power ``p``. Of the numbers that decide about a component
-    the one with the most to go counts: some stand still by chance. Components that were not refined
-    keep their factor.
+    If a number changed by ``d`` while the mesh size was multiplied by ``s``, the remaining error is
+    ``d s^p / (1 - s^p)``, where errors fall with the power ``p``. Among the numbers with large
+    parts by a component the one with the largest remaining error counts, as some do not change by
+    chance. Components that were not refined keep their factor.
 
     Args:
         before: Numbers of a round, with estimates as they are.
         after: The same of the next one.
         steps: Refined component to its new size over the old one.
-        known: Factors of rounds before.
-        unseen: Components whose estimates see part of the error: what numbers moved by counts in full.
+        known: Factors from earlier rounds.
+        unseen: Components whose estimates contain only part of the error: changes of numbers count
+            in full.
 
     Source: Roache (1994), J. Fluids Eng. 116, 405-413, on the grid convergence index.
     """
     earlier = {quantity.key: quantity for quantity in before}
-    # of each component: its part of a number, and what is left of all parts over what is estimated
+    # of each component: its part of a number, and the remaining error over the estimated one
     ratios: dict[str, list[tuple[float, float]]] = {}
     for quantity in after:
         moved = quantity.parts_by_meshes(steps)
@@ -274,13 +277,13 @@ def choose_greedily[Worst, Option](
     gain: Callable[[Option, Worst], float],
     take: Callable[[Option, Worst], None],
 ) -> Worst:
-    """Take the option that gains most for what is furthest off, until that is within an aim or no
-    option is left; return what is furthest off then.
+    """Take the option that gains most for the item with the largest error, until that is within an
+    aim or no option is left; return that error.
 
     Args:
-        find_worst: By how much that which is furthest off is, with the options taken, and which.
-        options: What could be taken.
-        gain: Of an option, over its cost.
+        find_worst: Returns the largest error with the options taken, and the item that has it.
+        options: Options to choose from.
+        gain: Returns the gain of an option, over its cost.
     """
     while True:
         size, worst = find_worst()
@@ -291,7 +294,7 @@ def choose_greedily[Worst, Option](
 
 
 def _share_left(step: float, smaller: float) -> float:
-    """What is left of an error, over what a refinement took of it.
+    """Return the remaining error over the reduction by a refinement.
 
     Args:
         step: New mesh size over the old one.

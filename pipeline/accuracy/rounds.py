@@ -1,4 +1,6 @@
-"""Whether a round of a search is good enough, and what is refined where it is not."""
+"""Whether a round of a search is accurate enough, and which components are refined where
+it is not.
+"""
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
@@ -44,7 +46,7 @@ from headstock.solvers.recovery.discretisation_error import find_resolved_step
 # Errors of coarse meshes fall less than their sizes ask for: a round ended beyond its aim by about
 # this power of what the error was above the accuracy, which counts down to the least aim
 AIM, FAR_POWER, LEAST_AIM = 0.75, 0.4, 0.55
-ERROR_STEP = 0.9  # by which the error of an owner is thought to fall at a time
+ERROR_STEP = 0.9  # by which the error of an owner is assumed to fall in one step
 # errors fall with about the second power of the mesh size; processor time grows with its third
 COST_POWER = 1.5
 LEAST_SECONDS = 0.05  # of a component
@@ -53,12 +55,12 @@ LEAST_RATIO = 1e-3  # of an error, over all rounds to come
 
 @dataclass(frozen=True)
 class _MeshScale:
-    """How fine a mesh is.
+    """Describe the fineness of a mesh.
 
     Attributes:
-        size: Its size, or the mean where sizes follow the error [m].
+        size: Element size, or the mean where sizes vary with the error [m].
         mean: Side of the cube per dof [m].
-        graded: Its sizes follow the error.
+        graded: Sizes vary with the error.
     """
 
     size: float
@@ -66,8 +68,8 @@ class _MeshScale:
     graded: bool
 
     def step_from(self, before: "_MeshScale") -> float:
-        """Return its size over that of a mesh before; their means where only one of them follows the error, as
-        sizes then tell nothing of each other.
+        """Return the size over that of an earlier mesh; the ratio of means where only one of them
+        varies with the error, as sizes are then not comparable.
         """
         if self.graded == before.graded:
             return self.size / before.size
@@ -76,13 +78,13 @@ class _MeshScale:
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """What the rounds so far have taught.
+    """Store the results of earlier rounds.
 
     Attributes:
-        trials: Of each component, its meshes so far and the largest error they owned.
+        trials: Component to its meshes so far, with the largest error each contributed.
         quantities: Numbers of the last round, with errors as estimated.
-        scales: How fine meshes of the last round were.
-        factors: By how much estimates are to be multiplied.
+        scales: Fineness of the meshes of the last round.
+        factors: Safety factors on estimates.
     """
 
     trials: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)
@@ -93,8 +95,8 @@ class History:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """What rank 0 makes of a round: whether the search ends, else the next scene; and what is reported
-    of it.
+    """Store the evaluation of a round by rank 0: whether the search ends, else the next scene; and
+    the report.
     """
 
     ends: bool
@@ -106,12 +108,13 @@ class Verdict:
 def evaluate_round(
     scene: Scene, state: RunState, goal: AccuracyGoal, history: History
 ) -> tuple[Verdict, History]:
-    """Decide whether a round is good enough, and else what is refined; and what it adds to the history.
+    """Decide whether a round is accurate enough, and else refine components; and add the round to
+    the history.
 
     Args:
-        scene: Of the round, with the settings of its components.
-        state: What the round computed; rank 0's.
-        history: What the rounds before have taught.
+        scene: Scene of the round, with the settings of its components.
+        state: Results of the round; rank 0's.
+        history: Results of earlier rounds.
     """
     parts = scene.machine.components
     estimated = gather_quantities(state)
@@ -128,7 +131,7 @@ def evaluate_round(
     if state.failures:
         return Verdict(True, scene, reported), learnt
     if worst.error <= goal.to:
-        # what an estimate sees part of shows in a second mesh
+        # where an estimate contains only part of the error, a second mesh shows the rest
         owners = {each.owner for each in quantities if each.parts}
         once = [
             name
@@ -153,13 +156,13 @@ def _learn_factors(
     scales: Mapping[str, _MeshScale],
     history: History,
 ) -> dict[str, float]:
-    """Return by how much estimates are to be multiplied, from the steps of meshes since the last round."""
+    """Return safety factors on estimates, from the refinement of meshes since the last round."""
     steps = {
         name: step
         for name, scale in scales.items()
         if name in history.scales and (step := scale.step_from(history.scales[name])) < 1.0
     }
-    # a mesh that hardly changed tells nothing
+    # a mesh that hardly changed says nothing about the estimate
     changed = [name for name, step in steps.items() if step <= LEAST_STEP]
     unseen = _find_resolved_steps(state, parts, changed)
     return weigh_estimates(history.quantities, estimated, steps, history.factors, unseen)
@@ -168,8 +171,8 @@ def _learn_factors(
 def _find_resolved_steps(
     state: RunState, parts: Mapping[str, Component], names: Iterable[str]
 ) -> dict[str, float]:
-    """Return, of the components whose mesh recovery sees part of the error of, the size over the present
-    one with which it sees all; on rank 0.
+    """Return the size ratio that makes recovery see the whole error of the mesh, for components
+    where it sees only part of it; on rank 0.
     """
     steps = {
         name: find_resolved_step(load_or_make_mesh(state, state.plan.components[name])[0])
@@ -180,8 +183,8 @@ def _find_resolved_steps(
 
 
 def _confirm(scene: Scene, steps: Mapping[str, float], reported: AccuracyRound) -> Verdict:
-    """End a search that is good enough by its estimates; or return the next scene where some of them see
-    part of the error, with finer meshes of these components, by the steps given.
+    """End a search that is accurate enough by its estimates; or return the next scene, with finer
+    meshes of components whose estimates contain only part of the error, by the given steps.
     """
     parts = scene.machine.components
     finer = {
@@ -199,7 +202,7 @@ def _confirm(scene: Scene, steps: Mapping[str, float], reported: AccuracyRound) 
 def _go_on(
     scene: Scene, finer: Mapping[str, Component], reported: AccuracyRound, reason: str
 ) -> Verdict:
-    """Return the next scene, with what changes of its components and why."""
+    """Return the next scene, with the changes of its components and the reason."""
     before = {name: describe_settings(part) for name, part in scene.machine.components.items()}
     after = {name: describe_settings(part) for name, part in finer.items()}
     changes = {
@@ -213,7 +216,7 @@ def _go_on(
 
 
 def _find_scales(parts: Mapping[str, Component], state: RunState) -> dict[str, _MeshScale]:
-    """Return what the steps of meshes are measured by, by component; none of a part without a mesh."""
+    """Return the fineness of each mesh, by component; none of a part without a mesh."""
     scales = {}
     for name, part in parts.items():
         graded = follows_errors(part)
@@ -234,7 +237,7 @@ def _refine(
     trials: Mapping[str, tuple[Trial, ...]],
     reported: AccuracyRound,
 ) -> Verdict:
-    """Return the next scene, in which the errors of some owners should be so many times what they are."""
+    """Return the next scene, in which the errors of some owners should fall by given ratios."""
     parts = scene.machine.components
     finer = dict(parts)
     sized: dict[str, SizeField] = {}
@@ -244,7 +247,7 @@ def _refine(
         if meshed and isinstance(part.solid, MeshFile):
             return Verdict(True, scene, reported, f"the {kind} of {name} cannot be refined")
         if parts[name].fidelity == "polynomial" and (meshed or ratio == 0.0):
-            # more degrees would pay no longer
+            # a higher degree would cost more than finite elements
             elastic = dataclasses.replace(part, fidelity="elastic")
             finer[name] = start_component(elastic, accuracy, part.reduction.modes_to_hz)
         elif kind == LEFT_OUT:
@@ -272,16 +275,17 @@ def _wanted_ratios(
     parts: Mapping[str, Component],
     seconds: Mapping[str, float],
 ) -> dict[Owner, float]:
-    """Return by what factor the errors of owners must fall so that every number is likely to be right, at
-    the least cost: always the step that takes most of the worst number for its processor time.
+    """Return the ratios by which the errors of owners must fall so that every number is likely to
+    be within the accuracy, at the least cost: at each step the one that reduces the worst number
+    most per processor time.
 
-    What a mesh cannot reach in one step it goes on to in the next round: the others are not refined
-    in its place. Equal components are refined alike, so that one superelement serves them all. Where
-    a part has no bound, nobody knows how far it must fall: its factor is 0.
+    What a mesh cannot reach in one step is left to the next round: other owners are not refined
+    instead. Equal components are refined alike, so that they share one superelement. Where a part
+    has no bound, the necessary ratio is unknown: it is 0.
 
     Args:
         accuracy: Relative error allowed.
-        seconds: What the stages of a component cost at its present settings.
+        seconds: Processor time of a component's stages at its present settings.
     """
     groups = _group_owners(quantities, parts)
     short = [quantity for quantity in quantities if quantity.error > accuracy]
@@ -340,8 +344,8 @@ def _group_owners(
 
 
 def _added_seconds(seconds: float, ratio: float) -> float:
-    """Return what the next step costs: all of the component where it is the first, as nothing of the old
-    one serves the finer one.
+    """Return the cost of the next step: all of the component where it is the first, as nothing of
+    the old superelement can be reused.
     """
     after = float(seconds * (ERROR_STEP * ratio) ** -COST_POWER)
     return after if ratio == 1.0 else after - float(seconds * ratio**-COST_POWER)
@@ -383,14 +387,14 @@ def _highest_found(state: RunState) -> float:
 
 
 def replace_components(scene: Scene, components: Mapping[str, Component]) -> Scene:
-    """The scene with other components."""
+    """Return the scene with other components."""
     return dataclasses.replace(
         scene, machine=dataclasses.replace(scene.machine, components=dict(components))
     )
 
 
 def describe_settings(component: Component) -> str:
-    """Mesh and modes of a component in the words of a scene."""
+    """Describe mesh and modes of a component in the words of a scene."""
     if component.fidelity == "rigid":
         return "rigid"
     if component.fidelity == "segmented":

@@ -1,8 +1,8 @@
-"""The search for the cheapest settings of a stated accuracy: start cheap, refine what owns the
-largest error, reuse the rest.
+"""The search for the cheapest settings for a stated accuracy: start cheap, refine the component
+with the largest part of the error, reuse the others.
 
-The plan of its first round says beforehand what a scene with an accuracy calls for, as far as that
-is known.
+The plan of the first round shows in advance which stages a scene with an accuracy needs, as far as
+they are known.
 """
 
 import dataclasses
@@ -31,7 +31,7 @@ from headstock.pipeline.accuracy.rounds import (
 )
 from headstock.pipeline.accuracy.search_records import (
     ModelComparison,
-    Remembered,
+    SearchRecord,
     list_values,
     recall_comparison,
     recall_search,
@@ -73,7 +73,7 @@ FOUND = "settings that an earlier run of this scene found"
 
 
 class _RunRound(Protocol):
-    """Runs a scene's plan without writing anything."""
+    """Run a scene's plan without writing files."""
 
     def __call__(
         self,
@@ -83,11 +83,11 @@ class _RunRound(Protocol):
         *,
         mesh_factors: Mapping[str, float] | None = None,
     ) -> RunState:
-        """What the stages found.
+        """Return the results of the stages.
 
         Args:
-            reduced: Components of an earlier round that serve again; None where all are to be made.
-            mesh_factors: Component to what its estimates of mesh errors are multiplied by.
+            reduced: Components of an earlier round to be reused; None where all are made.
+            mesh_factors: Component to the safety factor on its mesh estimates.
         """
         ...
 
@@ -97,15 +97,16 @@ Note = Callable[[Stage, str, Cost], None]
 
 @dataclass(frozen=True, eq=False)
 class AccuracySearch:
-    """How a search for settings ended.
+    """Store the result of a search for settings.
 
     Attributes:
-        state: Of the last round, complete on rank 0.
+        state: State of the last round, complete on rank 0.
         answer: Rounds, settings and errors.
         failure: Why the accuracy was not reached, in plain words; empty when it was.
-        bodies: Finite elements of the bodies that became rigid or segmented; None where none did.
-        mesh_factors: Component to what its estimates of mesh errors were multiplied by.
-        comparison: What an earlier run found by comparing with those; None where none did.
+        bodies: Finite elements of the bodies that became rigid or segmented; None without such
+            bodies.
+        mesh_factors: Component to the safety factor on its mesh estimates.
+        comparison: Result of an earlier comparison with those finite elements; None without one.
     """
 
     scene: Scene
@@ -118,11 +119,15 @@ class AccuracySearch:
 
 
 def _start_scene(scene: Scene, accuracy: float) -> Scene:
-    """Where one body makes all of the error, its mesh begins finer than among several, of which most
-    need it coarse, and never rough; rounds teach how fine it must be.
+    """Return the scene with the settings of the first round. A single body that causes all of the
+    error starts with a finer mesh than several bodies, most of which may remain coarse.
     """
     goal = _goal(scene).to
-    parts = _deform_ours(scene) if _goal(scene).models != "none" else scene.machine.components
+    parts = (
+        _make_selectable_deformable(scene)
+        if _goal(scene).models != "none"
+        else scene.machine.components
+    )
     chosen = [part for part in parts.values() if is_chosen(part)]
     one = all(are_equal(chosen[0], part) for part in chosen)
     components = {
@@ -139,9 +144,9 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
     return replace_components(_without_comparisons(scene), components)
 
 
-def _deform_ours(scene: Scene) -> dict[str, Component]:
-    """Return all components; those whose model is ours to choose deform by their volume, which says
-    what cheaper models would leave out.
+def _make_selectable_deformable(scene: Scene) -> dict[str, Component]:
+    """Return all components, with deformable models of the selectable bodies, to evaluate the error
+    of cheaper models.
     """
     modal, frf = scene.analyses.get(ModalRequest), scene.analyses.get(FrfRequest)
     highest_hz = max(
@@ -150,15 +155,15 @@ def _deform_ours(scene: Scene) -> dict[str, Component]:
     )
     parts = dict(scene.machine.components)
     for name, part in scene.machine.components.items():
-        if _is_ours(scene, name):
+        if _is_selectable(scene, name):
             suits = suits_polynomials(part, highest_hz)
             parts[name] = dataclasses.replace(part, fidelity="polynomial" if suits else "elastic")
     return parts
 
 
-def _is_ours(scene: Scene, name: str) -> bool:
-    """Whether the model of a body is ours to choose; only a mesh shows what supports, probes and
-    shapes of interfaces see.
+def _is_selectable(scene: Scene, name: str) -> bool:
+    """Tell whether the model of a body is selectable; supports, probes and shapes of interfaces
+    need a mesh.
     """
     machine, part = scene.machine, scene.machine.components[name]
     seen = {one.component for one in machine.supports.values()} | {
@@ -173,12 +178,12 @@ def _is_ours(scene: Scene, name: str) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Refined:
-    """Where the rounds of meshes and modes ended.
+    """Store the result of the rounds of meshes and modes.
 
     Attributes:
-        state: Of the last round, complete on rank 0; its estimates as they are.
-        quantities: Numbers of the last round, with the errors that count.
-        mesh_factors: Component to what the rounds taught that its estimates are worth.
+        state: State of the last round, complete on rank 0; its estimates without safety factors.
+        quantities: Numbers of the last round, with safety factors on their errors.
+        mesh_factors: Component to the safety factor on its mesh estimates, from the rounds.
         failure: Why the accuracy was not reached; empty when it was.
     """
 
@@ -193,13 +198,13 @@ class _Refined:
 def search_settings(
     scene: Scene, run_round: _RunRound, note: Note, *, comm: MPI.Comm, store: Store
 ) -> AccuracySearch:
-    """Refine until every requested number is right to the scene's accuracy, then take the cheapest
+    """Refine until every requested number is within the scene's accuracy, then choose the cheapest
     models of bodies; collective.
 
     Args:
-        run_round: Runs a scene's plan without writing anything.
+        run_round: Runs a scene's plan without writing files.
         note: Called with each refinement on rank 0.
-        store: Where settings are that were found before.
+        store: Store with the results of earlier searches.
 
     Raises:
         BudgetError: Not even the coarsest settings fit the limits.
@@ -216,7 +221,7 @@ def search_settings(
     if comm.rank == 0:
         for own in shapes:
             note(Stage("joints", own.joint.name, own.reason or "the accuracy"), str(own), Cost())
-    # where joints alone are too far off, finer meshes reach nothing
+    # where the error by joints alone is too large, finer meshes cannot help
     reachable = not any(own.reason for own in shapes)
     most = MOST_ROUNDS if reachable else 1
     refined = _refine_in_rounds(give_chosen(scene, shapes), run_round, note, most)
@@ -225,21 +230,21 @@ def search_settings(
     answer = _conclude(scene, refined, choice, chosen, shapes)
     if state.is_root and answer.met and not state.failures:
         references = {} if bodies is None else bodies.components
-        found = Remembered(chosen.machine.components, references, refined.mesh_factors, answer)
+        found = SearchRecord(chosen.machine.components, references, refined.mesh_factors, answer)
         state.warn(remember_search(scene, store, found))
     return AccuracySearch(
         _restore_requests(chosen, scene),
         state,
         answer,
-        _say_failure(answer),
+        _describe_failure(answer),
         bodies,
         refined.mesh_factors,
     )
 
 
 def _refine_in_rounds(scene: Scene, run_round: _RunRound, note: Note, most_rounds: int) -> _Refined:
-    """Rounds of meshes and modes until every number is right, or none that is finer fits;
-    collective.
+    """Refine meshes and modes in rounds until every number is within the accuracy, or no finer
+    settings fit; collective.
     """
     goal, history = _goal(scene), History()
     rounds: list[AccuracyRound] = []
@@ -268,28 +273,32 @@ def _refine_in_rounds(scene: Scene, run_round: _RunRound, note: Note, most_round
                 note(Stage("refine", name, verdict.round.reason), change, Cost())
         current, state = verdict.scene, run_round(verdict.scene, plan)
     counted = count_safely(history.quantities, history.factors)
-    # ± of meshes counts what is usual
+    # the ± of meshes has its usual safety factor
     factors = {name: factor / MESH_SAFETY for name, factor in history.factors.items()}
     return _Refined(current, state, tuple(rounds), counted, factors, failure)
 
 
 def _choose_bodies(scene: Scene, refined: _Refined, note: Note) -> ModelChoice | None:
-    """The cheapest models within the accuracy; None where none are to be chosen. Collective."""
+    """Choose the cheapest models within the accuracy; None where none are selectable.
+    Collective.
+    """
     goal, state = _goal(scene), refined.state
-    ours = [name for name in scene.machine.components if _is_ours(scene, name)]
-    # where there are no numbers, nothing tells what a cheaper model leaves out
-    if goal.models == "none" or not (ours and refined.quantities) or refined.failure:
+    selectable = [name for name in scene.machine.components if _is_selectable(scene, name)]
+    # without numbers the error of a cheaper model cannot be evaluated
+    if goal.models == "none" or not (selectable and refined.quantities) or refined.failure:
         return None
     if state.failures:
         return None
-    return make_on_root(state.comm, functools.partial(_choose_models, refined, ours, goal.to, note))
+    return make_on_root(
+        state.comm, functools.partial(_choose_models, refined, selectable, goal.to, note)
+    )
 
 
 def _run_chosen(
     refined: _Refined, choice: ModelChoice | None, run_round: _RunRound, note: Note
 ) -> tuple[Scene, RunState, RefinedBodies | None]:
-    """The machine of the models chosen, with what rounds taught behind every ±; and the bodies that
-    those models replace, None where there are none. Collective.
+    """Run the machine of the chosen models, with the safety factors of the rounds in every ±; and
+    return the bodies that those models replace, None where there are none. Collective.
     """
     current, state, factors = refined.scene, refined.state, refined.mesh_factors
     if choice is None or not _list_changed(refined, choice):
@@ -299,7 +308,7 @@ def _run_chosen(
     bodies = None
     if state.is_root:
         for name, change in _list_changed(refined, choice).items():
-            note(Stage("models", name, _say_error(choice)), change, Cost())
+            note(Stage("models", name, _describe_error(choice)), change, Cost())
         weighed = dataclasses.replace(state, reduced=dict(state.reduced))
         weighed.weigh_meshes(factors)
         parts = state.plan.components
@@ -317,7 +326,7 @@ def _run_chosen(
 
 
 def _list_changed(refined: _Refined, choice: ModelChoice) -> dict[str, str]:
-    """Bodies that get another model, and why, in plain words."""
+    """List the bodies that get another model, and why, in plain words."""
     parts = refined.scene.machine.components
     return {
         name: f"{before} → {body.model}: {body.why}"
@@ -326,7 +335,7 @@ def _list_changed(refined: _Refined, choice: ModelChoice) -> dict[str, str]:
     }
 
 
-def _say_error(choice: ModelChoice) -> str:
+def _describe_error(choice: ModelChoice) -> str:
     return f"{choice.worst} may be off by {show_share(choice.error)} with the models chosen"
 
 
@@ -337,10 +346,10 @@ def _conclude(
     chosen: Scene,
     shapes: Sequence[ShapeChoice],
 ) -> AccuracyAnswer:
-    """What is told of a search."""
+    """Build the report of a search."""
     rounds, bodies = refined.rounds, choice.bodies if choice else {}
     if choice is not None and (changed := _list_changed(refined, choice)):
-        last = AccuracyRound(choice.worst, choice.error, _say_error(choice), changes=changed)
+        last = AccuracyRound(choice.worst, choice.error, _describe_error(choice), changes=changed)
         rounds = (*rounds, last)
     settings = {
         name: describe_settings(part)
@@ -359,7 +368,9 @@ def _conclude(
 def _evaluate_responses(
     quantities: Sequence[Quantity], choice: ModelChoice | None, accuracy: float
 ) -> ResponseAccuracy | None:
-    """The peak or level of a frequency response that is furthest off with the models chosen."""
+    """Return the peak or level of a frequency response with the largest error with the chosen
+    models.
+    """
     errors = {
         each.name: each.error if choice is None else choice.errors[each.key]
         for each in quantities
@@ -372,7 +383,7 @@ def _evaluate_responses(
     return ResponseAccuracy(worst, size if np.isfinite(size) else None, size <= accuracy)
 
 
-def _say_failure(answer: AccuracyAnswer) -> str:
+def _describe_failure(answer: AccuracyAnswer) -> str:
     if answer.met:
         return ""
     last = answer.rounds[-1]
@@ -383,7 +394,7 @@ def _say_failure(answer: AccuracyAnswer) -> str:
 
 
 def _restore_requests(current: Scene, scene: Scene) -> Scene:
-    """The settings of one scene with all that another asks for."""
+    """Return the settings of one scene with all requests of another."""
     return dataclasses.replace(
         current,
         analyses=scene.analyses,
@@ -393,9 +404,9 @@ def _restore_requests(current: Scene, scene: Scene) -> Scene:
 
 
 def _repeat_search(
-    scene: Scene, known: Remembered, comparison: ModelComparison | None, run_round: _RunRound
+    scene: Scene, known: SearchRecord, comparison: ModelComparison | None, run_round: _RunRound
 ) -> AccuracySearch:
-    """The last round of a search that was made before; collective."""
+    """Run the last round of an earlier search; collective."""
     start = _without_comparisons(scene)
     current = replace_components(start, known.chosen)
     factors = known.mesh_factors
@@ -422,7 +433,7 @@ def _repeat_search(
 
 
 def _without_comparisons(scene: Scene) -> Scene:
-    """A scene with the analyses that errors are estimated of, and nothing else."""
+    """Return a scene with only the analyses that have error estimates."""
     return dataclasses.replace(
         scene,
         analyses=_round_analyses(scene.analyses),
@@ -432,11 +443,11 @@ def _without_comparisons(scene: Scene) -> Scene:
 
 
 def _choose_models(
-    refined: _Refined, ours: Sequence[str], accuracy: float, note: Note
+    refined: _Refined, selectable: Sequence[str], accuracy: float, note: Note
 ) -> ModelChoice:
-    """The cheapest models within an accuracy, on rank 0."""
+    """Choose the cheapest models within an accuracy, on rank 0."""
     with measure() as cost:
-        found = choose_models(refined.state, ours, refined.quantities, accuracy)
+        found = choose_models(refined.state, selectable, refined.quantities, accuracy)
     note(
         Stage("models", None, "the cheapest models within the accuracy"),
         f"{found.worst} within {show_share(found.error)}",
@@ -446,7 +457,8 @@ def _choose_models(
 
 
 def _plan_start(scene: Scene) -> tuple[Scene, Plan]:
-    """The first round: settings, and stages up to the analyses that errors are estimated of.
+    """Return the scene of the first round, and its stages up to the analyses that have error
+    estimates.
 
     Raises:
         BudgetError: Not even the coarsest settings fit the limits.
@@ -460,8 +472,8 @@ def _plan_start(scene: Scene) -> tuple[Scene, Plan]:
 
 
 def _round_analyses(analyses: Analyses) -> Analyses:
-    """The analyses that say how far off a machine is: statics, modes as far up as any analysis
-    looks, and peaks of frequency responses.
+    """Return the analyses that determine the accuracy: statics, modes as far up as any analysis
+    needs, and peaks of frequency responses.
     """
     modal, frf = analyses.get(ModalRequest), analyses.get(FrfRequest)
     if modal is None and frf is not None:
@@ -476,8 +488,8 @@ def _round_analyses(analyses: Analyses) -> Analyses:
 
 
 def _modes_to(part: Component, analyses: Analyses, accuracy: float) -> float | None:
-    """Up to where modes of a part are kept at first; None where frequencies are counted, so that
-    nothing is known of their height yet.
+    """Return the frequency up to which modes of a part are kept at first; None where a number of
+    frequencies is requested, so that their range is not known yet.
     """
     modal, frf = analyses.get(ModalRequest), analyses.get(FrfRequest)
     reaches = []
@@ -495,7 +507,7 @@ def _goal(scene: Scene) -> AccuracyGoal:
 
 
 def plan_first_round(scene: Scene) -> Plan:
-    """The stages of a scene with an accuracy, with the settings that its search begins with.
+    """Plan the stages of a scene with an accuracy, with the settings of the first round.
 
     Raises:
         BudgetError: A mesh or a stage would be larger than allowed.

@@ -1,5 +1,5 @@
-"""What a search chose: kept in the store, so that the next run of the same scene computes its last round
-alone, and as keys of the scene that give the same run again without a search.
+"""Results of a search: kept in the store, so that the next run of the same scene computes its last
+round alone, and as keys of the scene that give the same run without a search.
 """
 
 import dataclasses
@@ -46,22 +46,22 @@ SIZES_FOLDER = "sizes"
 
 @dataclass(frozen=True)
 class _StoredSearch:
-    """An entry of the store: a text of JSON in pieces."""
+    """Store a search: JSON text in pieces."""
 
     text: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class _StoredComparison:
-    """An entry of the store: a text of JSON in pieces."""
+    """Store a comparison: JSON text in pieces."""
 
     text: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class ModelComparison:
-    """What a comparison with finite elements has found: the numbers with their ±, in the order of
-    the answers of a run, the changes, and what it reported.
+    """Store the result of a comparison with finite elements: the numbers with their ±, in the order
+    of the answers of a run, the changes, and the report.
     """
 
     numbers: tuple[Answer, ...]
@@ -71,15 +71,15 @@ class ModelComparison:
 
 
 @dataclass(frozen=True, eq=False)
-class Remembered:
-    """How a search for settings ended.
+class SearchRecord:
+    """Store the result of a search for settings.
 
     Attributes:
         chosen: Components with the settings found.
-        references: Bodies whose models were chosen, as the finite elements or polynomials that they
-            were compared with.
-        mesh_factors: Component to what its estimates of mesh errors were multiplied by.
-        answer: What is reported of the search.
+        references: Finite elements or polynomials of the bodies whose models were chosen, to
+            compare with.
+        mesh_factors: Component to the safety factor on its mesh estimates.
+        answer: Report of the search.
     """
 
     chosen: Mapping[str, Component]
@@ -90,7 +90,9 @@ class Remembered:
 
 @dataclass(frozen=True)
 class _Settings:
-    """What a search chooses of a component, with form and number of shapes of its interfaces."""
+    """Store the settings that a search chooses of a component, with form and number of shapes of
+    its interfaces.
+    """
 
     fidelity: Fidelity
     mesh: MeshSettings
@@ -125,7 +127,7 @@ class _Settings:
 
 @dataclass(frozen=True, eq=False)
 class _SearchContent:
-    """A ``Remembered`` as it is stored."""
+    """Define the stored form of a search."""
 
     chosen: Mapping[str, _Settings]
     references: Mapping[str, _Settings]
@@ -133,8 +135,10 @@ class _SearchContent:
     answer: AccuracyAnswer
 
 
-def remember_search(scene: Scene, store: Store, found: Remembered) -> str | None:
-    """Keep what was found for a scene; a warning where the store cannot be written."""
+def remember_search(scene: Scene, store: Store, found: SearchRecord) -> str | None:
+    """Store the result of a search for a scene; return a warning where the store cannot
+    be written.
+    """
     chosen, references = (
         {name: _Settings.of(part) for name, part in parts.items()}
         for parts in (found.chosen, found.references)
@@ -143,8 +147,10 @@ def remember_search(scene: Scene, store: Store, found: Remembered) -> str | None
     return _write(scene, store, _StoredSearch, content)
 
 
-def recall_search(scene: Scene, store: Store) -> Remembered | None:
-    """Return what was found for a scene; None where nothing was, or other files or code lay behind it."""
+def recall_search(scene: Scene, store: Store) -> SearchRecord | None:
+    """Return the stored result for a scene; None where there is none, or files or code have
+    changed.
+    """
     content = _read(scene, store, _StoredSearch, [_SearchContent])
     if not isinstance(content, _SearchContent):
         return None
@@ -153,16 +159,18 @@ def recall_search(scene: Scene, store: Store) -> Remembered | None:
         {name: settings.give(parts[name]) for name, settings in kept.items()}
         for kept in (content.chosen, content.references)
     )
-    return Remembered(chosen, references, content.mesh_factors, content.answer)
+    return SearchRecord(chosen, references, content.mesh_factors, content.answer)
 
 
 def remember_comparison(scene: Scene, store: Store, comparison: ModelComparison) -> str | None:
-    """Keep what a comparison found; a warning where the store cannot be written."""
+    """Store the result of a comparison; return a warning where the store cannot be written."""
     return _write(scene, store, _StoredComparison, comparison)
 
 
 def recall_comparison(scene: Scene, store: Store) -> ModelComparison | None:
-    """Return what a comparison found; None where there was none, or other files or code lay behind it."""
+    """Return the stored result of a comparison; None where there is none, or files or code have
+    changed.
+    """
     found = _read(scene, store, _StoredComparison, [ModelComparison, *FOLLOWED])
     return found if isinstance(found, ModelComparison) else None
 
@@ -172,7 +180,7 @@ type _Stored = _StoredSearch | _StoredComparison
 
 def _write(scene: Scene, store: Store, kind: type[_Stored], content: object) -> str | None:
     if not scene.raw:
-        # made by a program: nothing says what it depends on
+        # made by a program: its dependencies are unknown
         return None
     text = json.dumps(encode_value(content))
     pieces = tuple(text[at : at + PIECE] for at in range(0, len(text), PIECE))
@@ -190,7 +198,7 @@ def _read(
 
 
 def write_sizes(folder: Path, components: Mapping[str, Component]) -> list[str]:
-    """Write the element sizes of meshes that have them from place to place; remarks.
+    """Write the element sizes of meshes with varying sizes; return remarks.
 
     Args:
         components: By name, with the settings of their meshes.
@@ -207,10 +215,11 @@ def write_sizes(folder: Path, components: Mapping[str, Component]) -> list[str]:
 
 
 def list_values(components: Mapping[str, Component]) -> TomlTable:
-    """Values by dotted key, which ``load_scene`` takes.
+    """Return values by dotted key, as ``load_scene`` takes them.
 
     Args:
-        components: Those whose models, meshes, modes or interfaces were chosen, with what was.
+        components: Components whose models, meshes, modes or interfaces were chosen, with the
+            chosen settings.
     """
     values: TomlTable = {}
     for name, part in components.items():
@@ -244,8 +253,8 @@ def _reduction_values(part: Component) -> TomlTable:
 
 
 def _mesh_values(name: str, mesh: MeshSettings) -> TomlTable:
-    """Those of its keys that are not the default; sizes from place to place are those of a file beside
-    the scene.
+    """Return the keys of a mesh that are not the default; varying sizes are in a file next to the
+    scene.
     """
     plain = MeshSettings()
     changed: dict[str, TomlValue] = {

@@ -1,5 +1,5 @@
-"""Mesh and modes of a component for a stated accuracy: the settings to start with, and finer
-ones.
+"""Mesh and modes of a component for a stated accuracy: the settings to start with, and
+finer ones.
 """
 
 import dataclasses
@@ -47,7 +47,7 @@ START_SHARE = 0.95
 # what shear through the wall misses.
 TWO_THROUGH, MOST_TWO_THROUGH = 0.45, 8_000
 WALL = 3.0  # thicknesses: what is less wide is a bar
-START_ACCURACY = 0.01  # that first meshes may reach; a tighter one starts with finer ones
+START_ACCURACY = 0.01  # accuracy that first meshes may reach; a tighter one starts with finer ones
 COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3
 MOST_ACROSS = 40
@@ -58,7 +58,7 @@ ROUGH_ACCURACY, ROUGH_ACROSS, MOST_ROUGH_HEXES = 0.01, 2, 400
 # along the longest side: for an accuracy, and for a finer one, from which a second round is needed
 ROUGH_ALONG, FINE_ALONG, FINE_ACCURACY = 7, 8, 0.03
 PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
-COARSER_PART = 2.4  # than the sizing rule, of STEP parts, which are graded later on
+COARSER_PART = 2.4  # over the size of the rule, of STEP parts, which are graded later on
 # a column with two rigid faces: 0.6 % off with modes up to 3 times the wanted range, 1.5 % with 2
 # times (`validate reduction`)
 MODE_MARGIN, MODE_ERROR, MODE_RATE = 3.0, 0.006, 2.3
@@ -81,8 +81,8 @@ LEAST_DETAIL_RATIO = 0.1  # of the error by features left out: where less is wan
 
 @dataclass(frozen=True)
 class _Grading:
-    """Elements across imprints, growth from rims, and size at the rims of rigid interfaces as a
-    share of the size elsewhere.
+    """Define elements across imprints, growth from rims, and size at the rims of rigid interfaces
+    as a share of the size elsewhere.
     """
 
     across: int
@@ -97,8 +97,8 @@ FINE_GRADING = _Grading(12, 0.35, 0.2)
 
 @dataclass(frozen=True)
 class Trial:
-    """A mesh size that was tried [m] and the largest relative error that it owned, as estimated and
-    as counted.
+    """Store a mesh size that was tried [m] and the largest relative error by it, as estimated and
+    with its safety factor.
     """
 
     size: float
@@ -107,18 +107,18 @@ class Trial:
 
 
 def is_chosen(component: Component) -> bool:
-    """Tell whether mesh and modes of a component are ours to choose."""
+    """Tell whether mesh and modes of a component are selectable."""
     return component.fidelity in ("elastic", "polynomial") and not isinstance(
         component.solid, SuperelementFile
     )
 
 
 def suits_polynomials(component: Component, highest_hz: float) -> bool:
-    """Tell whether polynomials are a cheap stand-in for the finite elements of a component: tubes, whose
-    curved walls take many, held at whole faces and far from ovalizing.
+    """Tell whether polynomials are a cheap substitute for the finite elements of a component:
+    tubes, whose curved walls need many, constrained at whole faces and far from ovalizing.
 
     Args:
-        highest_hz: Highest frequency wanted [Hz]; 0 where nobody knows.
+        highest_hz: Highest frequency wanted [Hz]; 0 where it is unknown.
     """
     patches = [patch for item in component.interfaces.values() for patch in item.patches]
     return (
@@ -136,13 +136,14 @@ def start_component(
     *,
     rough_for: float | None = None,
 ) -> Component:
-    """A component with the cheapest settings that are likely to do.
+    """Return a component with the cheapest settings that are likely to suffice.
 
     Args:
         accuracy: Relative error allowed.
-        modes_to_hz: Up to where fixed-interface modes are kept; None for a count of the planner's.
+        modes_to_hz: Frequency up to which fixed-interface modes are kept; None for a number chosen
+            by the planner.
         rough_for: Accuracy of the machine for which an even grid along the edges of small patches
-            will do, too; None for none.
+            suffices, too; None for none.
     """
     reduction = dataclasses.replace(
         component.reduction, modes_to_hz=modes_to_hz, modes=None, correct_mesh=True
@@ -157,8 +158,8 @@ def start_component(
 
 
 def mode_margin(component: Component, accuracy: float) -> float:
-    """Return how many times the highest frequency wanted the modes of a component must reach so that they
-    take their share of the error; without interfaces they are those of the machine itself.
+    """Return the frequency range of a component's modes, over the highest frequency wanted, for
+    their share of the error; modes without interfaces are those of the machine itself.
     """
     if not component.interfaces:
         return EXACT_MARGIN
@@ -168,13 +169,13 @@ def mode_margin(component: Component, accuracy: float) -> float:
 
 
 def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]) -> Component:
-    """The component with a mesh size at which its error should be so many times what it is.
+    """Return the component with a mesh size at which its error should fall by a ratio.
 
     Args:
-        component: Elastic, with a mesh size.
+        component: Elastic component with a mesh size.
         ratio: Error wanted over the present one [-]; below one refines.
-        trials: Its meshes so far, from which the rate is observed; the expected rate where they are
-            few.
+        trials: Its meshes so far, from which the convergence rate is observed; the expected rate
+            where they are few.
     """
     mesh = component.mesh
     if mesh.size is None:
@@ -197,14 +198,16 @@ def refine_mesh(component: Component, *, ratio: float, trials: tuple[Trial, ...]
         and len(trials) > 1
         and _observed_rate(trials) < RIM_RATE
     ):
-        # what is left lies at the rims, where all hexahedra would have to be small
+        # the remaining error is at the rims, where all hexahedra would have to be small
         size = min(mesh.size, WIDE * thinnest_feature(component.solid))
         finer = grade_mesh(component, size, FINE_GRADING)
     return dataclasses.replace(component, mesh=_resolve_rails(component, finer))
 
 
 def _rail_limit(component: Component) -> float:
-    """Longest elements that tell the control points of its rails apart [m]; inf without rails."""
+    """Return the largest element size that resolves the control points of a component's rails [m];
+    inf without rails.
+    """
     found = [math.inf]
     for interface in component.interfaces.values():
         pieces = None if interface.rail is None else rail_pieces(component.solid, interface)
@@ -217,7 +220,7 @@ def _rail_limit(component: Component) -> float:
 
 
 def _resolve_rails(component: Component, mesh: MeshSettings) -> MeshSettings:
-    """The mesh, or one of elements that tell the control points of rails apart."""
+    """Return the mesh, or a finer one that resolves the control points of rails."""
     limit = _rail_limit(component)
     if mesh.size is None or mesh.size <= limit:
         return mesh
@@ -225,13 +228,13 @@ def _resolve_rails(component: Component, mesh: MeshSettings) -> MeshSettings:
 
 
 def follows_errors(component: Component) -> bool:
-    """Tell whether the sizes of a mesh follow the errors of its cells from place to place."""
+    """Tell whether the sizes of a mesh vary with the errors of its cells."""
     meshed = component.fidelity == "elastic" and not isinstance(component.solid, MeshFile)
     return meshed and component.mesh.cells == "tet"
 
 
 def give_sizes(component: Component, sizes: SizeField) -> Component:
-    """The component with other element sizes from place to place."""
+    """Return the component with other locally varying element sizes."""
     limit = _rail_limit(component)
     sizes = dataclasses.replace(sizes, sizes=np.minimum(sizes.sizes, limit))
     mesh = MeshSettings(float(sizes.sizes.max()), sizes=sizes, details=component.mesh.details)
@@ -239,8 +242,8 @@ def give_sizes(component: Component, sizes: SizeField) -> Component:
 
 
 def _shrink(component: Component, mesh: MeshSettings, step: float) -> MeshSettings:
-    """A mesh with sizes that are so many times what they are, and that much finer where stresses
-    are singular.
+    """Return a mesh with sizes multiplied by a step, and as much finer where stresses are
+    singular.
     """
     size = step * (mesh.size or 0.0)
     if mesh.cells == "hex" and isinstance(component.solid, Box):
@@ -260,8 +263,8 @@ def _shrink(component: Component, mesh: MeshSettings, step: float) -> MeshSettin
 
 
 def _shrink_imprints(component: Component, mesh: MeshSettings, step: float) -> int:
-    """Elements at imprints do not follow the size; those of a block of hexes do where they are as
-    large.
+    """Return the number of elements across imprints after a refinement: unchanged in a block of
+    hexes whose imprints are wider than elements, which follow the size there.
     """
     narrowest = _narrowest_patch(component)
     if not np.isfinite(narrowest) or (mesh.growth is None and narrowest >= (mesh.size or 0.0)):
@@ -270,15 +273,15 @@ def _shrink_imprints(component: Component, mesh: MeshSettings, step: float) -> i
 
 
 def keep_details(component: Component, *, ratio: float) -> Component:
-    """The component with fewer small features left out of its mesh.
+    """Return the component with fewer small features left out of its mesh.
 
     Args:
-        component: A STEP part, with a mesh size.
-        ratio: Error by those features wanted over the present one [-].
+        component: STEP part with a mesh size.
+        ratio: Wanted error by those features, over the present one [-].
     """
     mesh = component.mesh
     present = DETAIL_SHARE * (mesh.size or 0.0) if mesh.details is None else mesh.details
-    # what features of a kind change goes with their volume
+    # the change by features of a kind is proportional to their volume
     step = float(np.clip(np.cbrt(ratio), 0.0, LEAST_STEP)) if ratio > LEAST_DETAIL_RATIO else 0.0
     return dataclasses.replace(
         component, mesh=dataclasses.replace(mesh, details=_round(step * present))
@@ -288,12 +291,13 @@ def keep_details(component: Component, *, ratio: float) -> Component:
 def refine_modes(
     component: Component, *, ratio: float, cutoff_hz: float, highest_hz: float
 ) -> Component:
-    """The component with modes up to where their error should be so many times what it is.
+    """Return the component with modes up to a frequency at which their error should fall by a
+    ratio.
 
     Args:
         ratio: Error wanted over the present one [-]; below one keeps more modes.
-        cutoff_hz: Its modes are complete up to here [Hz].
-        highest_hz: Highest frequency that is reported of the machine [Hz].
+        cutoff_hz: Frequency up to which its modes are complete [Hz].
+        highest_hz: Highest reported frequency of the machine [Hz].
     """
     factor = min(4.0, max(1.3, (1.0 / ratio) ** (1.0 / MODE_RATE))) if ratio > 0.0 else 2.0
     margin = MODE_MARGIN if component.interfaces else EXACT_MARGIN
@@ -305,10 +309,11 @@ def refine_modes(
 
 
 def _observed_rate(trials: tuple[Trial, ...], expected: float = DEFAULT_RATE) -> float:
-    """Power of the mesh size with which the error of the last two trials fell; what is expected of
-    the first one alone.
+    """Return the power of the mesh size with which the error of the last two trials fell; the
+    expected one for the first trial.
 
-    Where numbers settle faster than their estimates fall, they are believed up to what is expected.
+    Where numbers converge faster than their estimates, the observed rate is limited to the expected
+    one.
     """
     if len(trials) < 2:
         return expected
@@ -351,8 +356,8 @@ def _start_mesh(component: Component, accuracy: float) -> MeshSettings:
 
 
 def _widen_hexes(component: Component, solid: ParametricSolid, size: float) -> float:
-    """The size of a first mesh of a box: where it would have many hexes they are as flat as patches
-    let them be.
+    """Return the size of a first mesh of a box: where it would have many hexes they are as flat as
+    patches allow.
     """
     thinnest = thinnest_feature(solid)
     most = max(size, min(_narrowest_patch(component), largest_extent(solid) / ROUGH_ALONG))
@@ -362,12 +367,12 @@ def _widen_hexes(component: Component, solid: ParametricSolid, size: float) -> f
 
 
 def _size_tets(solid: ParametricSolid, size: float, *, fine: bool) -> float:
-    """The size of a first mesh of tets: two through a wall where a fine mesh has few of them; where it
-    would have many they are up to three times as wide as walls are thick, which costs hardly any
-    accuracy.
+    """Return the size of a first mesh of tets: two through a wall where such a mesh has few of
+    them; where it would have many they are up to three times as wide as walls are thick, with
+    little loss of accuracy.
     """
     volume, thinnest = solid_volume(solid), thinnest_feature(solid)
-    # of bars recovery sees what their sides show
+    # of bars recovery sees the error at their sides
     walled = (
         isinstance(solid, Tube) and solid.inner_diameter > 0.0 and solid.length > WALL * thinnest
     )
@@ -383,8 +388,8 @@ def _size_tets(solid: ParametricSolid, size: float, *, fine: bool) -> float:
 
 
 def _rough_grid(component: Component, accuracy: float) -> MeshSettings | None:
-    """Hexes between the edges of patches that are too small for the usual rule, where they are few:
-    cheaper than the start of a mesh generator. None where they are not.
+    """Return hexes between the edges of patches that are too small for the usual rule, where they
+    are few: cheaper than the start of a mesh generator. None where they are not.
     """
     solid = component.solid
     patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
@@ -401,8 +406,8 @@ def _rough_grid(component: Component, accuracy: float) -> MeshSettings | None:
 
 
 def _outgrows_grid(component: Component, mesh: MeshSettings) -> bool:
-    """Whether hexes between the edges of small patches are too many, or single ones across the wall
-    nearly as thick as long, of which estimates of the error are rough.
+    """Tell whether hexes between the edges of small patches are too many, or single ones across the
+    wall nearly as thick as long, of which estimates of the error are rough.
     """
     size = mesh.size or 0.0
     if count_hexes(component, size, mesh.across_patches) > 2 * MOST_ROUGH_HEXES:
@@ -421,18 +426,18 @@ def _is_rough(component: Component) -> bool:
 
 
 def _not_single(size: float, thinnest: float) -> float:
-    """A size that leaves no row of single hexes that are about as thick as long, of which nobody can
-    tell the error.
+    """Return a size without rows of single hexes that are about as thick as long, whose error
+    cannot be estimated.
     """
     return START_SHARE * thinnest if thinnest <= size < thinnest / STOUT else size
 
 
 def grade_mesh(component: Component, size: float, grading: _Grading) -> MeshSettings:
-    """Tets of a size that grow from the rims of patches and of rigid interfaces.
+    """Return tets of a size that grow from the rims of patches and of rigid interfaces.
 
     Args:
-        size: Of the elements elsewhere [m].
-        grading: How they grow.
+        size: Element size away from rims [m].
+        grading: Rules of their growth.
     """
     imprinted = np.isfinite(_narrowest_patch(component))
     # stresses grow without limit at the rim of an area that is fixed rigidly
@@ -445,8 +450,8 @@ def grade_mesh(component: Component, size: float, grading: _Grading) -> MeshSett
 
 
 def _choose_cells(component: Component, size: float) -> CellShape:
-    """Hexes are cheaper at the same error where patches are not small and do not fill the block
-    with grid lines.
+    """Choose hexes, which are cheaper at the same error, where patches are not small and do not
+    fill the block with grid lines; else tets.
     """
     solid = component.solid
     patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
@@ -458,7 +463,7 @@ def _choose_cells(component: Component, size: float) -> CellShape:
 
 
 def _narrowest_patch(component: Component) -> float:
-    """Narrowest imprint of a component [m]; inf without any."""
+    """Return the width of the narrowest imprint of a component [m]; inf without any."""
     patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
     return min((min(patch.size) for patch in patches if patch.shape != "whole"), default=math.inf)
 

@@ -25,7 +25,7 @@ from headstock.geometry.machine.machine import (
 from headstock.geometry.mechanisms.closures import evaluate_kinematics
 from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.geometry.mechanisms.kinematics import skew_matrices
-from headstock.pipeline.motion.contour_run import CORIOLIS, Remembered
+from headstock.pipeline.motion.contour_run import CORIOLIS, CachedFunction
 from headstock.pipeline.motion.trajectory import (
     Curve,
     MotorTravel,
@@ -267,11 +267,11 @@ class MechanismTrajectory(BodyTrajectory):
         return np.concatenate(columns, axis=1)
 
     @functools.cached_property
-    def leg_forces(self) -> Remembered[PathMotion, FloatArray]:
+    def leg_forces(self) -> CachedFunction[PathMotion, FloatArray]:
         """Return the forces ``(n, d)`` between drives and screws that carry and accelerate the legs
         themselves during a motion.
         """
-        return Remembered(self._find_leg_forces)
+        return CachedFunction(self._find_leg_forces)
 
     def _find_leg_forces(self, motion: PathMotion) -> FloatArray:
         moved, accelerations = self._follow(motion), self.accelerate(motion)

@@ -31,7 +31,7 @@ SETTLING = 0.3  # left out at both ends of each face [s]
 
 
 @dataclass(frozen=True, eq=False)
-class Remembered[Given: FloatArray | PathMotion, Found]:
+class CachedFunction[Given: FloatArray | PathMotion, Found]:
     """Cache the values of a function of times or of a motion."""
 
     find: Callable[[Given], Found]
@@ -46,14 +46,14 @@ class Remembered[Given: FloatArray | PathMotion, Found]:
         return self._known[key]
 
 
-class RememberedPath:
+class CachedPath:
     """Cache the points of a path, since a contour is run again for its ±."""
 
     def __init__(self, path: ToolPath) -> None:
         """Wrap a path."""
         self.span = path.span
-        self.at = Remembered(path.at)
-        self.velocity = Remembered(path.velocity)
+        self.at = CachedFunction(path.at)
+        self.velocity = CachedFunction(path.velocity)
 
 
 def plan_request(

@@ -30,10 +30,10 @@ from headstock.pipeline.motion.contour_cut import (
     turned_modes,
 )
 from headstock.pipeline.motion.contour_run import (
+    CachedFunction,
+    CachedPath,
     ContourDrives,
     ContourRun,
-    Remembered,
-    RememberedPath,
     plan_request,
     request_times,
 )
@@ -254,10 +254,10 @@ def run_coupled_contour(
 def _lay_course(state: RunState, request: ContouringRequest) -> ContourCourse:
     """Lay a contour out in time, with the motion of the rigid machine and its motors."""
     plan, fit = plan_request(request, *_trace_tool(state, request))
-    plan = dataclasses.replace(plan, path=RememberedPath(plan.path))
+    plan = dataclasses.replace(plan, path=CachedPath(plan.path))
     trajectory = _plan_trajectory(state, request, plan.path)
-    followed = FollowedTrajectory(trajectory, follow_time, Remembered(trajectory.accelerate))
-    motors = plan_motors(trajectory, _tool_channels(request), Remembered)
+    followed = FollowedTrajectory(trajectory, follow_time, CachedFunction(trajectory.accelerate))
+    motors = plan_motors(trajectory, _tool_channels(request), CachedFunction)
     return ContourCourse(state, plan, fit, followed, motors)
 
 
