@@ -9,10 +9,18 @@ from collections.abc import Sequence
 import click
 
 from headstock.app.commands.scene_commands import CheckOptions, PlanOptions
-from headstock.app.terminal.console import counted, make_console, print_assumptions, print_remarks
+from headstock.app.terminal.console import (
+    add_row,
+    counted,
+    make_console,
+    make_table,
+    print_assumptions,
+    print_remarks,
+    print_table,
+    spaced,
+)
 from headstock.app.terminal.guard import DONE
 from headstock.app.terminal.progress import show_progress
-from headstock.app.terminal.summary import print_plan
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.planning.planner import plan_scene
@@ -106,7 +114,7 @@ def plan_command(options: PlanOptions) -> int:
     else:
         planned = importlib.import_module(SEARCH_MODULE).plan_first_round(scene)
     planned = add_compiling(planned, scene)
-    print_plan(scene.name, planned)
+    _print_plan(scene.name, planned)
     options.write_json(dump_json(_list_stages(planned)))
     return DONE
 
@@ -210,3 +218,27 @@ def _select_analyses(scene: Scene, names: tuple[str, ...]) -> Scene:
                 f"{scene.path} has no [analyses.{name}]; it has: {', '.join(present) or 'none'}"
             )
     return keep_analyses(scene, names) if names else scene
+
+
+def _print_plan(name: str, plan: Plan) -> None:
+    """Print the stages of a plan with their reasons and estimates."""
+    console = make_console()
+    table = make_table("stage", "component", "pose", ">dofs ≈", ">MB ≈", ">CPU s ≈", "reason")
+    for stage in plan.stages:
+        dofs = "" if stage.estimated_dofs is None else spaced(stage.estimated_dofs)
+        memory = (
+            "" if stage.estimated_memory_mb is None else spaced(round(stage.estimated_memory_mb))
+        )
+        seconds = "" if stage.estimated_seconds is None else f"{stage.estimated_seconds:.2g}"
+        add_row(
+            table,
+            stage.kind,
+            stage.component or "",
+            stage.pose or "",
+            dofs,
+            memory,
+            seconds,
+            stage.reason,
+        )
+    print_table(console, f"{name}: planned stages", table)
+    print_remarks(plan.warnings)

@@ -22,7 +22,7 @@ from headstock.app.terminal.console import (
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.app.views.registry import COMPONENT_COLUMNS, find_views
 from headstock.app.views.view import FinishedRun, Shares, TerminalPart
-from headstock.pipeline.planning.plan import Plan, StageRecord
+from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.scene import Scene
 
@@ -50,30 +50,6 @@ def print_stage(record: StageRecord) -> None:
         return
     line = f"  {stage.kind:<7} {subject:<18} {record.seconds:8.2f} s  {detail}"
     make_console().print(line, markup=False, soft_wrap=True)
-
-
-def print_plan(name: str, plan: Plan) -> None:
-    """The stages of a plan with their reasons and estimates."""
-    console = make_console()
-    table = make_table("stage", "component", "pose", ">dofs ≈", ">MB ≈", ">CPU s ≈", "reason")
-    for stage in plan.stages:
-        dofs = "" if stage.estimated_dofs is None else spaced(stage.estimated_dofs)
-        memory = (
-            "" if stage.estimated_memory_mb is None else spaced(round(stage.estimated_memory_mb))
-        )
-        seconds = "" if stage.estimated_seconds is None else f"{stage.estimated_seconds:.2g}"
-        add_row(
-            table,
-            stage.kind,
-            stage.component or "",
-            stage.pose or "",
-            dofs,
-            memory,
-            seconds,
-            stage.reason,
-        )
-    print_table(console, f"{name}: planned stages", table)
-    print_remarks(plan.warnings)
 
 
 def print_summary(
