@@ -298,7 +298,7 @@ def give_chosen(scene: Scene, choices: Iterable[ShapeChoice]) -> Scene:
             entry = dataclasses.replace(
                 entry, flexible=choice.shapes, coupling=choice.kind or entry.coupling
             )
-            # the search begins with finite elements of what is rigid or segmented in the scene: only
+            # the search begins with finite elements of rigid or segmented bodies of the scene: only
             # these have shapes
             components[name] = dataclasses.replace(
                 part, fidelity="elastic", interfaces={**part.interfaces, interface: entry}

@@ -58,7 +58,7 @@ from headstock.solvers.second_order import Channel
 
 STRONG: CouplingKind = "rigid"
 WEAK: CouplingKind = "average"
-# Shapes beside which those of a joint are compared, the first number that the meshes can tell apart:
+# Shapes to compare those of a joint with, the first number that the meshes can resolve:
 # 40 hold every product of degree four, with which bars twist; a joint that has many, twice as many
 COMPARED_SHAPES = (40, 24, 12)
 MOST_SHAPES = 300
@@ -113,7 +113,7 @@ def make_shaped_machines(state: RunState) -> _ShapedMachines:
                 break
         if not failed:
             break
-        # a mesh may tell fewer shapes apart
+        # a mesh may resolve fewer shapes
         failures |= {name: why for name, why in failed.items() if len(counts[name]) == 1}
         joints = [joint for joint in joints if joint.name not in failures]
         counts = {name: own[1:] if name in failed else own for name, own in counts.items()}

@@ -27,16 +27,16 @@ from headstock.pipeline.numbers.estimates import (
 from headstock.pipeline.numbers.numbers import Key
 from headstock.pipeline.stages.run_state import RunState
 
-# What ± takes to cover 95 % of true errors (`validate coverage`), hexahedra with less in proportion,
-# counts until a component was refined: then its rounds tell how good its estimates are, between a
-# share of them and more than ± takes (LEAST_FACTOR, MOST_FACTOR).
+# Safety factor of ± for 95 % of true errors (`validate coverage`), proportionally less for hexahedra,
+# counts until a component was refined: then its rounds show how good its estimates are, between a
+# share of them and more than this factor (LEAST_FACTOR, MOST_FACTOR).
 MESH_SAFETY = 1.55
 Factors = Mapping[str, float]  # component to the safety factor on the estimates of its mesh
-# errors are taken to fall with this power of the mesh size, or with that of their estimates where
-# these fall faster, and what that leaves counts half as much again
+# errors are assumed to fall with this power of the mesh size, or with that of their estimates where
+# these fall faster, and the remaining error is multiplied by the factor below
 LEVEL_RATE, FASTEST_LEVEL_RATE = 1.5, 4.0
 LEVEL_SAFETY = 1.5
-# In walls and beside grid lines of patches estimates of hexahedra came out up to four times the
+# In walls and next to grid lines of patches estimates of hexahedra were up to four times the
 # true error; no less than this share of them counts.
 LEAST_FACTOR = 0.4
 MOST_FACTOR = 1.8  # the smallest estimates are little more than half of the true error

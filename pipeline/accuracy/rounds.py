@@ -171,8 +171,8 @@ def _learn_factors(
 def _find_resolved_steps(
     state: RunState, parts: Mapping[str, Component], names: Iterable[str]
 ) -> dict[str, float]:
-    """Return the size ratio that makes recovery see the whole error of the mesh, for components
-    where it sees only part of it; on rank 0.
+    """Return the size ratio at which recovery finds the whole error of the mesh, for components
+    where it finds only part of it; on rank 0.
     """
     steps = {
         name: find_resolved_step(load_or_make_mesh(state, state.plan.components[name])[0])

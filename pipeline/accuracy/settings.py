@@ -40,13 +40,13 @@ from headstock.reduction.components.polynomial_space import polynomial_limit
 from headstock.reduction.components.rail_fits import longest_elements, merge_spans
 from headstock.solvers.recovery.discretisation_error import STOUT, UNSEEN_SHARE, WIDE
 
-# Just below the thickness: two hexes across, of which recovery sees the error of torsion (one hex
+# Just below the thickness: two hexes across, of which recovery finds the error of torsion (one hex
 # across: a quarter of it).
 START_SHARE = 0.95
-# Two tets through a wall, where they are few: of single ones as thick as long recovery sees 0.6 of
-# what shear through the wall misses.
+# Two tets through a wall, where they are few: of single ones as thick as long recovery finds 0.6 of
+# the error of shear through the wall.
 TWO_THROUGH, MOST_TWO_THROUGH = 0.45, 8_000
-WALL = 3.0  # thicknesses: what is less wide is a bar
+WALL = 3.0  # least width of a wall, over its thickness: narrower parts are bars
 START_ACCURACY = 0.01  # accuracy that first meshes may reach; a tighter one starts with finer ones
 COARSE_ACCURACY = 0.03
 FEWEST_ALONG = 3
@@ -372,7 +372,7 @@ def _size_tets(solid: ParametricSolid, size: float, *, fine: bool) -> float:
     little loss of accuracy.
     """
     volume, thinnest = solid_volume(solid), thinnest_feature(solid)
-    # of bars recovery sees the error at their sides
+    # for bars recovery finds the error at their sides
     walled = (
         isinstance(solid, Tube) and solid.inner_diameter > 0.0 and solid.length > WALL * thinnest
     )

@@ -55,7 +55,7 @@ SECOND = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) / 12.0
 
 @dataclass(frozen=True, eq=False)
 class _DriveMotion:
-    """Set points of ``d`` drives and the rigid motion they cause, at ``n`` instants.
+    """Store set points of ``d`` drives and the rigid motion they cause, at ``n`` instants.
 
     Attributes:
         positions: ``(n, d)`` set positions [m].
@@ -119,10 +119,10 @@ class BodyTrajectory(Trajectory):
         parts, gravity = self.parts, gravity_vector(self.parts)
 
         def at(motion: PathMotion) -> MovedMachine:
-            moved, pulled = self.drive(drives, motion), self.accelerate(motion)
+            moved, rigid = self.drive(drives, motion), self.accelerate(motion)
             count = len(drives)
-            mass = np.zeros((len(pulled), count, count))
-            weight, inertia = np.zeros((len(pulled), count)), np.zeros((len(pulled), count))
+            mass = np.zeros((len(rigid), count, count))
+            weight, inertia = np.zeros((len(rigid), count)), np.zeros((len(rigid), count))
             travels = []
             for number, name in enumerate(self.names):
                 body, rotation = parts.superelements[name], moved.rotation(name)
@@ -132,8 +132,8 @@ class BodyTrajectory(Trajectory):
                 weighed = np.concatenate([body.mass_kg * travel[:, :3], tensor @ travel[:, 3:]], 1)
                 mass += np.swapaxes(travel, 1, 2) @ weighed
                 weight += np.swapaxes(weighed[:, :3], 1, 2) @ gravity
-                pulls = pulled[:, 6 * number : 6 * number + 6, None]
-                inertia += (np.swapaxes(weighed, 1, 2) @ pulls)[..., 0]
+                body_accelerations = rigid[:, 6 * number : 6 * number + 6, None]
+                inertia += (np.swapaxes(weighed, 1, 2) @ body_accelerations)[..., 0]
                 travels.append(travel)
             return MovedMachine(
                 positions=moved.positions,
@@ -413,7 +413,7 @@ class RotaryTrajectory(BodyTrajectory):
     def accelerate(self, motion: PathMotion) -> FloatArray:
         """Return the accelerations of bodies."""
         rows = []
-        for position, speed, pull in zip(
+        for position, speed, path_acceleration in zip(
             motion.positions, motion.speeds, motion.accelerations, strict=True
         ):
             around = self.place_around(float(position))
@@ -424,7 +424,7 @@ class RotaryTrajectory(BodyTrajectory):
                         [frames[name] for frames in around],
                         self._step,
                         float(speed),
-                        float(pull),
+                        float(path_acceleration),
                     )
                     for name in self.names
                 ]

@@ -120,8 +120,8 @@ def _mount_tool(
     extra = mounted.mass.shape[-1] - motion.mass.shape[-1]
     load = np.pad(motion.load, ((0, 0), (0, extra)))
     for part in chunk_slices(len(motion.times)):
-        pull = plan.path.at(motion.times[part]).acceleration @ rotation
-        load[part] -= (motion.between(mounted.weighed, part) @ pull[..., None])[..., 0]
+        acceleration = plan.path.at(motion.times[part]).acceleration @ rotation
+        load[part] -= (motion.between(mounted.weighed, part) @ acceleration[..., None])[..., 0]
     return dataclasses.replace(
         motion,
         mass=mounted.mass,

@@ -147,15 +147,15 @@ def _leg_errors(
     law = scipy.interpolate.make_interp_spline(nodes, lengths, k=min(3, len(nodes) - 1))
     channels = tuple((GUIDE_ERRORS, LENGTHS[leg]) for leg in legs)
     accelerated = tuple(range(len(legs))) if driven else ()
-    pulling = tuple((ACCELERATION, LENGTHS[legs[number]]) for number in accelerated)
+    acceleration_channels = tuple((ACCELERATION, LENGTHS[legs[number]]) for number in accelerated)
 
     def act_on(model: PoseModel) -> PosedErrors:
         if not isinstance(model, LumpedPose):
             raise ValueError("errors of legs are those of a lumped mechanism")
-        pushed = UNIT * np.diag(model.placed.motions.stiffness)
-        loads = {channel: pushed[2 * leg + 1] for channel, leg in zip(channels, legs, strict=True)}
+        springs = UNIT * np.diag(model.placed.motions.stiffness)
+        loads = {channel: springs[2 * leg + 1] for channel, leg in zip(channels, legs, strict=True)}
         return PosedErrors(
-            loads=loads | dict.fromkeys(pulling, np.zeros(len(pushed))),
+            loads=loads | dict.fromkeys(acceleration_channels, np.zeros(len(springs))),
             feedthrough={
                 ((f"{LEGS[leg]} {SPRING}", "along"), channel): -float(loads[channel][2 * leg + 1])
                 for channel, leg in zip(channels, legs, strict=True)
@@ -170,7 +170,7 @@ def _leg_errors(
         if speed > 0.0
     ]
     return TrajectoryErrors(
-        channels=(*channels, *pulling),
+        channels=(*channels, *acceleration_channels),
         act_on=act_on,
         offsets=lambda places: np.asarray(
             sample_leg_errors(mechanism.leg_errors, law(places)) / UNIT

@@ -99,7 +99,7 @@ def run_lumped_contour(
     legs = FreeLegs(names, free) if drives else None
 
     def find_rest(history: CompliantHistory) -> FloatArray:
-        """Motion of the tool's place that the linear model lacks ``(n, 3)`` [m]."""
+        """Return the motion ``(n, 3)`` of the tool that the linear model lacks [m]."""
         gaps = tool_gaps(model, drive, times, history, legs=legs)
         return np.asarray(gaps - motion.tool_motion(history.compliant))
 

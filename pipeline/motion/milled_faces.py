@@ -126,7 +126,7 @@ def _mill_face(
         per_tooth=per_tooth,
         cusp=per_tooth**2 / (4.0 * milling.mill.diameter),
         parameters=parameters,
-        # where the tool stays engaged up to a corner, nothing next to it is left out
+        # where the tool remains engaged up to a corner, nothing next to it is left out
         marks=(
             float(off_mean[: inside.start].max(initial=0.0)),
             float(off_mean[inside.stop :].max(initial=0.0)),

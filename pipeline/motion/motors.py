@@ -133,9 +133,12 @@ def controlled_drives(
     Args:
         servo: The machine along its trajectory.
     """
-    pushed = servo.forces(history)
-    pulled, rates = history.acceleration[:, servo.motors], history.rate[:, servo.motors]
-    inertia = _rotor_masses(drives) * (servo.accelerations + pulled)
+    drive_forces = servo.forces(history)
+    motor_accelerations, rates = (
+        history.acceleration[:, servo.motors],
+        history.rate[:, servo.motors],
+    )
+    inertia = _rotor_masses(drives) * (servo.accelerations + motor_accelerations)
     if servo.motion.friction is None:
         law = stack_laws([drive.friction for drive in drives])
         friction_forces = friction_force(law, servo.speeds) + law.viscous * rates
@@ -144,10 +147,10 @@ def controlled_drives(
     leads = np.array([drive.lead for drive in drives])
 
     def forces(some: NDArray[np.intp]) -> FloatArray:
-        return np.asarray((pushed - inertia - friction_forces)[some])
+        return np.asarray((drive_forces - inertia - friction_forces)[some])
 
     def torques(some: NDArray[np.intp], _: FloatArray) -> FloatArray:
-        return np.asarray(pushed[some] * (leads / (2.0 * math.pi)))
+        return np.asarray(drive_forces[some] * (leads / (2.0 * math.pi)))
 
     return ContourDrives(tuple(drive.name for drive in drives), forces, torques)
 
@@ -203,8 +206,8 @@ class TrajectoryMotors:
         def join(where: float, model: PoseModel, errors: PosedErrors) -> Further:
             travels = self.at(follow_time(np.array([where]))).bodies[0]
             loads, drives, direct = trajectory.loads(model), self.drives, Feedthrough()
-            pulled = np.array([loads[channel] for channel in self.bodies])
-            rows = [*_scale_rows(model, drives), *(-travels.T @ pulled)]
+            inertial_loads = np.array([loads[channel] for channel in self.bodies])
+            rows = [*_scale_rows(model, drives), *(-travels.T @ inertial_loads)]
             outputs = (*self.scales, *self.momenta)
             if model.coupled is not None and followed.errors and errors.moved is not None:
                 read = scale_rows(model.coupled, model.parts.scene.machine, drives)
@@ -373,13 +376,13 @@ def _close_loops(
 
     # offsets of joints act directly on modes, readings of scales and bodies that motors accelerate
     columns_of, inertial = Index(loads.channels), () if errors is None else errors.inertial
-    moving, pulling = ([pair[end] for pair in inertial] for end in (0, 1))
-    offsets, pulls = (
+    moving, accelerating = ([pair[end] for pair in inertial] for end in (0, 1))
+    offsets, offset_accelerations = (
         between([loads.at(load_nodes[part])[:, columns] for part in chunk_slices(len(load_nodes))])
-        for columns in (columns_of.of(moving), columns_of.of(pulling))
+        for columns in (columns_of.of(moving), columns_of.of(accelerating))
     )
-    pulled = between([rigid.weight - rigid.inertia for rigid in finer])
-    pulled -= motion.apply(plant.direct_of(motors.momenta, moving), pulls)
+    motor_loads = between([rigid.weight - rigid.inertia for rigid in finer])
+    motor_loads -= motion.apply(plant.direct_of(motors.momenta, moving), offset_accelerations)
     weight = np.concatenate([plant.loads_of([loads.weight])[..., 0], now.weight], axis=1)
     unit = np.broadcast_to(np.eye(count), (len(motion.nodes), count, count))
     return close_drives(
@@ -391,7 +394,7 @@ def _close_loops(
             tool=np.concatenate(
                 [motion.tool, now.outputs[:, Index(motors.outputs).of(driven.tool)]], axis=2
             ),
-            load=np.concatenate([motion.load, pulled], axis=1),
+            load=np.concatenate([motion.load, motor_loads], axis=1),
         ),
         motors.drives,
         positions=between([rigid.positions for rigid in finer]),

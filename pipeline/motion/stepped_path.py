@@ -240,8 +240,8 @@ class SteppedPath:
             build = build_along(self.state, followed, up_to_hz, driven.joins)
             return sample_motion(build, [0.0, self.length], channels)
         joins = (*driven.joins, join_probes(self.state.parts, self.trajectory))
-        held = build_along(self.state, followed, up_to_hz, joins)(0.5 * self.length)
-        return sample_motion(lambda where: held, [0.0, self.length], channels)
+        frozen = build_along(self.state, followed, up_to_hz, joins)(0.5 * self.length)
+        return sample_motion(lambda where: frozen, [0.0, self.length], channels)
 
     def freeze(self) -> SolveMove:
         """Return a function that solves a move in the pose at the middle of the path.
@@ -447,7 +447,7 @@ def _split_motion(
         rows: ``(k, p, c)`` output rows at the nodes.
         limit_hz: Modes below it do not follow a ramp; zero for none, as in closed loops [Hz].
     """
-    held = np.swapaxes(
+    static_rows = np.swapaxes(
         np.linalg.solve(np.swapaxes(motion.stiffness, 1, 2), np.swapaxes(rows, 1, 2)), 1, 2
     )
     slow = np.zeros_like(rows)
@@ -456,11 +456,11 @@ def _split_motion(
         below = vectors * (values < (2.0 * np.pi * limit_hz) ** 2)[:, None, :]
         projector = below @ np.swapaxes(below, 1, 2)
         slow = rows @ projector
-        held = held - held @ projector
+        static_rows = static_rows - static_rows @ projector
     weight = motion.deflect()
     moved = history.compliant - weight
     return (
         motion.apply(rows, moved),
-        motion.apply(held, motion.load) - motion.apply(rows - slow, weight),
+        motion.apply(static_rows, motion.load) - motion.apply(rows - slow, weight),
         motion.apply(slow, moved),
     )

@@ -124,11 +124,11 @@ class Curve(Protocol):
 def follow_curve(path: Curve, motion: PathMotion) -> PathPoints:
     """Return positions, velocities and accelerations of a motion along a path."""
     points = path.at(motion.positions)
-    speeds, pulls = motion.speeds[:, None], motion.accelerations[:, None]
+    speeds, accelerations = motion.speeds[:, None], motion.accelerations[:, None]
     return PathPoints(
         points.position,
         points.velocity * speeds,
-        points.acceleration * speeds**2 + points.velocity * pulls,
+        points.acceleration * speeds**2 + points.velocity * accelerations,
     )
 
 
@@ -244,19 +244,23 @@ def interpolate_trajectory(
     """Return the accelerations along a trajectory, interpolated between nodes ``(k,)``: those at
     unit speed, to be scaled by the square of the speed, and those at unit acceleration.
     """
-    fast, pulled = _interpolate(nodes, [trajectory.accelerate(now) for now in _unit_laws(nodes)])
+    fast, accelerated = _interpolate(
+        nodes, [trajectory.accelerate(now) for now in _unit_laws(nodes)]
+    )
 
     def accelerate(motion: PathMotion) -> FloatArray:
         squares = fast(motion.positions) * motion.speeds[:, None] ** 2
-        return np.asarray(squares + pulled(motion.positions) * motion.accelerations[:, None])
+        return np.asarray(squares + accelerated(motion.positions) * motion.accelerations[:, None])
 
     return accelerate
 
 
 def interpolate_motors(moved: MotorTravel, nodes: FloatArray) -> MotorTravel:
     """Return the rigid motion that motors cause along a trajectory, interpolated likewise."""
-    fast, pulled = (moved(now) for now in _unit_laws(nodes))
-    laws = _interpolate(nodes, [*dataclasses.astuple(fast), pulled.accelerations, pulled.inertia])
+    fast, accelerated = (moved(now) for now in _unit_laws(nodes))
+    laws = _interpolate(
+        nodes, [*dataclasses.astuple(fast), accelerated.accelerations, accelerated.inertia]
+    )
 
     def at(motion: PathMotion) -> MovedMachine:
         v, a = motion.speeds[:, None], motion.accelerations[:, None]

@@ -338,12 +338,12 @@ class _LoadedMachine:
         return _RefinedModels(known, doubtful, tuple(left_out))
 
 
-def _respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[TransientAnswer]:
+def _respond_in_time(machine: PoseModel, *, with_errors: bool = True) -> Solved[TransientAnswer]:
     """Compute the motion of a machine in a pose under loads over time, with the damping of its
     scene.
 
     Args:
-        judged: Estimate the errors of peaks.
+        with_errors: Estimate the errors of peaks.
 
     Raises:
         ModelError: A load that is suddenly removed acts on an unconstrained motion.
@@ -362,7 +362,7 @@ def _respond_in_time(machine: PoseModel, *, judged: bool = True) -> Solved[Trans
     )
     solution = case.solve(loaded.prepare(request.up_to_hz))
     refined = _RefinedModels[_Solution]()
-    if judged and has_symmetric_terms(loaded.system):
+    if with_errors and has_symmetric_terms(loaded.system):
         refined = _list_refined_models(loaded, solution.model).convert(case.solve)
     warnings += [warn_of_singular(name, probe.singular) for name, probe in loaded.probes.items()]
     unbalanced = _explain_imbalance(solution, request.sampling_hz)

@@ -12,7 +12,7 @@ LEFT_OUT = "features left out"  # of a mesh
 MODEL = "model"  # of bodies that are no finite elements
 CUTTING = "cutting coefficients"
 BORDER = "border of stability"  # how near a search came to it
-ALL_SOURCES = "all sources"  # which are not told apart
+ALL_SOURCES = "all sources"  # without a split by source
 INTERFACE = "interface"  # of rigid joints between elastic bodies
 
 

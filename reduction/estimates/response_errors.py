@@ -289,8 +289,8 @@ class ResponseSpace:
         stiffness = self._stiffness if change is None else self._stiffness + change.stiffness.real
         mass = self._mass if change is None else self._mass + change.mass
         if self.control is not None:
-            held = self.control.dynamic_stiffness(np.array([2.0 * np.pi * near_hz]))[0].real
-            stiffness = stiffness + symmetrise(held)
+            added = self.control.dynamic_stiffness(np.array([2.0 * np.pi * near_hz]))[0].real
+            stiffness = stiffness + symmetrise(added)
         return np.asarray(eigh(stiffness, mass, eigvals_only=True))
 
     def softening(self, hz: float) -> float:

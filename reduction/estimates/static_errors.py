@@ -26,12 +26,12 @@ from headstock.solvers.stresses import largest_von_mises, von_mises_change
 
 SEEN, MOVED = 9, 3  # rows of a probe, and those of displacement; the others are stresses
 STRESSED = SEEN - MOVED
-# What a stress is estimated to change by in all is multiplied by so that it covers 95 % of true errors;
-# and each of its two parts, which may cancel by chance, and what recovery changes around: in a stress,
-# and in an equivalent stress, which a change moves by one direction of it alone (`validate probes`)
+# Safety factors that cover 95 % of true errors (`validate probes`): of the whole change of a stress; of
+# each of its two parts, which may cancel by chance, and of stress changes by recovery around a probe; of
+# these in an equivalent stress, which depends on one direction of the change only
 WHOLE, PART, MISES_PART = 1.3, 1.7, 0.55
-# share of a cell's size over which what recovery changes counts as an error of the strain, which moves
-# the probe beside its dofs
+# share of a cell's size over which stress changes by recovery act as an error of the strain, by
+# which the probe moves relative to its dofs
 MOVED_SHARE = 0.2
 
 
@@ -77,7 +77,7 @@ def estimate_deviation(
         loads = {GRAVITY: [GRAVITY], FORCES: list(machine.loads)}.get(source, [])
         inside = missing_of_loads(coupled, machine, gravity, loads)
         blank = np.where(unknown | _is_silent(coupled, response.moved[:, None])[0], np.nan, 0.0)
-        pull = None if gravity is None or source != GRAVITY else gravity
+        acceleration = None if gravity is None or source != GRAVITY else gravity
         meshes: dict[str, FloatArray] = {}
         faces: dict[str, FloatArray] = {}
         left_out: dict[str, FloatArray] = {}
@@ -89,8 +89,8 @@ def estimate_deviation(
             )
             strained = part.without_rigid(local)
             fallen: FloatArray = np.zeros(len(turn))
-            if pull is not None:
-                fallen = turn @ coupled.matrices.rigid[name][:, :3] @ pull
+            if acceleration is not None:
+                fallen = turn @ coupled.matrices.rigid[name][:, :3] @ acceleration
             meshes[name] = strained.T @ part.energy @ given + blank
             if name in inside:
                 meshes[name] = meshes[name] + influence.T @ inside[name]

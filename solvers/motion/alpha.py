@@ -221,7 +221,7 @@ class AlphaSteps:
         self._left: list[int] = left.tolist()
         self._share: list[float] = (location - left).tolist()
         self._interval = -1
-        self._pull: FloatArray = np.zeros((0, 0))
+        self._restoring: FloatArray = np.zeros((0, 0))
         self._inverses: list[FloatArray] = []
 
     def rest(self, load: FloatArray) -> FloatArray:
@@ -255,8 +255,8 @@ class AlphaSteps:
         # alone leads to
         drift, size = self._ahead @ state, len(load)
         share = self._visit(number)
-        pulled = self._pull @ drift[:2].ravel()
-        left: FloatArray = load - pulled[:size] - share * pulled[size:]
+        restoring_force = self._restoring @ drift[:2].ravel()
+        left: FloatArray = load - restoring_force[:size] - share * restoring_force[size:]
         if wave is not None:
             left = np.asarray(left + wave @ (drift[0] - (0.0 if past is None else past)))
         accel = self.respond(number, left)
@@ -299,8 +299,8 @@ class AlphaSteps:
                 values[ends]
                 for values in (self._motion.mass, self._motion.damping, self._motion.stiffness)
             )
-            pull = np.concatenate([stiffness, damping], axis=-1)
-            self._pull = np.concatenate([pull[0], pull[1] - pull[0]])
+            restoring = np.concatenate([stiffness, damping], axis=-1)
+            self._restoring = np.concatenate([restoring[0], restoring[1] - restoring[0]])
             self._inverses = _tabulate_inverse(
                 mass + self.reach[1] * damping + self.reach[0] * stiffness
             )

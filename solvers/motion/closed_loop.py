@@ -150,7 +150,7 @@ def solve_controlled_path(
     )
     rows = space.c[path.rows]
     limit = 2.0 * np.pi * path.low_frequency_limit_hz
-    low_frequency, slow, held = _split_poles(space.a, b, rows, direct, limit)
+    low_frequency, slow, steady = _split_poles(space.a, b, rows, direct, limit)
     steps, now = step_move(path.loads, move, samples), sample_move(move, samples)
     moved = direct[:, :2] - np.outer(path.travel, [1.0, 0.0])
     a, b = _drive_by_acceleration(space.a, b)
@@ -159,7 +159,7 @@ def solve_controlled_path(
         steps,
         wanted=WatchedOutputs(np.hstack([rows, moved]), direct[:, 2:]),
         below=np.hstack([low_frequency, -slow]),
-        quasi_static=np.column_stack([now.speeds, now.accelerations]) @ held[:, 1:].T,
+        quasi_static=np.column_stack([now.speeds, now.accelerations]) @ steady[:, 1:].T,
         watched=WatchedOutputs(np.hstack([others.states, added[:, :2]]), added[:, 2:]),
         channels=path.watched.channels,
     )
@@ -244,9 +244,9 @@ def _split_poles(
     at_speed = scipy.linalg.lu_solve(factors, at_rest - b[:, 1])
     accelerated = scipy.linalg.lu_solve(factors, at_speed - b[:, 2])
     low_frequency = rows @ _project_slow(a, limit)
-    held = rows @ np.column_stack([at_rest, at_speed, accelerated]) + direct[:, :3]
-    held[:, 2] -= low_frequency @ accelerated
-    return low_frequency, low_frequency @ np.column_stack([at_rest, at_speed]), held
+    steady = rows @ np.column_stack([at_rest, at_speed, accelerated]) + direct[:, :3]
+    steady[:, 2] -= low_frequency @ accelerated
+    return low_frequency, low_frequency @ np.column_stack([at_rest, at_speed]), steady
 
 
 def _project_slow(a: FloatArray, limit: float) -> FloatArray:

@@ -94,14 +94,14 @@ class Disturbance:
         watch: Watch,
         *,
         below: FloatArray,
-        held: FloatArray,
+        static: FloatArray,
         samples: FloatArray,
     ) -> PathDeviation:
         """Return the deviation of a system by these loads.
 
         Args:
             below: ``(p, n)`` outputs of the low-frequency states.
-            held: ``(p, k)`` static response to inputs, without the low-frequency states.
+            static: ``(p, k)`` static response to inputs, without the low-frequency states.
             samples: ``(n,)`` evenly spaced, from zero [s].
         """
         fine, parts = refine_times(samples, self.step)
@@ -117,7 +117,7 @@ class Disturbance:
             steps,
             wanted=space.watch(Watch(tuple(outputs))),
             below=below,
-            quasi_static=steps.now @ held.T,
+            quasi_static=steps.now @ static.T,
             watched=space.watch(watch),
             channels=watch.channels,
         )
@@ -140,16 +140,16 @@ def solve_path(
     if model.up_to_hz is not None:
         coordinates = keep_modes(coordinates, count_modes(coordinates, model.up_to_hz))
     space = modal_state_space(coordinates, model.inputs, outputs)
-    below, held = _split_modes(coordinates, space, model.outputs, model.low_frequency_limit_hz)
+    below, static = _split_modes(coordinates, space, model.outputs, model.low_frequency_limit_hz)
     # the whole response to loads counts as dynamic
-    held[:, space.columns.of(load_channels(model.loads))] = 0.0
+    static[:, space.columns.of(load_channels(model.loads))] = 0.0
     steps = step_move(model.loads, move, samples)
     return respond_exactly(
         space,
         steps,
         wanted=space.watch(Watch(model.outputs)),
         below=below,
-        quasi_static=steps.now @ held.T,
+        quasi_static=steps.now @ static.T,
         watched=space.watch(model.watched),
         channels=model.watched.channels,
     )
@@ -236,8 +236,8 @@ def solve_loads(
     wanted = (*outputs, *watch.outputs)
     coordinates = _find_coordinates(system, loads.channels, wanted)
     space = modal_state_space(coordinates, loads.channels, wanted).pass_on(loads.feedthrough)
-    below, held = _split_modes(coordinates, space, outputs, low_frequency_limit_hz)
-    return loads.act_on(space, outputs, watch, below=below, held=held, samples=samples)
+    below, static = _split_modes(coordinates, space, outputs, low_frequency_limit_hz)
+    return loads.act_on(space, outputs, watch, below=below, static=static, samples=samples)
 
 
 def solve_loop_loads(
@@ -254,9 +254,9 @@ def solve_loop_loads(
     columns, rows = loop.columns.of(loads.channels), loop.rows.of(outputs)
     b, d = loop.b[:, columns], loop.d[:, columns]
     space = dataclasses.replace(loop, b=b, d=d, inputs=loads.channels).pass_on(loads.feedthrough)
-    held = space.d[rows] - loop.c[rows] @ np.linalg.solve(loop.a, b)
+    static = space.d[rows] - loop.c[rows] @ np.linalg.solve(loop.a, b)
     none = np.zeros((len(outputs), len(space.a)))
-    return loads.act_on(space, outputs, watch, below=none, held=held, samples=samples)
+    return loads.act_on(space, outputs, watch, below=none, static=static, samples=samples)
 
 
 def _split_modes(
@@ -271,8 +271,8 @@ def _split_modes(
     rows = space.rows.of(outputs)
     slow = coordinates.omega < 2.0 * np.pi * low_frequency_limit_hz
     moved = coordinates.outputs[rows][:, ~slow] / coordinates.eigenvalues[~slow]
-    held = moved @ coordinates.inputs[~slow] + space.d[rows]
-    return np.where(np.repeat(slow, 2), space.c[rows], 0.0), held
+    static = moved @ coordinates.inputs[~slow] + space.d[rows]
+    return np.where(np.repeat(slow, 2), space.c[rows], 0.0), static
 
 
 def slow_modes(frequencies_hz: Sequence[float] | FloatArray, low_frequency_limit_hz: float) -> int:

@@ -1,5 +1,5 @@
-"""Friction in guides (Coulomb, Stribeck, viscous; smooth through zero velocity): its law, and its forces
-on coordinates of a system whose steps are linear but for them.
+"""Friction in guides (Coulomb, Stribeck, viscous; smooth through zero velocity): its law, and its
+forces on coordinates of a system with otherwise linear steps.
 """
 
 import dataclasses
@@ -87,7 +87,9 @@ class CoordinateFriction:
     speeds: FloatArray
 
     def force(self, rates: FloatArray) -> FloatArray:
-        """Return the forces ``(n, d)`` against the motion at rates ``(n, c)`` of all coordinates [N]."""
+        """Return the forces ``(n, d)`` against the motion at rates ``(n, c)`` of
+        coordinates [N].
+        """
         return friction_force(self.law, self.speeds + rates[:, self.coordinates])
 
     def settle(self, step: int, free: FloatArray, gain: FloatArray) -> FloatArray:

@@ -301,7 +301,7 @@ class FrictionIntegrator:
         """Return the works ``(m, 4)`` of steps interpolated from the same ones."""
 
         def view(name: str) -> FloatArray:
-            """``(m, 13, r)``."""
+            """Return the values ``(m, 13, r)`` of some rows."""
             total: FloatArray = np.zeros((1, 1, 1))
             for number, step in enumerate(steps):
                 rows = getattr(step.views, name)

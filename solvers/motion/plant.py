@@ -34,9 +34,8 @@ from headstock.solvers.second_order import Channel, Index, SecondOrderSystem
 
 # of the response of the lowest elastic mode with the largest entries of inputs and outputs
 ROUNDOFF = 1e-9
-SEARCHED = (
-    1.5  # the highest mode kept lies below the widest gap up to so many times the highest frequency
-)
+# the highest mode kept lies below the widest gap up to this multiple of the highest frequency
+SEARCHED = 1.5
 HELD = 1e-9  # of the largest motion at a point, in m or rad: less is roundoff
 FIELDS = ("stiffness", "damping", "loads", "rows", "direct")
 
@@ -122,9 +121,9 @@ class SampledPlant:
             left_out: ``(p, k)`` sum over the modes left out: as a difference of ``direct`` it would
                 lose digits.
         """
-        held = np.linalg.solve(self.stiffness[slow:, slow:], self.loads[slow:])
+        static = np.linalg.solve(self.stiffness[slow:, slow:], self.loads[slow:])
         fast = self.rows[:, slow:]
-        reach = np.abs(left_out) + np.abs(fast) @ np.abs(held)
+        reach = np.abs(left_out) + np.abs(fast) @ np.abs(static)
         return dataclasses.replace(
             self,
             direct=left_out,
@@ -132,7 +131,7 @@ class SampledPlant:
             # the whole across the plane of a symmetric machine
             reach=reach.max(axis=0, keepdims=True, initial=0.0),
             low_frequency=np.where(np.arange(len(self.stiffness)) < slow, self.rows, 0.0),
-            quasi_static=left_out[:, 0] + fast @ held[:, 0],
+            quasi_static=left_out[:, 0] + fast @ static[:, 0],
         )
 
     def sizes(self) -> dict[str, FloatArray]:
@@ -262,11 +261,11 @@ def sample_pose(
         raise ModelError(
             "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
         )
-    held = _find_held_outputs(posed, channels)
+    constrained = _find_constrained_outputs(posed, channels)
     coordinates = dataclasses.replace(
         coordinates,
-        outputs=np.where(held[:, None], 0.0, coordinates.outputs),
-        residual=np.where(held[:, None], 0.0, coordinates.residual),
+        outputs=np.where(constrained[:, None], 0.0, coordinates.outputs),
+        residual=np.where(constrained[:, None], 0.0, coordinates.residual),
         complete=coordinates.complete and len(modes.frequencies_hz) == len(posed.system.mass),
         # a copy: a view would keep the shapes of all modes
         shapes=coordinates.shapes.copy(),
@@ -286,7 +285,7 @@ def sample_pose(
     )
 
 
-def _find_held_outputs(posed: PosedModes, channels: PlantChannels) -> NDArray[np.bool_]:
+def _find_constrained_outputs(posed: PosedModes, channels: PlantChannels) -> NDArray[np.bool_]:
     """Find outputs ``(p,)`` that are rigidly constrained in a pose: relative to other motions at
     the same point, with the same energy in any one coordinate, only roundoff is left of them, which
     no spline could fit.

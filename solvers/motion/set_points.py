@@ -302,7 +302,7 @@ def _loads_at(loads: PathLoads | None, times: FloatArray, speeds: FloatArray) ->
 
 
 def path_inputs(loads: PathLoads | None, move: SetPoint, times: FloatArray) -> FloatArray:
-    """Return position, speed and acceleration along the path, then loads ``(n, 3 + k)``, at instants."""
+    """Return position, speed and acceleration along the path, then loads ``(n, 3 + k)``."""
     now = sample_move(move, times)
     motion = [now.positions, now.speeds, now.accelerations]
     return np.column_stack([*motion, _loads_at(loads, times, now.speeds)])

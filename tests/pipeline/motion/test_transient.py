@@ -279,7 +279,7 @@ def test_guides_of_machines_rub_under_loads_over_time(machine: str, tmp_path: Pa
     model = posed_model(scene, tmp_path, pose)
     driven = drive_machine(model, lambda text: None)
     system, names = driven.system, [train.name for train in driven.trains]
-    answer = _respond_in_time(model, judged=False).answer
+    answer = _respond_in_time(model, with_errors=False).answer
     times = answer.curves.times
     damping = np.zeros_like(system.mass) if system.damping is None else system.damping
     lighter = np.linalg.inv(system.mass)
@@ -324,7 +324,7 @@ def test_guides_of_machines_rub_under_loads_over_time(machine: str, tmp_path: Pa
     energy = present(answer.energy)
     assert energy.work > energy.final and energy.error < 1e-6
     loose, _ = rubbing_scene(machine, "effects.friction=false")
-    free = _respond_in_time(posed_model(loose, tmp_path, pose), judged=False).answer
+    free = _respond_in_time(posed_model(loose, tmp_path, pose), with_errors=False).answer
     assert np.abs(free.curves.displacements - found).max() > 0.05 * scale
 
 
@@ -332,7 +332,7 @@ def test_peaks_with_friction_have_an_error(tmp_path: Path) -> None:
     scene, pose = rubbing_scene("slide")
     own = _respond_in_time(posed_model(scene, tmp_path, pose)).answer
     sharp, _ = rubbing_scene("slide", 'drives.X.friction.smoothing="0.02 mm/min"')
-    exact = _respond_in_time(posed_model(sharp, tmp_path, pose), judged=False).answer
+    exact = _respond_in_time(posed_model(sharp, tmp_path, pose), with_errors=False).answer
     share = present(next(iter(own.errors.values())).shares[SMOOTHING])
     off = abs(abs(own.figures[0].peak) - abs(exact.figures[0].peak))
     assert off < share < 1.5 * off
@@ -347,7 +347,7 @@ def test_a_segmented_machine_moves_as_direct_integration_says(tmp_path: Path) ->
         '[effects]\ndamping = { modal = "2 %" }',
     )
     model = posed_model(scene, tmp_path, "reference")
-    answer = _respond_in_time(model, judged=False).answer
+    answer = _respond_in_time(model, with_errors=False).answer
     times = answer.curves.times[::50]
     exact = integrate(model, model.system.inputs["tcp", "y"], times)
     moved = answer.curves.displacements[::50, 1]
@@ -387,7 +387,7 @@ KNOCK = (
 def follow_knock(scene: Scene, folder: Path) -> None:
     """Compare the motion under a knock with direct integration of all dofs of the reduced machine."""
     model = posed_model(scene, folder, next(iter(scene.poses)))
-    answer = _respond_in_time(model, judged=False).answer
+    answer = _respond_in_time(model, with_errors=False).answer
     times = answer.curves.times[::20]
     exact = integrate(model, model.system.inputs["tcp", "x"], times)
     expected = model.system.outputs["tcp", "x"] @ exact
