@@ -84,9 +84,7 @@ class ComparedMachine:
         return self._posed[pose]
 
     def watch(self, pose: str, count: int) -> WatchedModes:
-        """Return enough of its modes to find partners of the first ``count`` modes of another
-        machine.
-        """
+        """Return enough modes to find partners of the first ``count`` of another machine."""
         if (pose, count) not in self._watched:
             self._watched[pose, count] = watch_modes(
                 self.at(pose).coupled, self.family.places, self._motions, count=count

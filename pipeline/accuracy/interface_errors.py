@@ -239,9 +239,7 @@ def estimate_interfaces(state: RunState, shaped: _ShapedMachines) -> Outcome:
 def _relative_parts(
     base: Sequence[Number], errors: Mapping[Key, Estimate]
 ) -> dict[Key, dict[str, float]]:
-    """Return the part of each joint in the ± of numbers, relative to the number; nothing for lost
-    numbers.
-    """
+    """Return the part of each joint in ± over the number; nothing for lost numbers."""
     return {
         number.key: {
             joint: part / number.value
@@ -255,9 +253,7 @@ def _relative_parts(
 def _compare_forms(
     family: _ShapedFamily, answer: Answer, base: Sequence[Number]
 ) -> dict[Key, Estimate]:
-    """Return the contribution of shapes to the ± of numbers: the larger change of both forms, by
-    joint.
-    """
+    """Return the part of shapes in ± of numbers: the larger change of both forms, by joint."""
     moved = {kind: follow_numbers(answer, family.base, own) for kind, own in family.forms.items()}
     moves = {
         (str(kind), INTERFACE): compare_numbers(base, own.numbers) for kind, own in moved.items()
@@ -311,9 +307,7 @@ def _compare_lines(
 
 
 def _respond(model: CoupledPose, answer: PoseResponse) -> _Responses:
-    """Compute the response of a machine at the lines of an answer, on its own peaks and around
-    them.
-    """
+    """Compute the response of a machine at an answer's lines, and around its own peaks."""
     request = model.parts.scene.analyses.get(FrfRequest)
     if request is None:
         raise ValueError("a frequency response needs an analysis in the scene")

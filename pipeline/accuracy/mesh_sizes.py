@@ -28,9 +28,7 @@ NODE = 1e-3  # of the largest motion at a channel: below it the mode has a node 
 
 
 def mean_size(reduced: ReducedComponent) -> float:
-    """Return the mean element size of a locally refined mesh: side of the cube per displacement dof
-    [m].
-    """
+    """Return the mean size of a graded mesh: side of the cube per displacement dof [m]."""
     if reduced.quality is None:
         raise ValueError("only what was meshed here has a mean size")
     return float(np.cbrt(reduced.quality.volume / reduced.superelement.full_dofs))

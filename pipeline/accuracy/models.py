@@ -222,9 +222,7 @@ class _ModelSearch:
         return [group for group in self.groups if group.model < group.finest]
 
     def drop_hopeless(self) -> None:
-        """Take the finest model of bodies for which the best simple model is not accurate
-        enough.
-        """
+        """Take the finest model of bodies whose best simple model is not accurate enough."""
         for group in self.groups:
             best = group.finest - 1
             group.alone[best] = self._change(group.take(best))

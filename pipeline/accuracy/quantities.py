@@ -232,8 +232,7 @@ def weigh_estimates(
     known: Factors,
     unseen: Container[str] = (),
 ) -> dict[str, float]:
-    """Return the safety factors of mesh estimates, from the change of numbers between two
-    rounds.
+    """Return safety factors of mesh estimates, by the change of numbers between rounds.
 
     If a number changed by ``d`` while the mesh size was multiplied by ``s``, the remaining error is
     ``d s^p / (1 - s^p)``, where errors fall with the power ``p``. Among the numbers with large

@@ -279,9 +279,7 @@ def _refine_in_rounds(scene: Scene, run_round: _RunRound, note: Note, most_round
 
 
 def _choose_bodies(scene: Scene, refined: _Refined, note: Note) -> ModelChoice | None:
-    """Choose the cheapest models within the accuracy; None where none are selectable.
-    Collective.
-    """
+    """Choose the cheapest models within the accuracy, None if none are selectable; collective."""
     goal, state = _goal(scene), refined.state
     selectable = [name for name in scene.machine.components if _is_selectable(scene, name)]
     # without numbers the error of a cheaper model cannot be evaluated
@@ -368,9 +366,7 @@ def _conclude(
 def _evaluate_responses(
     quantities: Sequence[Quantity], choice: ModelChoice | None, accuracy: float
 ) -> ResponseAccuracy | None:
-    """Return the peak or level of a frequency response with the largest error with the chosen
-    models.
-    """
+    """Return the response peak or level with the largest error with the chosen models."""
     errors = {
         each.name: each.error if choice is None else choice.errors[each.key]
         for each in quantities
@@ -457,8 +453,7 @@ def _choose_models(
 
 
 def _plan_start(scene: Scene) -> tuple[Scene, Plan]:
-    """Return the scene of the first round, and its stages up to the analyses that have error
-    estimates.
+    """Return the scene of the first round, and its stages up to analyses with estimates.
 
     Raises:
         BudgetError: Not even the coarsest settings fit the limits.

@@ -136,9 +136,7 @@ class _SearchContent:
 
 
 def remember_search(scene: Scene, store: Store, found: SearchRecord) -> str | None:
-    """Store the result of a search for a scene; return a warning where the store cannot
-    be written.
-    """
+    """Store the result of a search; return a warning where the store cannot be written."""
     chosen, references = (
         {name: _Settings.of(part) for name, part in parts.items()}
         for parts in (found.chosen, found.references)
@@ -148,9 +146,7 @@ def remember_search(scene: Scene, store: Store, found: SearchRecord) -> str | No
 
 
 def recall_search(scene: Scene, store: Store) -> SearchRecord | None:
-    """Return the stored result for a scene; None where there is none, or files or code have
-    changed.
-    """
+    """Return a stored search; None where there is none, or files or code have changed."""
     content = _read(scene, store, _StoredSearch, [_SearchContent])
     if not isinstance(content, _SearchContent):
         return None
@@ -168,9 +164,7 @@ def remember_comparison(scene: Scene, store: Store, comparison: ModelComparison)
 
 
 def recall_comparison(scene: Scene, store: Store) -> ModelComparison | None:
-    """Return the stored result of a comparison; None where there is none, or files or code have
-    changed.
-    """
+    """Return a stored comparison; None where there is none, or files or code have changed."""
     found = _read(scene, store, _StoredComparison, [ModelComparison, *FOLLOWED])
     return found if isinstance(found, ModelComparison) else None
 
@@ -253,9 +247,7 @@ def _reduction_values(part: Component) -> TomlTable:
 
 
 def _mesh_values(name: str, mesh: MeshSettings) -> TomlTable:
-    """Return the keys of a mesh that are not the default; varying sizes are in a file next to the
-    scene.
-    """
+    """Return the keys of a mesh that differ from the default; varying sizes are in a file."""
     plain = MeshSettings()
     changed: dict[str, TomlValue] = {
         field.name: value

@@ -242,9 +242,7 @@ def give_sizes(component: Component, sizes: SizeField) -> Component:
 
 
 def _shrink(component: Component, mesh: MeshSettings, step: float) -> MeshSettings:
-    """Return a mesh with sizes multiplied by a step, and as much finer where stresses are
-    singular.
-    """
+    """Return a mesh with sizes times a step, and as much finer where stresses are singular."""
     size = step * (mesh.size or 0.0)
     if mesh.cells == "hex" and isinstance(component.solid, Box):
         size = _not_single(size, min(component.solid.size))
@@ -291,8 +289,7 @@ def keep_details(component: Component, *, ratio: float) -> Component:
 def refine_modes(
     component: Component, *, ratio: float, cutoff_hz: float, highest_hz: float
 ) -> Component:
-    """Return the component with modes up to a frequency at which their error should fall by a
-    ratio.
+    """Return the component with modes up to where their error should fall by a ratio.
 
     Args:
         ratio: Error wanted over the present one [-]; below one keeps more modes.

@@ -242,9 +242,7 @@ class AxesPath(ABC):
 
     @abstractmethod
     def _disturb(self, move: SetPoint) -> PathDeviation:
-        """Return the deviation by guide errors and torque ripple on a move, in the
-        mid-path pose.
-        """
+        """Return the deviation by guide errors and torque ripple on a move, at mid-path."""
 
     def _find_offset_motions(self, travel: ErrorTravel, system: SecondOrderSystem) -> OffsetMotions:
         """Return the motions of the machine under unit offsets of its guides."""
@@ -294,9 +292,7 @@ class AxesPath(ABC):
 
     @property
     def _shortest_wave(self) -> float:
-        """Shortest wavelength of guide errors and torque ripple along the path [m]; infinite
-        without any.
-        """
+        """Shortest wavelength of guide errors and torque ripple [m]; infinite without any."""
         shares = axis_shares(self.request)
         ripples = [
             drive.lead / wave.per_turn / abs(shares[drive.axis])

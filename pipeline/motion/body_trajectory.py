@@ -86,9 +86,7 @@ class BodyTrajectory(Trajectory):
 
     @abstractmethod
     def drive(self, drives: Sequence[Drive], motion: PathMotion) -> _DriveMotion:
-        """Return the set points of drives and the motion they cause during a motion along the
-        trajectory.
-        """
+        """Return the set points of drives and the motion they cause along the trajectory."""
 
     @property
     def bodies(self) -> tuple[Channel, ...]:
@@ -321,9 +319,7 @@ class MechanismTrajectory(BodyTrajectory):
 
 
 def has_coriolis(state: RunState) -> bool:
-    """Return True where velocity terms act in a mechanism, whose bodies rotate, unlike those of
-    linear axes.
-    """
+    """Return True where velocity terms act, in a mechanism whose bodies rotate."""
     return CORIOLIS in state.scene.effects and state.scene.mechanism is not None
 
 

@@ -99,9 +99,7 @@ def plan_request(
 
 
 def request_times(request: ContouringRequest, plan: ContourPlan, until: float) -> FloatArray:
-    """Return the steps ``(n,)`` of a contour up to a time, a fixed number per revolution of the
-    tool [s].
-    """
+    """Return the steps ``(n,)`` of a contour up to a time: so many per tool revolution [s]."""
     step = 2.0 * math.pi / request.cut.spindle / request.steps_per_turn
     return np.asarray(np.arange(0.0, min(plan.path.span[1], until), step), dtype=float)
 

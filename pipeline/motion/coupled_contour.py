@@ -430,9 +430,7 @@ def _motor_torques(
 
 
 def _describe_torques(drives: Collection[Drive]) -> str:
-    """Describe which contributions the torques of the motors of axes contain, and which are left
-    out.
-    """
+    """Describe which contributions motor torques of axes contain, and which not."""
     if not drives:
         return f"{OF_SCREWS}: no inertia of motor and screw, no friction"
     if any(drive.friction is not None for drive in drives):

@@ -189,9 +189,7 @@ def _turning_bodies(model: PoseModel, names: Sequence[str]) -> list[TurningBody]
 
 
 def join_screws(screws: Mapping[str, tuple[str, Axis | None]]) -> Join:
-    """Return a function that adds the forces of screws on their nuts to a machine, along the axis
-    [N].
-    """
+    """Return a function that adds the axial forces of screws on their nuts to a machine [N]."""
 
     def join(where: float, model: PoseModel, errors: PosedErrors) -> Further:
         joints = {joint.name: joint for joint in coupled_machine(model).joint_springs}

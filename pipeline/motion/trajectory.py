@@ -116,9 +116,7 @@ class Curve(Protocol):
     """Describe the path of a tool over a parameter."""
 
     def at(self, where: FloatArray, /) -> PathPoints:
-        """Return points at ``(n,)`` values of the parameter, and their first and second
-        derivatives.
-        """
+        """Return points at ``(n,)`` values of the parameter, and their two derivatives."""
 
 
 def follow_curve(path: Curve, motion: PathMotion) -> PathPoints:
@@ -330,9 +328,7 @@ class TrajectoryErrors:
 
     @property
     def inertial(self) -> tuple[tuple[Channel, Channel], ...]:
-        """Pairs of the channel of an offset whose acceleration acts, and the channel of that
-        acceleration.
-        """
+        """Channels of offsets whose accelerations act, each with that of the acceleration."""
         last = self.channels[len(self.channels) - len(self.accelerated) :]
         return tuple(zip((self.channels[number] for number in self.accelerated), last, strict=True))
 

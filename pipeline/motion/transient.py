@@ -339,8 +339,7 @@ class _LoadedMachine:
 
 
 def _respond_in_time(machine: PoseModel, *, with_errors: bool = True) -> Solved[TransientAnswer]:
-    """Compute the motion of a machine in a pose under loads over time, with the damping of its
-    scene.
+    """Compute the motion of a damped machine in a pose under loads over time.
 
     Args:
         with_errors: Estimate the errors of peaks.

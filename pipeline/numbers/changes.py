@@ -58,8 +58,7 @@ def try_changes[M](
     refused: tuple[type[Exception], ...],
     is_root: bool = True,
 ) -> list[Tried]:
-    """Try changes of a machine, one after the other; those that would change nothing are
-    skipped.
+    """Try changes of a machine one after the other, except those that change nothing.
 
     Preparing is collective; solving is done on rank 0.
 

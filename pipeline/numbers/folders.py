@@ -119,8 +119,7 @@ def read_run_numbers(folder: Path) -> Numbers:
 
 
 def read_results_file[T](folder: Path, read: "Callable[[h5py.File], T]") -> T:
-    """Return the result of a function on ``results.h5``, after a check that the summary names this
-    file.
+    """Return a function's result on ``results.h5``, the file that the summary names.
 
     Raises:
         UnusableOutputError: It is missing, damaged, of an earlier version or of another run.
@@ -172,9 +171,7 @@ def _refuse_constant(name: str) -> Never:
 
 
 def _find_other_results(folder: Path) -> str:
-    """Return the remedy for a folder of a command that computes many runs; empty where it
-    is none.
-    """
+    """Return the remedy for a folder of a command of many runs; empty where it is none."""
     names = [name for name in OTHER_RESULTS if (folder / name).is_file()]
     if not names:
         return ""

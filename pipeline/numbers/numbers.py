@@ -159,8 +159,7 @@ class Number:
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Store numbers along axes: lines of a response, grids, limits over speeds, curves
-    over time.
+    """Store numbers along axes: response lines, grids, limits over speeds, curves over time.
 
     Attributes:
         axes: Name with unit, such as ``frequency [Hz]``, to positions ``(n,)``, in the order of the
@@ -374,9 +373,7 @@ class Numbers(Mapping[Key, Number]):
         )
 
     def _rows_of(self, row: int, begin: str) -> tuple[int, int]:
-        """Return the first row of a number in other columns, and the first row of the
-        next number.
-        """
+        """Return the first rows of a number and of the next one in other columns."""
         begins = self._columns[begin]
         whole = len(self._columns[_BEGINS[begin][0]])
         return int(begins[row]), whole if row + 1 == len(begins) else int(begins[row + 1])

@@ -78,9 +78,7 @@ def _soften_element(element: Superelement, share: float) -> Superelement:
 
 
 def _soften(stiffness: FloatArray, missing: FloatArray) -> FloatArray:
-    """Return ``K (K + E)^-1 K``, as ``K - E + E (K + E)^+ E``, which is defined for rigid motions,
-    too.
-    """
+    """Return ``K (K + E)^-1 K`` as ``K - E + E (K + E)^+ E``, also with rigid motions."""
     total = stiffness + missing
     scale = 1.0 / np.sqrt(np.where((size := total.diagonal()) > 0.0, size, 1.0))
     values, shapes = np.linalg.eigh(total * scale * scale[:, None])
@@ -115,9 +113,7 @@ def _add_missing(values: FloatArray, missing: FloatArray | None, share: float) -
 
 
 def _with_finer_mesh(element: Superelement) -> Superelement:
-    """Return a superelement as soft as the ± of its mesh allows; unchanged where there is no
-    estimate.
-    """
+    """Return a superelement as soft as its mesh's ± allows; unchanged without an estimate."""
     return _soften_element(element, element.errors.mesh_safety)
 
 

@@ -131,9 +131,7 @@ class _StiffnessChanges:
         return projections
 
     def _damped(self, name: str, pole: complex) -> tuple[complex, complex]:
-        """Return the factors ``1 + s beta`` of a component's stiffness and ``1 + alpha / s`` of its
-        mass.
-        """
+        """Return ``1 + s beta`` of a component's stiffness and ``1 + alpha / s`` of its mass."""
         damping = self._coupled.rayleigh.get(name, RayleighDamping())
         return 1.0 + damping.beta * pole, 1.0 + (damping.alpha / pole if pole else 0.0)
 

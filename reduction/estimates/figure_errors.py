@@ -120,8 +120,7 @@ def _add_modes_at_chatter(
 
 @dataclass(frozen=True, eq=False)
 class _PeakErrors:
-    """Store sizes of changes ``(n,)`` of peaks, then of levels, by component [m/N, ...]; NaN where
-    unknown.
+    """Store sizes of changes ``(n,)`` of peaks, then levels [m/N, ...]; NaN where unknown.
 
     Attributes:
         left_out: Changes by small features that meshes lack.

@@ -21,8 +21,7 @@ DEPENDENT = 1e-10  # least share of a direction outside the trial space for whic
 
 @dataclass(frozen=True, eq=False)
 class FrequencyErrors:
-    """Bound the difference of each natural frequency from that of the machine with every
-    mode kept.
+    """Bound the difference of each natural frequency from that with every mode kept.
 
     Attributes:
         bounds_hz: ``(m,)`` [Hz]; NaN where there is no bound.
@@ -119,9 +118,7 @@ def bound_frequency_errors(
 def _trial_space(
     system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], modes: ModalResult
 ) -> FloatArray:
-    """Return the modes ``(n, m)`` and their first corrections by the modes left out,
-    M-orthonormal.
-    """
+    """Return the modes ``(n, m)`` and their first corrections, M-orthonormal."""
     shapes = modes.shapes
     if not parts or not shapes.shape[1]:
         return shapes

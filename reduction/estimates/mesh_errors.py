@@ -43,8 +43,7 @@ class _PartChange:
 
 @dataclass(frozen=True, eq=False)
 class MeshedPart:
-    """Describe a component with an estimate of its mesh, and its dofs as rows of the machine's
-    coordinates.
+    """Describe a component with an estimate of its mesh, and its dofs in the machine.
 
     Attributes:
         energy: ``(n_c, n_c)`` energy products of the discretisation error, times the safety factor
@@ -176,9 +175,7 @@ def frequency_mesh_errors(coupled: CoupledMachine, modes: ModalResult) -> dict[s
 
 
 def silent_energies(coupled: CoupledMachine, motions: FloatArray) -> FloatArray:
-    """Return twice the strain energies ``(m,)`` of motions ``(n, m)`` in dofs whose mesh error is
-    unknown.
-    """
+    """Return twice the strain energies ``(m,)`` of motions in dofs of unknown mesh error."""
     total = np.zeros(motions.shape[1])
     for part in meshed_parts(coupled).values():
         silent = (part.rows @ motions)[part.silent]
@@ -247,8 +244,7 @@ def compliance_shape_errors(
 def compliance_feature_errors(
     coupled: CoupledMachine, displacements: FloatArray
 ) -> dict[str, FloatArray]:
-    """Return the change of static compliances by small features that meshes lack, ``(m,)`` per
-    component.
+    """Return the change of static compliances by small features, ``(m,)`` per component.
 
     Args:
         displacements: ``(n, m)`` responses to unit loads.

@@ -53,8 +53,7 @@ def watch_modes(
     *,
     count: int,
 ) -> WatchedModes:
-    """Return enough modes of a machine to find partners of the lowest modes of another
-    model of it.
+    """Return enough modes to find partners of the lowest modes of another model.
 
     Args:
         places: By component, points that represent its mass.
@@ -104,8 +103,7 @@ def compare_modes(plain: WatchedModes, refined: WatchedModes, *, count: int) -> 
 
 
 def split_change(size: float, singles: Mapping[str, float]) -> dict[str, float]:
-    """Divide the size of a change by several bodies among these, in proportion to their single
-    changes.
+    """Divide the size of a change among bodies, in proportion to their single changes.
 
     Args:
         singles: Body to the change by it alone; NaN where unknown.

@@ -294,9 +294,7 @@ class ResponseSpace:
         return np.asarray(eigh(stiffness, mass, eigvals_only=True))
 
     def softening(self, hz: float) -> float:
-        """Return the frequency of the mode nearest to a frequency with finer meshes, over its
-        present one.
-        """
+        """Return the frequency of the nearest mode with finer meshes over its present one."""
         now, then = self.squares(near_hz=hz), self.squares(self.finer, hz)
         mode = int(np.argmin(np.abs(now - (2.0 * np.pi * hz) ** 2)))
         return float(np.sqrt(max(then[mode], 0.0) / now[mode])) if now[mode] > 0.0 else 1.0

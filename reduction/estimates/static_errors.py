@@ -37,8 +37,7 @@ MOVED_SHARE = 0.2
 
 @dataclass(frozen=True, eq=False)
 class DeviationChanges:
-    """Store changes of the deviation ``(6,)`` of a tool [m, rad], by component; NaN where
-    unknown.
+    """Store changes of the deviation ``(6,)`` of a tool [m, rad]; NaN where unknown.
 
     Attributes:
         meshes: Changes by finer meshes, times the safety factor that covers 95 % of true errors.

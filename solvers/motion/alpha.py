@@ -113,9 +113,7 @@ class LinearMotion:
         return self.between(self.gravity_deflection, part)
 
     def tool_motion(self, compliant: FloatArray) -> FloatArray:
-        """Return the motion ``(n, 3)`` of the tool at coordinates ``(n, c)``, by the modes that are
-        kept.
-        """
+        """Return the tool motion ``(n, 3)`` at coordinates ``(n, c)``, by the modes kept."""
         return self.apply(self.tool, compliant)
 
     def tool_load(self, force: FloatArray) -> FloatArray:
@@ -147,8 +145,7 @@ class CompliantHistory:
 
 @dataclass(frozen=True, eq=False)
 class Regeneration:
-    """Describe regenerative cutting forces, which depend on the surface left by the
-    previous tooth.
+    """Describe regenerative cutting forces, by the surface that the previous tooth left.
 
     Attributes:
         stiffness: ``(n, 3, 3)`` force on the tool per motion since the previous tooth [N/m], axes
@@ -166,8 +163,7 @@ def integrate_linear(
     *,
     regeneration: Regeneration | None = None,
 ) -> CompliantHistory:
-    """Integrate the linear model by generalised-α steps, from static equilibrium at the first
-    instant.
+    """Integrate the linear model by generalised-α steps, from static equilibrium.
 
     Args:
         motion: The linear model at ``n`` even steps.
@@ -365,8 +361,7 @@ def even_nodes(times: FloatArray, spacing: float) -> FloatArray:
 
 
 def interpolate_nodes(times: FloatArray, nodes: FloatArray, values: FloatArray) -> FloatArray:
-    """Interpolate linearly between even nodes; the first and last segments extend beyond
-    the ends.
+    """Interpolate linearly between even nodes; the outer segments extend beyond the ends.
 
     Args:
         times: ``(n,)`` [s].

@@ -98,9 +98,7 @@ class ControlledPath:
 
     @property
     def given(self) -> dict[Channel, FloatArray]:
-        """Rows of the loop's inputs: of position, speed and acceleration along the path, then of
-        loads.
-        """
+        """Input rows: of position, speed and acceleration along the path, then of loads."""
         units = dict(zip(SET_POINTS, np.eye(len(SET_POINTS)), strict=True))
         sets = {
             (axis, kind): self.shares.get(axis, 0.0) * units[kind]
@@ -496,9 +494,7 @@ def _friction_at(loop: VaryingLoop, position: float) -> FrictionLoop:
 
 
 def _plant_at(sample: SampledPlant, scales: FloatArray) -> StateSpace:
-    """Return the state space of modes that are coupled by stiffness, scaled as in the middle of the
-    path.
-    """
+    """Return the state space of modes coupled by stiffness, scaled as at mid-path."""
     space = modal_state_space(
         ModalCoordinates(
             eigenvalues=scales**2,

@@ -78,8 +78,7 @@ class LowPass:
 
 @dataclass(frozen=True)
 class ZoneFigures:
-    """Store figures of one output in one acceleration zone: the ramp, and the residual vibration
-    after it.
+    """Store figures of one output in a zone: the ramp, and the residual vibration after it.
 
     Attributes:
         begin: Begin of the ramp [s].
@@ -163,8 +162,7 @@ def measure_zones(
 
 @dataclass(frozen=True)
 class CruiseFigures:
-    """Store figures of one output at constant feed: straightness, and the strongest
-    periodic part.
+    """Store figures of one output at constant feed: straightness and periodic part.
 
     Attributes:
         begin: End of the residual vibration of the first ramp [s].

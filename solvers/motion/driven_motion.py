@@ -101,8 +101,7 @@ class DrivenMotion:
 
 @dataclass(frozen=True, eq=False)
 class _InitialState:
-    """Define the initial state of a motion that does not start from rest, and impulses
-    during it.
+    """Define the initial state of a motion not from rest, and impulses during it.
 
     Attributes:
         state: ``(m,)`` before the first time.
@@ -305,9 +304,7 @@ def _coarse_states(model: FrictionLoop, given: Given, times: FloatArray) -> Floa
 
 
 def _state_scale(model: FrictionLoop, states: FloatArray, duration: float) -> FloatArray:
-    """Return the size ``(m,)`` of each kind of state, from states ``(p, m)`` of the
-    expected size.
-    """
+    """Return the size ``(m,)`` of each kind of state, from states ``(p, m)`` as large."""
     machine = model.loop.plant_size
     dry = float(np.maximum(model.law.coulomb, model.law.breakaway).sum())
     energy = float(model.stored_energy(states).max(initial=0.0))
@@ -393,9 +390,7 @@ def solve_friction_transient(
 
 
 def _follow_loads(loads: SteppedLoads) -> Given:
-    """Return a function for loads ``(n, k)`` at times; where one jumps, its value after
-    the jump.
-    """
+    """Return a function for loads ``(n, k)`` at times; at jumps, the value after them."""
 
     def given(times: FloatArray) -> FloatArray:
         numbers = np.searchsorted(loads.times, times, side="right") - 1
@@ -439,9 +434,7 @@ def _read_outputs(
 
 
 def _add_energies(model: FrictionLoop, motion: DrivenMotion) -> EnergyBalance:
-    """Return the energy balance: works of drives and loads against losses in dampers and
-    friction.
-    """
+    """Return the energy balance: works of drives and loads, losses in dampers and friction."""
     every, first = motion.energy, model.stored_energy(motion.left[0])
     begun = float(every.stored[0] - first)  # by an impulse at the first time
     return EnergyBalance(

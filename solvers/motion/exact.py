@@ -430,9 +430,7 @@ def solve_varying_path(
 def observe_along(
     rows: CubicSpline, positions: FloatArray, displacements: FloatArray
 ) -> FloatArray:
-    """Return the motion at the outputs ``(n, p)``; one output after the other, which
-    saves memory.
-    """
+    """Return the motion at the outputs ``(n, p)``, one after the other to save memory."""
     outputs = range(rows.c.shape[2])
     single = (
         CubicSpline.construct_fast(rows.c[:, :, output], rows.x, extrapolate=True)

@@ -34,9 +34,7 @@ class StackedFriction:
 
 
 def stack_laws(laws: Sequence[GuideFriction | None]) -> StackedFriction:
-    """Return the laws of several guides, to be evaluated together; zero for a guide without
-    friction.
-    """
+    """Return the laws of several guides as one; zero for a guide without friction."""
     names = [law_field.name for law_field in dataclasses.fields(StackedFriction)]
     filled = [law or GuideFriction() for law in laws]
     return StackedFriction(*(np.array([getattr(law, name) for law in filled]) for name in names))
@@ -48,15 +46,12 @@ def friction_force(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
 
 
 def friction_slope(law: FrictionLaw, velocity: FloatArray) -> FloatArray:
-    """Return the derivative of the force by the velocity [N s/m]; negative where friction falls
-    with speed.
-    """
+    """Return the derivative of the force by velocity [N s/m]; negative where it falls."""
     return evaluate_friction(law, velocity)[1]
 
 
 def evaluate_friction(law: FrictionLaw, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the force against the motion [N] and its derivative by the velocity [N s/m],
-    likewise.
+    """Return the force against the motion [N] and its derivative by velocity [N s/m].
 
     Source: Armstrong-Helouvry, Dupont and Canudas de Wit (1994), A survey of models, section 2.1
     (Stribeck curve with a Gaussian);
@@ -87,9 +82,7 @@ class CoordinateFriction:
     speeds: FloatArray
 
     def force(self, rates: FloatArray) -> FloatArray:
-        """Return the forces ``(n, d)`` against the motion at rates ``(n, c)`` of
-        coordinates [N].
-        """
+        """Return the forces ``(n, d)`` against the motion at rates ``(n, c)`` [N]."""
         return friction_force(self.law, self.speeds + rates[:, self.coordinates])
 
     def settle(self, step: int, free: FloatArray, gain: FloatArray) -> FloatArray:

@@ -124,16 +124,12 @@ class _InterpolatedStep:
         return self.stack.steps[0].size
 
     def move(self, known: FloatArray) -> FloatArray:
-        """Return the motion ``(r,)`` without friction, from the state before and the inputs
-        ``(c,)``.
-        """
+        """Return the motion ``(r,)`` without friction, from state and inputs ``(c,)``."""
         moved = self.stack.moved @ known
         return moved if len(self.shares) == 1 else self.shares @ moved.reshape(len(self.shares), -1)
 
     def miss(self, off: FloatArray) -> FloatArray:
-        """Return the error ``(n,)`` of the state by errors ``(3 k,)`` of friction at the check
-        points.
-        """
+        """Return the error ``(n,)`` of the state by friction errors ``(3 k,)`` at checks."""
         return np.asarray(self.shares @ (self.stack.missed @ off))
 
 

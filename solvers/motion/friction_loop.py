@@ -303,9 +303,7 @@ def _view_rows(model: FrictionLoop, friction: int, whole: int) -> dict[str, Floa
 
 
 def _derivatives(nodes: FloatArray) -> FloatArray:
-    """Return the derivatives at zero ``(m, m)`` of the polynomial through values at nodes
-    ``(m,)``.
-    """
+    """Return the derivatives ``(m, m)`` at zero of a polynomial by its nodal values ``(m,)``."""
     factorials = np.array([math.factorial(order) for order in range(len(nodes))], dtype=float)
     return np.asarray(np.linalg.inv(np.vander(nodes, increasing=True) / factorials))
 
@@ -344,8 +342,7 @@ def narrow_given(level: int, number: int) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class LoopTrack:
-    """Describe a loop that may change along a path; between tabulated positions its matrices are
-    cubics.
+    """Describe a loop that may change along a path: cubics between tabulated positions.
 
     Attributes:
         places: ``(p,)`` tabulated positions, rising, one or at least four [m].

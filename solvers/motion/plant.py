@@ -239,8 +239,7 @@ class SampledModes:
 def sample_pose(
     posed: PosedModes, channels: PlantChannels, *, all_modes: bool = True, least: int = 0
 ) -> SampledModes:
-    """Return the modes of a pose between its channels, with the shapes of those that may
-    be kept.
+    """Return the modes of a pose between its channels, with shapes of those to be kept.
 
     Args:
         all_modes: Include modes that are certainly not kept; else they are in the residual

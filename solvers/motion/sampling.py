@@ -258,8 +258,7 @@ class _TransportedPose:
 def sample_motion(
     place: Callable[[float], PosedModes], breaks: Sequence[float], channels: PlantChannels
 ) -> SampledMotion:
-    """Sample poses of a trajectory, twice as many in each piece until splines through the others
-    match them.
+    """Sample poses of a trajectory, doubled in each piece until splines match them.
 
     Args:
         place: Returns the machine at a time of the trajectory [s].
@@ -436,9 +435,7 @@ def _find_errors(
     transported: Mapping[float, _TransportedPose],
     channels: PlantChannels,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the misfit of the splines of each piece ``(n,)``, and the rotation error of its modes
-    [rad].
-    """
+    """Return the misfit of each piece's splines ``(n,)`` and its rotation error [rad]."""
     pairs = zip(grids, finer, strict=True)
     misses = [_find_misfit(grid, fine, transported, channels) for grid, fine in pairs]
     return np.array(misses), np.array([_find_rotation_error(fine, transported) for fine in finer])

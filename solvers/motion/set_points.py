@@ -167,9 +167,7 @@ def _step_accelerations(move: SetPoint, times: FloatArray) -> FloatArray:
 
 
 def _acceleration_pieces(move: SetPoint) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return breaks ``(b,)``, and acceleration at the beginning and the end of each piece
-    ``(b - 1,)``.
-    """
+    """Return breaks ``(b,)``, and acceleration at the ends of each piece ``(b - 1,)``."""
     ramp = move.ramp
     top = move.feed / ramp.time_constant
     if ramp.kind == "s_curve" and ramp.jerk_time > 0.0:
@@ -265,8 +263,7 @@ class PathLoads:
 
 
 def cut_times(samples: FloatArray, loads: PathLoads | None) -> tuple[FloatArray, int]:
-    """Return instants between which loads are approximately linear, and the number of steps per
-    sample.
+    """Return instants between which loads are linear, and the number of steps per sample.
 
     Args:
         samples: ``(n,)`` evenly spaced [s].
@@ -276,9 +273,7 @@ def cut_times(samples: FloatArray, loads: PathLoads | None) -> tuple[FloatArray,
 
 
 def refine_times(samples: FloatArray, longest: float) -> tuple[FloatArray, int]:
-    """Return instants ``(n,)`` with no step longer than allowed, and the number of steps per
-    sample.
-    """
+    """Return instants ``(n,)`` at most so far apart, and the number of steps per sample."""
     parts = max(1, math.ceil((samples[1] - samples[0]) / longest))
     fine = np.linspace(samples[0], samples[-1], parts * (len(samples) - 1) + 1)
     return np.asarray(fine, dtype=float), parts
@@ -295,9 +290,7 @@ def longest_step(loads: PathLoads | None) -> float:
 
 
 def _loads_at(loads: PathLoads | None, times: FloatArray, speeds: FloatArray) -> FloatArray:
-    """Return loads ``(n, n_loads)`` at instants and speeds along the path; no column where there
-    are none.
-    """
+    """Return loads ``(n, n_loads)`` at instants and speeds along the path, or no column."""
     return np.zeros((len(times), 0)) if loads is None else loads.at(times, speeds)
 
 
@@ -326,8 +319,7 @@ class SteppedInputs:
 
 
 def step_move(loads: PathLoads | None, move: SetPoint, samples: FloatArray) -> SteppedInputs:
-    """Return acceleration along the path, then loads, in steps that end at every break of
-    a move.
+    """Return path acceleration, then loads, in steps that end at every break of a move.
 
     Args:
         samples: ``(n,)`` evenly spaced, from zero [s].
