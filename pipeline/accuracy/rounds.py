@@ -42,11 +42,11 @@ from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import AccuracyGoal, Scene
 from headstock.solvers.recovery.discretisation_error import find_resolved_step
 
-# Share of the accuracy that the next round aims at: one that misses by little costs another one.
-# Errors of coarse meshes fall less than their sizes ask for: a round ended beyond its aim by about
-# this power of what the error was above the accuracy, which counts down to the least aim
+# Share of the accuracy that the next round aims at, as a narrow miss costs another round. Errors of
+# coarse meshes fall less than expected: rounds missed their aim by about this power of the ratio of
+# error and accuracy, by which the aim is reduced down to the least one
 AIM, FAR_POWER, LEAST_AIM = 0.75, 0.4, 0.55
-ERROR_STEP = 0.9  # by which the error of an owner is assumed to fall in one step
+ERROR_STEP = 0.9  # factor by which the error of an owner is assumed to fall in one step
 # errors fall with about the second power of the mesh size; processor time grows with its third
 COST_POWER = 1.5
 LEAST_SECONDS = 0.05  # of a component

@@ -57,26 +57,23 @@ MOST_START_HEXES, MOST_START_TETS = 1_500, 30_000
 ROUGH_ACCURACY, ROUGH_ACROSS, MOST_ROUGH_HEXES = 0.01, 2, 400
 # along the longest side: for an accuracy, and for a finer one, from which a second round is needed
 ROUGH_ALONG, FINE_ALONG, FINE_ACCURACY = 7, 8, 0.03
-PATCHES_ADD = 2.0  # hexes that patches may add by their grid lines before tetrahedra pay
+PATCHES_ADD = 2.0  # hexes that grid lines of patches may add before tetrahedra are cheaper
 COARSER_PART = 2.4  # over the size of the rule, of STEP parts, which are graded later on
-# a column with two rigid faces: 0.6 % off with modes up to 3 times the wanted range, 1.5 % with 2
+# a column with two rigid faces: error 0.6 % with modes up to 3 times the wanted range, 1.5 % with 2
 # times (`validate reduction`)
 MODE_MARGIN, MODE_ERROR, MODE_RATE = 3.0, 0.006, 2.3
 REDUCTION_SHARE = 0.25  # of the accuracy, left to the modes
-# errors fall like size^2 between smooth fields (4) and the rims of rigid interfaces in blocks of
-# hexes (about 1)
+# convergence rates: about 2, between smooth fields (4) and the rims of rigid interfaces in blocks
+# of hexes (about 1)
 DEFAULT_RATE, SLOWEST_RATE, FASTEST_RATE = 2.2, 0.8, 4.0
-RIM_RATE = 1.5  # below, rims make the errors of even meshes
+RIM_RATE = 1.5  # below it, rims dominate the errors of even meshes
 # five times the dofs: where errors fall slowly, more would overshoot
-LEAST_STEP, LARGEST_STEP = (
-    0.85,
-    0.6,
-)
+LEAST_STEP, LARGEST_STEP = 0.85, 0.6
 # Tets grow from the rims of patches and of rigid interfaces. Next to a rim stresses grow without
 # limit, and errors fall like the first or second power of the size there, which falls faster than
 # the size elsewhere; grading makes that cheap.
 LEAST_GROWTH, RIM_POWER = 0.25, 1.5
-LEAST_DETAIL_RATIO = 0.1  # of the error by features left out: where less is wanted all are meshed
+LEAST_DETAIL_RATIO = 0.1  # of the error by features left out: below it all features are meshed
 
 
 @dataclass(frozen=True)

@@ -16,15 +16,14 @@ from headstock.solvers.linear.damping import DampedModes, pair_with_undamped
 from headstock.solvers.linear.symmetric_matrices import is_symmetric
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
-EQUAL = 1e-6  # of a pole: closer ones move together
+EQUAL = 1e-6  # relative distance of poles: closer ones are shifted together
 # condition number of a pole, 1 without damping, from which it and its neighbours interact
 INTERACTING = 1.5
 # of the distance to the next pole: interacting ones that move further may not exist at all
 SEPARATE = 0.1
-CURVATURE = (
-    4.0  # times shift over distance: what the second order adds to the first of an interacting pole
-)
-SAFETY = 1.2  # and to that of any other
+# times shift over distance: the second-order addition to the shift of an interacting pole
+CURVATURE = 4.0
+SAFETY = 1.2  # factor on the shift of any other pole
 
 
 @dataclass(frozen=True, eq=False)

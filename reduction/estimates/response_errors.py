@@ -17,20 +17,19 @@ from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.linear.symmetric_matrices import symmetrise
 from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
 
-# times the highest frequency: modes of the trial space; static responses stand for those above
+# over the highest frequency: modes of the trial space; static responses represent those above
 REACH = 2.0
-RESTING = (
-    1e-6  # of the square of the lowest elastic frequency, used as zero where rigid motions are free
-)
+# share of the square of the lowest elastic frequency, used as zero where rigid motions are free
+RESTING = 1e-6
 CHUNK = 256  # frequencies evaluated together
 PASSING = 3  # number of peaks that may pass over a line
-PASSING_MARGIN = 1.25  # the shift of a peak is tried in one place only
+PASSING_MARGIN = 1.25  # as the shift of a peak is evaluated at one share only
 # A change of a few percent grows linearly towards finer meshes, so that it is largest at the
 # end. A larger one may be largest before, where a peak comes near a line or an antiresonance lies
 # on it: shares of the change that are tried then
 EVEN = 0.05
 ON_THE_WAY = (0.25, 0.5, 0.75)
-STEP = 1e-3  # of omega^2, to both sides, for a slope
+STEP = 1e-3  # relative step of omega^2, to both sides, for a slope
 # Under control it is unknown at which share of the change a peak passes over a line
 CLOSELY = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 

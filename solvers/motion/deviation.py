@@ -15,9 +15,8 @@ from headstock.solvers.watched_outputs import WatchedValues
 
 FILTER_ORDER = 4
 FilterKind = Literal["zero_phase", "causal"]
-BAND = (
-    0.05  # settled: the residual vibration stays below this share of its largest value in the zone
-)
+# settled: the residual vibration remains below this share of its largest value in the zone
+BAND = 0.05
 PADDING = 5.0  # rest before and after a record, in periods of the low-pass
 LEAST_WAVES = 2.0  # least number of periods of a sinusoid that counts as periodic
 FINER = 16  # number of evaluated frequencies per frequency resolution
