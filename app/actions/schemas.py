@@ -6,7 +6,6 @@ and no file refused that the program accepts; and the scene reference as Markdow
 from collections.abc import Iterator
 
 import click
-from pydantic.json_schema import GenerateJsonSchema
 
 from headstock.app.commands.tool_commands import SchemaOptions
 from headstock.app.terminal.guard import DONE
@@ -16,7 +15,7 @@ from headstock.scene.building.joints import KINDS
 from headstock.scene.expansion.catalogue import BEARINGS, CATALOGUE, FROM, read_catalogue
 from headstock.scene.reading.units import DIMENSIONS, Dimension, parse_quantity
 from headstock.scene.schema.scene import complete_scene
-from headstock.scene.schema.types import DEFAULT, MEANING, StrictTable
+from headstock.scene.schema.types import DEFAULT, MEANING, PlainNames, StrictTable
 from headstock.studies.identification.targets import TargetsTable
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -83,18 +82,11 @@ def rules_in(rule: JsonTable, key: str) -> dict[str, JsonTable]:
     )
 
 
-class _PlainNames(GenerateJsonSchema):
-    """Names of rules as users see them: without the mark of what is private in a module."""
-
-    def normalize_name(self, name: str) -> str:
-        return super().normalize_name(name.lstrip("_"))
-
-
 def _declare(table: type[StrictTable]) -> JsonTable:
     """What pydantic says of a table; tables with names of the user's own are one rule for all
     entries and one for their names.
     """
-    schema: JsonTable = table.model_json_schema(mode="validation", schema_generator=_PlainNames)
+    schema: JsonTable = table.model_json_schema(mode="validation", schema_generator=PlainNames)
     for rule in list(_walk(schema)):
         if "description" in rule:
             # of a docstring: paragraphs, however they wrap there

@@ -27,7 +27,7 @@ from pydantic import (
     StrictBool,
     model_validator,
 )
-from pydantic.json_schema import JsonSchemaValue
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 from pydantic_core.core_schema import (
     no_info_after_validator_function,
@@ -56,6 +56,14 @@ THREE_NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 3, "m
 AXIS_DIRECTIONS = tuple(f"{sign}{letter}" for sign in ("", "+", "-") for letter in "xyz")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}")
 _DIRECTION = re.compile(r"([+-]?)([xyz])")
+
+
+class PlainNames(GenerateJsonSchema):
+    """Names of rules as users see them: without the mark of what is private in a module."""
+
+    def normalize_name(self, name: str) -> str:
+        """Return the name of a rule, without underscores before it."""
+        return super().normalize_name(name.lstrip("_"))
 
 
 class StrictTable(BaseModel):
