@@ -15,8 +15,6 @@ def refuse(function: str, argument: str, message: str) -> SceneError:
     """Make the error of an argument.
 
     Args:
-        function: Public name.
-        argument: Of it.
         message: What is wrong and what to write.
     """
     return SceneError([Problem(f"hs.{function}", argument, "", message)])

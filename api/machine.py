@@ -35,9 +35,6 @@ from headstock.values import find_strange, freeze_table, write_at, write_table
 class Noun:
     """A table of the scene as an object: constructed from its keys, which docs/scene_reference.md
     lists, and frozen. A quantity is a text with a unit, or a number in SI units.
-
-    Attributes:
-        table: As TOML has it.
     """
 
     schema: ClassVar[type[BaseModel]]
@@ -47,7 +44,6 @@ class Noun:
         """Keys of the table become the parameters that ``help`` and notebooks show.
 
         Args:
-            schema: Of the table.
             kind: The one key of the table whose own keys the noun has; empty for those of the
                 table.
         """

@@ -260,7 +260,6 @@ def sweep(
 
     Args:
         machine: Machine or path of a scene file.
-        name: Of the sweep.
         output: Folder that keeps finished poses and gets ``sweep.h5``; None for no files.
         progress: Called with each stage of a component that has ended, on rank 0.
         comm: Ranks that share the poses; all that were started where None.
@@ -436,14 +435,7 @@ def _machine(source: Source, function: str) -> Machine:
 
 
 def _describe_study(made: Machine, vary: object, watch: object, *, pairwise: bool) -> Study:
-    """Describe a study in Python, checked as one of a scene file is.
-
-    Args:
-        made: Of what it is one.
-        vary: As given.
-        watch: As given.
-        pairwise: As given.
-    """
+    """Describe a study in Python, checked as one of a scene file is."""
     watched, varied = read_names(watch, "study", "watch"), read_keys(vary, "study", "vary")
     if not varied:
         example = 'vary={"components.NAME.mesh.size": ["50 mm", "25 mm"]}'

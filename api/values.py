@@ -63,8 +63,6 @@ def write_at(model: type[BaseModel], key: KeyPath, value: object) -> TomlValue:
     """Return the value of one key of a scene as TOML has it.
 
     Args:
-        model: Schema of the scene.
-        key: Path of the key.
         value: Any that is accepted there; numbers are in SI units.
     """
     hint: object = model

@@ -115,7 +115,6 @@ def rows_from_root(
     """Return the rows of an array that rank 0 alone holds; collective.
 
     Args:
-        comm: Communicator.
         values: ``(n, ...)`` on rank 0.
         wanted: Which rows this rank is to have.
     """
@@ -133,7 +132,6 @@ class RowBlocks:
 
     Attributes:
         comm: Ranks, in the order of the rows.
-        total: Number of rows.
         rows: ``(n, ...)`` those of this rank.
     """
 
@@ -180,7 +178,6 @@ def order_rows(
     """Return the rows that lie scattered over the ranks, in the order of their numbers; collective.
 
     Args:
-        comm: Communicator.
         numbers: ``(n,)`` of the rows of this rank; each occurs on one rank only.
         values: ``(n, ...)`` these rows.
         total: Number of rows on all ranks.

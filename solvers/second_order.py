@@ -37,7 +37,6 @@ class SecondOrderSystem:
         inputs: Channel such as ``("tcp", "z")`` to generalised load ``(n,)`` of a unit load
             there.
         outputs: Channel to row ``(n,)`` that gives the motion there.
-        labels: A name for each dof.
         hysteretic: ``(n, n)`` imaginary part ``H`` of the complex stiffness (loss factor times
             stiffness), or None.
     """

@@ -36,7 +36,6 @@ class Job:
 
     Attributes:
         seconds: Estimated processor time; the longest jobs are begun first.
-        memory_mb: Estimated peak memory.
     """
 
     seconds: float = 1.0

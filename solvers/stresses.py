@@ -65,7 +65,6 @@ def true_stresses(material: Material, scaled: NDArray[np.floating]) -> FloatArra
     square is the density of strain energy.
 
     Args:
-        material: Isotropic.
         scaled: As ``stress_operators`` makes them: the deviator over sqrt(2 G) and the pressure on
             the diagonal, shear yz, xz, xy over sqrt(G).
     """

@@ -104,7 +104,6 @@ class VerdictSummary(TypedDict):
         agreeing: Numbers of the elastic modes of the reference that agree, from 1.
         agreeing_within: Largest deviation among those; None where there is none.
         deviating: Modes that the model has, but not within ``agreement``.
-        missing: Modes that it lacks.
     """
 
     agreement: float

@@ -163,7 +163,6 @@ def _submit(
     """Write the script of a job and submit it.
 
     Args:
-        tasks: Of the array to compute.
         reduces: A job before it reduces the components.
 
     Raises:

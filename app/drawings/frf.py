@@ -208,7 +208,6 @@ def _make_cell(
     """A plot of magnitudes and phases.
 
     Args:
-        shown: Unit, and factor to it.
         error: Of the magnitudes; None where there is none.
         place: Number of the plot, and how many are beside each other.
     """

@@ -80,7 +80,6 @@ def polyline(
     """Draw a line through places.
 
     Args:
-        width: Of the line.
         joined: Corners are round.
         opacity: From 0 to 1; opaque without it.
     """
@@ -96,7 +95,6 @@ def shade(x: float, y: str, width: float, height: float, opacity: float) -> Mark
     """Draw a faint rectangle in the colour of the text.
 
     Args:
-        y: As it is written.
         opacity: From 0 to 1.
     """
     return Markup(

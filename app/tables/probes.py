@@ -309,7 +309,6 @@ def tabulate_forces(
 
     Args:
         stem: Ends the names of the files.
-        probes: Begins the name of that of probes.
     """
     if found["drives"]:
         yield tabulate(f"motors_{stem}", MOTOR_COLUMNS, found["drives"].items())

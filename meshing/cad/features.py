@@ -36,7 +36,6 @@ class PlainShape:
         volume: Tag of what is left.
         faces: Tags of its faces in the order in which ``face:N`` counts those of the whole shape,
             ``GONE`` where one is no more; then those that are new.
-        remarks: Messages for the user.
         left_out: The features, where the kernel measures their volumes.
     """
 

@@ -62,7 +62,6 @@ class Imprints:
 
     Attributes:
         sizes: Element size on each face that was imprinted.
-        remarks: Messages for the user.
     """
 
     faces: dict[str, list[int]]
@@ -309,9 +308,6 @@ def _check_areas(
     """Refuse imprints that changed the area of a face.
 
     Args:
-        children: Faces that each became.
-        areas: What each had.
-        boundary: Faces of the volume.
         unit: Length of the model's unit [m].
     """
     for tag, parts in children.items():

@@ -41,7 +41,6 @@ def read_file(reader: Callable[..., RawMesh], text: bytes) -> Arrays:
 
     Args:
         reader: Takes the path of the file, then those of the files that it may read besides.
-        text: The job as JSON.
 
     Returns:
         Points in the file's unit, cells of one kind in gmsh's node order, and named surface and

@@ -65,7 +65,6 @@ class ModelChoice:
     """Store the bodies of a machine after the choice.
 
     Attributes:
-        bodies: Report on each body.
         worst: The number with the largest relative error.
         errors: Key of each number to its relative error.
     """
@@ -192,7 +191,6 @@ class _ModelSearch:
     """Search models of bodies, compared with the machine of finite elements.
 
     Attributes:
-        groups: Groups of selectable bodies.
         errors: Key of each number to its error with the present models, as estimated last.
     """
 

@@ -281,7 +281,6 @@ def choose_greedily[Worst, Option](
 
     Args:
         find_worst: Returns the largest error with the options taken, and the item that has it.
-        options: Options to choose from.
         gain: Returns the gain of an option, over its cost.
     """
     while True:

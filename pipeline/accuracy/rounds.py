@@ -84,7 +84,6 @@ class History:
         trials: Component to its meshes so far, with the largest error each contributed.
         quantities: Numbers of the last round, with errors as estimated.
         scales: Fineness of the meshes of the last round.
-        factors: Safety factors on estimates.
     """
 
     trials: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)

@@ -79,7 +79,6 @@ class SearchRecord:
         references: Finite elements or polynomials of the bodies whose models were chosen, to
             compare with.
         mesh_factors: Component to the safety factor on its mesh estimates.
-        answer: Report of the search.
     """
 
     chosen: Mapping[str, Component]

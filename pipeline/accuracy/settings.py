@@ -431,7 +431,6 @@ def grade_mesh(component: Component, size: float, grading: _Grading) -> MeshSett
 
     Args:
         size: Element size away from rims [m].
-        grading: Rules of their growth.
     """
     imprinted = np.isfinite(_narrowest_patch(component))
     # stresses grow without limit at the rim of an area that is fixed rigidly

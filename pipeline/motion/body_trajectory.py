@@ -175,7 +175,6 @@ class MechanismTrajectory(BodyTrajectory):
     Attributes:
         path: Path of the tool point over the parameter.
         direction: Direction ``(3,)`` of the tool, machine frame.
-        pose_at: The pose at a value of the parameter.
         coriolis: Velocity terms act as well: the bodies rotate, unlike those of linear axes.
     """
 

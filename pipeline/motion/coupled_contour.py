@@ -129,7 +129,6 @@ class CoupledRun(ContourRun):
     """Store a contour that has been run on a machine of components.
 
     Attributes:
-        course: That of the machine.
         sampled: The machine in poses along the trajectory.
     """
 

@@ -58,7 +58,6 @@ class _SampledFace:
     Attributes:
         spacing: Between two of them [m].
         positions: ``(n,)`` [m].
-        inside: Those that are evaluated.
     """
 
     spacing: float

@@ -179,7 +179,6 @@ class TrajectoryMotors:
     Attributes:
         at: Returns the rigid motion that they cause, during a motion along the trajectory.
         bodies: Channels of the rigid motion that they move.
-        outputs: Outputs at which that motion is known.
     """
 
     drives: tuple[Drive, ...]
@@ -297,7 +296,6 @@ class DrivenTrajectory:
         Args:
             sampled: The machine with locked motors.
             times: ``(n,)`` even steps [s].
-            loads: Loads along the trajectory.
             node_spacing: Time between which matrices are linear [s].
             load_spacing: Time between which loads are linear [s].
         """

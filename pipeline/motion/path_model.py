@@ -153,7 +153,6 @@ class PosedMoves:
     """Solve moves of a path along which the pose changes.
 
     Attributes:
-        solve: Solves one of its moves.
         poses: How the poses were sampled.
         truncation: The last move in the pose of the middle: without the modes that are left out along
             the path, and with them.

@@ -314,7 +314,6 @@ class TrajectoryErrors:
         offsets: ``(n, k)`` at values ``(n,)`` of the parameter, in units.
         rated: ``(r,)`` offsets whose rates act, too.
         accelerated: ``(a,)`` offsets whose accelerations act, too.
-        ends: Ends of the trajectory.
         shortest: Shortest wavelength of the errors along the trajectory.
     """
 

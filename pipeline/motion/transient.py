@@ -341,9 +341,6 @@ class _LoadedMachine:
 def _respond_in_time(machine: PoseModel, *, with_errors: bool = True) -> Solved[TransientAnswer]:
     """Compute the motion of a damped machine in a pose under loads over time.
 
-    Args:
-        with_errors: Estimate the errors of peaks.
-
     Raises:
         ModelError: A load that is suddenly removed acts on an unconstrained motion.
         UnstableControlError: A control loop is unstable.

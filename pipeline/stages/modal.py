@@ -274,7 +274,6 @@ def _combine_errors(
 
     Args:
         errors: Of both by the damping alone.
-        hz: The damped frequency.
         undamped: How far the undamped frequency may be off [Hz]: in proportion the other may be too.
         exact: The damping ratio is given.
     """

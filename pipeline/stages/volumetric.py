@@ -162,7 +162,6 @@ class _Grid:
     """Deviation of a point in the poses of a grid.
 
     Attributes:
-        shape: Of the grid.
         poses: ``(n,)`` numbers of its poses in which the machine could be solved for.
         judged: ``n`` deviations there.
     """
@@ -213,7 +212,6 @@ class _Lines:
     """Lines of a grid through its middle, one along each axis.
 
     Attributes:
-        axes: Name and positions of each.
         travels: ``(3,)`` of the tool against the work per travel of each.
     """
 

@@ -208,8 +208,6 @@ def hash_dependencies(
     """Return the key of everything results of a scene depend on: the scene, its files, this program.
 
     Args:
-        folder: Of the scene.
-        raw: As parsed.
         without: Further sections of no influence.
         more: What they depend on besides.
     """

@@ -133,11 +133,7 @@ class _PeakErrors:
 
 
 class _Follower:
-    """Track peaks and levels of a machine in its trial space through changes.
-
-    Args:
-        plain: The unchanged machine.
-    """
+    """Track peaks and levels of a machine in its trial space through changes."""
 
     def __init__(
         self, plain: FrfModel, peaks: Sequence[ResponsePeak], levels: Sequence[ResponseLevel]

@@ -106,7 +106,6 @@ class ResponseSpace:
         rows: ``(n_outputs, m)``.
         rest: Square of the angular frequency that counts as zero.
         control: Dynamic stiffness of drives under control; None where motors are locked.
-        finer: Change by finer meshes.
         meshes: The same, and the opposite where the meshes are corrected by their estimates.
         parts: Changes by the mesh of each component alone.
         faces: Changes by curved faces, alone and together with finer meshes; empty where no face is

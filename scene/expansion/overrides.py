@@ -272,11 +272,7 @@ def _find_obstacle(raw: TomlTable, path: KeyPath) -> str:
 
 
 def _find_key_fault(table: TomlTable, path: KeyPath, depth: int) -> str:
-    """Why a key that a table does not have cannot be added to it; empty where it can.
-
-    Args:
-        depth: Of the key in its path.
-    """
+    """Why a key that a table does not have cannot be added to it; empty where it can."""
     section, last = path[0], depth == len(path) - 1
     if depth == 1 and (not last or section == PARAMETERS) and section in ENTRY_SECTIONS:
         return suggest_names(path[1], table, what=str(section))

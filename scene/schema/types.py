@@ -621,11 +621,7 @@ End = Annotated[
 
 
 def describe_span(dimensions: tuple[Dimension, ...], example: list[Any], low: int) -> JsonForm:
-    """Describe a span of the lowest and the highest value and their number for the JSON schema.
-
-    Args:
-        low: The lowest number.
-    """
+    """Describe a span of the lowest and the highest value and their number for the JSON schema."""
     return JsonForm(
         {
             "type": "array",

@@ -128,7 +128,6 @@ def _report(
 
     Args:
         root: Table that was validated.
-        key: Where it stands.
     """
     path: KeyPath = tuple(part for part in detail["loc"] if not _TAG.fullmatch(str(part)))
     kind, value = detail["type"], detail.get("input")

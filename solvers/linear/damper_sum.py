@@ -47,7 +47,6 @@ class DamperSum:
             rigid-body modes that are damped.
         loads: ``(m, n_inputs)``.
         rows: ``(n_outputs, m)``.
-        viscous: Viscous dampers.
         hysteretic: Losses of stiffness.
         rest: Rigid-body motion and residual flexibility.
     """

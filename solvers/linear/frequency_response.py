@@ -85,7 +85,6 @@ class FrfModel:
         inputs: Where the loads act.
         outputs: Where the motion is seen.
         form: Sum over modes or poles, direct solves, or loops of drives closed around one of them.
-        direct: The same by direct solves.
         at_rest: ``(n_outputs, n_inputs)`` static compliance, NaN where nothing holds.
         coordinates: Modal coordinates, where the system has them.
         method: What the form is called in results.
@@ -118,8 +117,6 @@ def solve_frf(
     Args:
         system: Any linear system; unsymmetric terms are found and are solved directly.
         frequencies_hz: ``(n_freq,)`` finite [Hz].
-        inputs: Names of the input channels.
-        outputs: Names of the output channels.
 
     Raises:
         ModelError: A channel is unknown, a frequency is not finite, or a matrix has no physical
@@ -144,9 +141,6 @@ def prepare_frf(
     frequencies before it is used.
 
     Args:
-        system: Any linear system.
-        inputs: Names of the input channels.
-        outputs: Names of the output channels.
         modes: All undamped modes, where they are already known.
 
     Raises:
@@ -322,7 +316,6 @@ class StabilityFigures:
     """Of the response of a drive point: load and motion at the same channel.
 
     Attributes:
-        channel: Where.
         most_negative_real: Most negative real part [m/N]; None where it is never negative.
         most_negative_real_hz: Its frequency [Hz].
         chatter_limit: ``-1 / (2 Re)`` [N/m]: over the cutting stiffness per width it is the

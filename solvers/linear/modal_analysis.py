@@ -274,7 +274,6 @@ def slope_shape(
         mass: ``(n, n)``.
         eigenvalues: ``(m,)`` omega^2 [rad^2/s^2].
         shapes: ``(n, m)`` mass-normalised.
-        index: Which mode.
         forces: ``(dK - omega^2 dM) phi`` of that mode for each parameter ``(n, p)``.
         mass_terms: ``phi^T dM phi`` of it ``(p,)``.
     """

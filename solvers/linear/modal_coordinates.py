@@ -88,9 +88,6 @@ def to_modal_coordinates(
     without mass.
 
     Args:
-        system: Any.
-        inputs: Names of the input channels.
-        outputs: Names of the output channels.
         modes: All undamped modes, where they are already known.
 
     Raises:
@@ -128,7 +125,6 @@ def keep_modes(coordinates: ModalCoordinates, count: int) -> ModalCoordinates:
     flexibility.
 
     Args:
-        coordinates: Of all modes.
         count: Elastic modes kept; rigid-body modes stay.
 
     Source: MacNeal (1971), A hybrid method of component mode synthesis; Geradin and Rixen (2015),

@@ -27,7 +27,6 @@ class _SparseFactor:
     diagonal.
 
     Attributes:
-        factor: Of the scaled matrix.
         scaled: The scaled matrix, ``(n, n)``.
         scale: ``(n,)`` by which rows and columns were multiplied.
         negative: How many pivots are below zero: the number of negative eigenvalues (Sylvester's
@@ -97,7 +96,6 @@ def lowest_sparse_modes(
     Args:
         stiffness: ``(n, n)`` symmetric, positive definite.
         mass: The same, ``(n, n)``: no dof is without mass.
-        wanted: How many.
 
     Returns:
         None where the matrices are not sparse, one of them is not clearly positive definite, or a

@@ -76,9 +76,6 @@ class StateSpace:
         b: ``(n, n_inputs)``.
         c: ``(n_outputs, n)``.
         d: ``(n_outputs, n_inputs)``.
-        inputs: Names of the loads.
-        outputs: Names of the motions.
-        states: A name for each state.
         pairs: The modes behind the states, where no damping couples them.
         modal: States ``2k, 2k + 1`` are ``(s p, p')`` of mode k, s its angular frequency.
     """
@@ -182,8 +179,6 @@ def to_state_space(
 
     Args:
         system: Any; unsymmetric ones need mass on every dof.
-        inputs: Names of the input channels.
-        outputs: Names of the output channels.
         up_to_hz: Keep modes up to here only; the static compliance of the others goes to D. None
             keeps all.
         modes: All undamped modes, where they are already known.

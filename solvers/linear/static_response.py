@@ -84,7 +84,6 @@ class BalancedResult:
         displacements: ``(n, m)``; of several answers that differ by a free motion the one with the
             dofs ``free.pinned`` at rest, zero for a load that has none.
         balanced: ``(m,)`` the load does no work on the free motions, so that it has an answer.
-        free: The free motions.
         weights: ``(n,)`` stiffness of each dof, by which motions and loads in different units are
             compared.
     """

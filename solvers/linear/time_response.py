@@ -41,7 +41,6 @@ class _Propagator:
     Attributes:
         transition: Phi ``(n, n)``, or ``(m, 2, 2)`` of modes that nothing couples.
         start: ``(n, n_inputs)`` effect of the load at the beginning of the step.
-        end: The same at its end.
         step: [s].
     """
 
@@ -166,7 +165,6 @@ def sine_gains(space: StateSpace, step: float, omega: float) -> tuple[FloatArray
     at its end, ``(n, n_inputs)`` each; also in resonance without damping.
 
     Args:
-        space: The system.
         step: [s].
         omega: [rad/s].
     """

@@ -25,7 +25,6 @@ class StateHistory:
     """States of a system over time.
 
     Attributes:
-        loads: What acted.
         left: ``(n, s)`` states just before each time.
         right: ``(n, s)`` and just after it: an impulse is between them.
     """
@@ -92,9 +91,6 @@ class EnergyBalance:
 
     Attributes:
         initial: At the time zero, of what was deformed or moved before.
-        work: Done by the loads.
-        dissipated: By dampers.
-        final: Left at the end.
         largest: Most at any time.
     """
 
@@ -118,7 +114,6 @@ class StiffnessLoss:
 
     Attributes:
         viscous: Over the stiffness [s], as of Rayleigh's damping.
-        structural: Loss factors.
         ratios: Damping ratios given to modes.
     """
 
@@ -136,8 +131,6 @@ def soften_system(
     """Return a symmetric system with other natural frequencies, of the same shapes.
 
     Args:
-        system: Any.
-        modes: Its lowest undamped modes.
         factors: ``(m,)`` of the first elastic ones.
         loss: Damping that goes with what becomes softer; None where dampers stay as they are.
     """
@@ -173,7 +166,6 @@ def solve_transient(
     """Return the motion under loads, exact at every time of the grid whatever its steps.
 
     Args:
-        loads: On their grid.
         initial_state: ``(s,)`` before the time zero.
     """
     lengths, kinds = group_steps(loads.steps)

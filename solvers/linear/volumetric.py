@@ -22,7 +22,6 @@ class AxisMotions:
     the map.
 
     Attributes:
-        axis: Name.
         positions: ``(n,)`` of the axis [m, rad].
         motions: ``(n, 6)`` EX, EY, EZ, EA, EB, EC [m, rad].
         slopes: ``(6,)`` of the least-squares lines through them [1/m or 1/rad times their unit].
@@ -61,7 +60,6 @@ class Squareness:
     """Squareness error between two axes of linear travel.
 
     Attributes:
-        first: Axis that is the reference.
         second: Axis whose line of motion is turned.
         symbol: ``EC0Y`` of Y to X.
         angle: Rotation of the second line, right-handed about the third direction [rad].
@@ -85,7 +83,6 @@ def axis_motions(
     """Return the error motions along one axis with their lines.
 
     Args:
-        axis: Name.
         positions: ``(n,)`` rising.
         motions: ``(n, 6)`` deviations; rows that are not known are left out.
         travel: ``(3,)`` of the tool against the work per travel of the axis; zero for a rotary one.
@@ -101,10 +98,6 @@ def axis_motions(
 def find_squareness(first: AxisMotions, second: AxisMotions) -> Squareness | None:
     """Find the squareness of the second axis to the first, by the least-squares lines of the tool's
     travel; None where they are not two of x, y and z.
-
-    Args:
-        first: The reference.
-        second: The other one.
     """
     if first.along is None or second.along is None or first.along == second.along:
         return None

@@ -393,7 +393,6 @@ class ServoMotion:
 
     Attributes:
         motion: Linear model in coordinates of the machine, then motors, then controllers.
-        motors: Coordinates of the motors.
         control: All controllers in one block.
         speeds: ``(n, d)`` set speeds [m/s].
         accelerations: ``(n, d)`` set accelerations [m/s^2].

@@ -115,7 +115,6 @@ def _add_loads(
 
     Args:
         sets: Rows ``(3,)`` of inputs that loads do not act on.
-        loads: Loads and their channels.
     """
     units = np.eye(len(SET_POINTS) + len(loads))
     padded = {channel: np.pad(row, (0, len(loads))) for channel, row in sets.items()}
@@ -287,7 +286,6 @@ class VaryingLoop:
     Attributes:
         plant: The machine with free motors, along the path, between :func:`loop_channels`.
         path: Input of the acceleration along the path.
-        outputs: Outputs of the deviation.
         low_frequency_limit_hz: Poles below this frequency are rigid-body motion on the drives and
             mounts; the same number along the whole path [Hz].
         loads: Loads on the machine; None for none.
@@ -360,7 +358,6 @@ def loop_channels(
 
     Args:
         path: Input of the acceleration along the path.
-        outputs: Outputs of the deviation.
         up_to_hz: Modes kept [Hz].
     """
     trains = tuple(trains)

@@ -87,7 +87,6 @@ class DrivenMotion:
         right: ``(n, m)`` and just after it: an impulse lies between them.
         outputs: ``(n, p)`` of the closed loop, just after each time.
         friction: ``(n, k)`` force against the motion there [N].
-        steps: Number of steps taken.
     """
 
     times: FloatArray
@@ -363,7 +362,6 @@ def solve_friction_transient(
     Args:
         loop: Closed loop with the inputs and ``friction_channels`` of its drives.
         free: The same motion without friction, for its initial state and the size of states.
-        inputs: Input channels of the loads.
 
     Raises:
         ConvergenceError: Newton's method for friction does not converge.

@@ -51,7 +51,6 @@ class PathModel:
 
     Attributes:
         source: Input of the acceleration along the path.
-        outputs: Outputs of the deviation.
         low_frequency_limit_hz: Modes below it do not follow a ramp [Hz].
         up_to_hz: Modes kept; those above respond statically. None keeps all.
         loads: Loads on the machine; None for none.
@@ -76,7 +75,6 @@ class Disturbance:
     """Describe loads along a path that are independent of its acceleration.
 
     Attributes:
-        channels: Input channels of the loads.
         at: Returns loads ``(n, k)`` at instants ``(n,)``.
         step: Longest time over which a load may be approximated as linear [s].
         feedthrough: Direct feedthrough of the loads to outputs; None for none.
@@ -224,8 +222,6 @@ def solve_loads(
 
     Args:
         system: Symmetric system, with the channels of the loads among its inputs.
-        outputs: Outputs of the deviation.
-        loads: Loads that begin at zero.
         samples: ``(n,)`` evenly spaced, from zero [s].
         low_frequency_limit_hz: Modes below count as low-frequency response [Hz].
         watch: Other outputs that are wanted.

@@ -172,7 +172,6 @@ class FrictionIntegrator:
 
         Args:
             given: Inputs ``(5 q,)`` in the step.
-            size: Duration of the step.
             near: First tabulated pose around its middle, and the shares of it and the next ones.
             alone: Position of its middle, where its matrices are not interpolated [m]; None
                 elsewhere.

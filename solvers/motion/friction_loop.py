@@ -54,7 +54,6 @@ class FrictionLoop:
 
     Attributes:
         loop: Closed loop, with the inputs and those of friction.
-        law: Friction laws of the guides.
         slides: V ``(k, n)``: velocity in these guides.
         drag: G ``(n, k)``.
         feedthrough: H ``(p, k)``.

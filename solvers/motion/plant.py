@@ -390,8 +390,6 @@ class SampledMotion:
     Attributes:
         breaks: ``(b,)`` times at which pieces of the trajectory meet, its ends among them [s].
         pieces: Of each piece, field of :class:`SampledPlant` to its spline over time.
-        poses: Number of poses.
-        modes: Number of modes.
         error: Largest error, at the poses added last, of splines through the others; with all poses
             it is about a sixteenth.
         rotation_error: Rotation between modes transported over steps of twice the length and these

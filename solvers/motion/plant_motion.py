@@ -110,7 +110,6 @@ class SampledHistory:
     Attributes:
         motion: The machine; its first coordinates are its modes.
         plant: Its matrices at the nodes of the motion.
-        inputs: Input channels that are active.
         acting: Returns values ``(m, k)`` of these in a slice of the steps.
     """
 

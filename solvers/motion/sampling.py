@@ -325,7 +325,6 @@ def vary_motion(
     Args:
         base: The other machine along its trajectory.
         place: Returns this machine at a time of the trajectory [s].
-        channels: Channels of the other machine.
         shared: Rows of its motions that the other machine has, in the order of the latter.
 
     Raises:

@@ -252,7 +252,6 @@ class PathLoads:
     """Describe loads on a machine along a path.
 
     Attributes:
-        channels: Input channels of the loads.
         at: Returns loads ``(n, n_loads)`` at instants and at the speeds along the path there.
         step: Longest time over which a load may be approximated as linear [s].
     """
@@ -307,7 +306,6 @@ class SteppedInputs:
 
     Attributes:
         times: ``(n,)`` samples, and further instants between them [s].
-        wanted: Indices of the samples.
         ends: ``(n - 1, 2, k)`` at the begin and the end of each step.
         now: ``(n_samples, k)`` at the samples.
     """

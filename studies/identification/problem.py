@@ -104,7 +104,6 @@ class _Block:
     Attributes:
         values: ``(r,)``.
         find_slopes: Returns their derivatives ``(r, p)`` by the parameters' values.
-        frequency: They are of a frequency.
     """
 
     values: FloatArray

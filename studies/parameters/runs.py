@@ -289,7 +289,6 @@ class _Points:
     Attributes:
         keys: Of each point; none on other ranks.
         observer: Called with each point that is finished.
-        known: Records by key.
     """
 
     points: Sequence[StudyPoint]
