@@ -91,10 +91,10 @@ def render_stub() -> str:
     for name, home in headstock._HOME_OF.items():
         found = getattr(import_module(home), name)
         if home == "headstock.nouns" and "__init__" not in vars(found):
-            table = definitions[found.schema.__name__]
+            table = definitions[found.schema.__name__.lstrip("_")]
             inner = rules_in(table, "properties").get(found.only_key, table)
             if found.only_key:
-                inner = definitions[f"_{found.only_key.capitalize()}Table"]
+                inner = definitions[f"{found.only_key.capitalize()}Table"]
             classes.append(write_noun(found, inner))
         else:
             imports.append(f"from {home} import {name} as {name}")
