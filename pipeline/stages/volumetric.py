@@ -254,8 +254,8 @@ def _assemble(
     lines = _Lines(request.axes, travels)
     changes = {source: grid.spread_changes(source) for source in sources}
     every, units = _add_changes(changes.values()), position_units(machine)
-    judge = partial(estimate_measures, values=total, changes=every, left_out=first.left_out)
-    ranges = {TOTAL: judge(measure_range)} | {
+    estimate = partial(estimate_measures, values=total, changes=every, left_out=first.left_out)
+    ranges = {TOTAL: estimate(measure_range)} | {
         source: estimate_measures(measure_range, sources[source], changes[source], first.left_out)
         for source in sources
     }
@@ -264,14 +264,14 @@ def _assemble(
         for source, estimates in ranges.items()
         for symbol, error in zip(SYMBOLS, estimates, strict=True)
     }
-    errors[largest_key(point)] = judge(_measure_largest)[0]
+    errors[largest_key(point)] = estimate(_measure_largest)[0]
     for number, (axis, _) in enumerate(request.axes):
-        along = judge(partial(lines.measure, number=number))
+        along = estimate(partial(lines.measure, number=number))
         errors |= {
             line_key(point, axis, symbol): error
             for symbol, error in zip(SYMBOLS, along, strict=True)
         }
-    squareness, angles = lines.read_squareness(total), judge(lines.measure_squareness)
+    squareness, angles = lines.read_squareness(total), estimate(lines.measure_squareness)
     errors |= {
         squareness_key(point, pair): error for pair, error in zip(squareness, angles, strict=True)
     }

@@ -167,13 +167,13 @@ def _milling_rows(steps: int) -> Iterator[ValidationRow]:
         found = largest_multiplier(
             _one_mode(), fine.reshape(steps, 8).mean(axis=1)[:, None, None], period
         )
-        marched = _marched_multiplier(period, depth, steps)
+        integrated = _integrated_multiplier(period, depth, steps)
         name = f"multiplier, slotting at {rpm:g} rpm, {1e3 * depth:g} mm"
-        yield compare_value(name, found, Target(marched, "-", allowed, "marched in time"))
+        yield compare_value(name, found, Target(integrated, "-", allowed, "integrated in time"))
 
 
-def _marched_multiplier(period: float, depth: float, steps: int, turns: int = 60) -> float:
-    """Growth over a period of the two strongest waves in a marched motion."""
+def _integrated_multiplier(period: float, depth: float, steps: int, turns: int = 60) -> float:
+    """Growth over a period of the two strongest waves in a integrated motion."""
     times = np.arange(steps * turns) * period / steps
     omega = 2.0 * np.pi * HZ
 

@@ -253,7 +253,7 @@ def lobes_on_a_face(request: ContouringRequest, rpm: float, folder: Path) -> Dir
 def test_waves_decay_below_the_lobes_of_a_lumped_mechanism_and_grow_above_in_time(
     machine: Tripteor, tmp_path: Path, rpm: float, off: float
 ) -> None:
-    """Regeneration marched along a straight cut; at 2000 rpm zeroth order alone is 40 % off."""
+    """Regeneration integrated along a straight cut; at 2000 rpm zeroth order alone is 40 % off."""
     request = contour_request("al7075-t6")
     block = changed_block(request, side=0.06, lead=0.012, feed=0.04)
     request = dataclasses.replace(request, contour=block, regeneration=True, steps_per_turn=48)
