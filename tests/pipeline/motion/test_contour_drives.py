@@ -51,8 +51,6 @@ pytestmark = pytest.mark.slow
 
 MILL = Path(__file__).parents[2] / "data" / "mill.toml"
 UNTIL = 0.12
-AIR = "effects.cutting_force=false"
-SLOWLY = 'analyses.contouring.spindle="3000 rpm"'  # a quarter of the steps in time
 
 
 @pytest.fixture(scope="module")
@@ -74,29 +72,6 @@ def request_of(scene: Scene) -> ContouringRequest:
 
 def run_contour(state: RunState, until: float) -> CoupledRun:
     return run_coupled_contour(state, request_of(state.scene), until=until)
-
-
-def test_stiff_loops_follow_the_contour_as_locked_motors_do(
-    tripteor: Tripteor, tmp_path: Path
-) -> None:
-    scene = load_prompt(tmp_path, "lumped+controlled")
-    stiff = [
-        dataclasses.replace(
-            drive, control=dataclasses.replace(drive.control, position_gain=1e3, velocity_gain=1e10)
-        )
-        for drive in scene.drives.values()
-    ]
-    locked, found = (
-        run_lumped_contour(
-            tripteor.scene, tripteor.model, request_of(scene), until=UNTIL, drives=drives
-        )
-        for drives in ((), stiff)
-    )
-    size = np.abs(locked.gap).max()
-    assert np.abs(found.gap - locked.gap).max() < 1e-4 * size
-    some = np.arange(0, len(locked.times), 20)
-    forces = locked.drives.forces(some)
-    assert np.abs(found.drives.forces(some) - forces).max() < 2e-3 * np.abs(forces).max()
 
 
 @pytest.mark.parametrize(
@@ -226,26 +201,6 @@ def test_friction_at_the_speeds_of_motors_acts_on_axes_as_in_absolute_coordinate
     assert any("speeds of the motors" in text for text in closed.run.assumed)
 
 
-def test_friction_at_the_speeds_of_motors_acts_on_legs_of_components_as_on_lumped_ones(
-    tripteor: Tripteor, tmp_path: Path
-) -> None:
-    settings = ("effects.friction=true", 'analyses.contouring.model="nonlinear"', AIR, SLOWLY)
-    scene = load_prompt(tmp_path, "lumped+controlled", *settings)
-    lumped = run_lumped_contour(
-        tripteor.scene,
-        tripteor.model,
-        request_of(scene),
-        until=0.06,
-        drives=tuple(scene.drives.values()),
-    )
-    found = run_contour(
-        scene_runs.start(load_prompt(tmp_path, "components+controlled", *settings), tmp_path), 0.06
-    )
-    size = np.abs(lumped.gap).max()
-    assert size > 1e-6
-    assert np.abs(found.gap - lumped.gap).max() < 1e-2 * size
-
-
 def test_coriolis_forces_act_on_legs_of_components_as_on_lumped_ones(
     tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -266,25 +221,6 @@ def test_coriolis_forces_act_on_legs_of_components_as_on_lumped_ones(
     size = np.abs(theirs).max()
     assert size > 1e-9
     assert np.abs(ours - theirs).max() < 2e-2 * size
-
-
-def test_rayleigh_damping_acts_on_the_lumped_mechanism_as_on_its_components(
-    tripteor: Tripteor, tmp_path: Path
-) -> None:
-    rayleigh = 'effects.damping={ rayleigh = { alpha = "60 1/s", beta = "2e-4 s" } }'
-    scene = load_prompt(tmp_path, "components", rayleigh)
-    found = run_contour(scene_runs.start(scene, tmp_path), 0.06)
-    model = dataclasses.replace(tripteor.model, velocity_terms=True)
-    damped, free = (
-        run_lumped_contour(tripteor.scene, model, request, until=0.06)
-        for request in (
-            request_of(scene),
-            dataclasses.replace(request_of(scene), damping=PoseDamping()),
-        )
-    )
-    size = np.abs(damped.gap).max()
-    assert np.abs(found.gap - damped.gap).max() < 2e-3 * size
-    assert np.abs(free.gap - damped.gap).max() > 0.1 * size
 
 
 def test_rayleigh_damping_of_springs_and_bodies_is_that_ratio_of_every_mode(

@@ -15,7 +15,6 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath, Pose, travel_directions
 from headstock.pipeline.motion import coupled_contour
 from headstock.pipeline.motion.contour_cut import travel_frames
-from headstock.pipeline.motion.contour_run import ContourRun
 from headstock.pipeline.motion.contouring import cut_multiplier, evaluate_contour, face_stability
 from headstock.pipeline.motion.coupled_contour import (
     CoupledRun,
@@ -23,7 +22,6 @@ from headstock.pipeline.motion.coupled_contour import (
     drive_torque,
     run_coupled_contour,
 )
-from headstock.pipeline.motion.lumped_contour import run_lumped_contour
 from headstock.pipeline.motion.milled_faces import mill_faces
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import couple
@@ -43,7 +41,6 @@ from headstock.solvers.motion.plant_motion import TrajectoryLoads, follow_motion
 from headstock.solvers.motion.sampling import sample_motion, sample_system
 from headstock.solvers.motion.set_points import Ramp, SetPoint, sample_move, sample_times
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
-from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 
 pytestmark = pytest.mark.slow
 
@@ -338,45 +335,6 @@ def test_teeth_shake_the_moving_machine_as_all_modes_of_a_pose_do(tmp_path: Path
     assert abs(expected) > 1e-7
     # of 4 % steps take 2 % near a mode of 2 % damping: with four times as many 0.5 % are left
     assert abs(tone((found.gap @ face.outward)[last]) - expected) < 0.04 * abs(expected)
-
-
-@pytest.mark.trials
-def test_stiff_legs_move_as_the_lumped_mechanism(tmp_path: Path) -> None:
-    tripteor = load_tripteor()
-    model = dataclasses.replace(tripteor.model, velocity_terms=False)
-
-    def both(until: float, *settings: str) -> tuple[CoupledRun, ContourRun]:
-        state = build_state(tmp_path, TRIPTEOR, variant="stiff_legs+segmented", settings=settings)
-        request = request_of(state)
-        return (
-            run_coupled_contour(state, request, until=until),
-            run_lumped_contour(tripteor.scene, model, request, until=until),
-        )
-
-    small = (
-        'analyses.contouring.side="16 mm"',
-        'analyses.contouring.lead="10 mm"',
-        'analyses.contouring.at=["0 mm","60 mm","200 mm"]',
-    )
-    legs, lumped = both(0.4, *small)
-    assert np.abs(legs.gap - lumped.gap).max() < 1e-3 * np.abs(lumped.gap).max()
-    request = request_of(build_state(tmp_path, TRIPTEOR, variant="lumped", settings=small))
-    (mine,), reasons = mill_faces(request, legs)
-    (other,), _ = mill_faces(request, lumped)
-    assert [reason.split(":")[0] for reason in reasons] == [
-        f"face {number} has no profile" for number in (2, 3, 4)
-    ]
-    size = np.abs(other.waviness).max()
-    assert size > 5e-6
-    assert np.abs(mine.waviness - other.waviness).max() < 1e-3 * size
-    for name in ("location", "ra", "rz", "wt", "pt"):
-        found, expected = (getattr(face.parameters, name) for face in (mine, other))
-        assert found == approx(expected, abs=1e-3 * size)
-    # undamped: of the damping of modes screws carry no part, and in balance of all bodies it is
-    legs, lumped = both(0.12, "effects.damping=false")
-    some = np.arange(0, len(lumped.times), 50)
-    forces = lumped.drives.forces(some)
-    assert np.abs(legs.drives.forces(some) - forces).max() < 2e-3 * np.abs(forces).max()
 
 
 def write_rows(path: Path, heading: str, rows: FloatArray) -> None:

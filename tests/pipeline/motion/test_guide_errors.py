@@ -127,24 +127,6 @@ SCALES = ["", ",encoder='scale'", ",encoder='scale',scale='tcp'"]
 
 
 @pytest.mark.parametrize("scale", SCALES, ids=["motor", "scale", "scale at the tool"])
-def test_errors_of_rigid_guides_lead_a_contour_under_control_as_those_of_very_stiff_ones(
-    scale: str, tmp_path: Path
-) -> None:
-    moved = []
-    for stiffness in (RIGID, STIFF):
-        gaps = []
-        for errors in ((), WAVY):
-            settings = [f"joints.{name}.stiffness={stiffness}" for name in ("x_guide", "y_guide")]
-            settings += ["effects.drive_control=true", *(drive_of(axis, scale) for axis in "XY")]
-            state = build_state(tmp_path, MILL, None, *settings, *errors)
-            gaps.append(run_coupled_contour(state, request_of(state), until=0.8).gap)
-        moved.append((gaps[1] - gaps[0])[len(gaps[0]) * 3 // 4 :])
-    size = np.abs(moved[1]).max()
-    assert size > 4e-6
-    assert np.abs(moved[0] - moved[1]).max() < 1e-5 * size
-
-
-@pytest.mark.parametrize("scale", SCALES, ids=["motor", "scale", "scale at the tool"])
 def test_errors_of_rigid_guides_enter_closed_loops_as_their_inertia_does_by_hand(
     scale: str, tmp_path: Path
 ) -> None:

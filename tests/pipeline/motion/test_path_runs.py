@@ -225,19 +225,6 @@ def test_poses_are_followed_unless_the_scene_keeps_that_of_the_middle(tmp_path: 
     )
 
 
-def test_five_times_the_feed_deviates_five_times_as_far_in_a_kept_pose(tmp_path: Path) -> None:
-    low_frequency, fast = (
-        run.curves.deviation
-        for run in run_path(
-            tmp_path, SCENE.replace("on_request", 'pose_model = "frozen"\non_request')
-        ).runs
-    )
-    count = int(0.4 * 2500)
-    np.testing.assert_allclose(
-        fast.total[:count], 5.0 * low_frequency.total[:count], atol=1e-9 * np.abs(fast.total).max()
-    )
-
-
 DRIVE = """
 [drives.X]
 inertia = "1e-3 kg m^2"

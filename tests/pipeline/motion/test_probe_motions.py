@@ -18,7 +18,6 @@ from headstock.app.views.transient import _tabulate_transient
 from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.motion_forces import ProbeMotion
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.answers.probes import ProbeAnswer
@@ -99,40 +98,6 @@ def test_stress_in_a_bar_follows_its_modal_sum_within_its_error(load: str, tmp_p
         assert found.von_mises.time == approx(
             answer.curves.times[np.argmax(np.abs(stress))], abs=4e-6
         )
-
-
-def test_a_pulse_at_probes_is_the_frequency_response_in_time(tmp_path: Path) -> None:
-    damped = "effects={ damping={ modal=0.05 } }"
-    request = (
-        'analyses={ transient={ duration="8 ms", up_to="40 kHz", sampling="400 kHz", outputs=[["tip", "x"], "inside"],'
-        ' loads={ pull={ load="pull", shape="half_sine", time="0.1 ms" } } },'
-        ' frf={ inputs=["pull"], outputs=[["tip", "x"], "inside"], from="500 Hz", to="9000 Hz", points=12, adaptive=false } }'
-    )
-    results = compute(tmp_path, BAR, request, damped)
-    trace = answer_of(results).probes["inside"].trace
-    times = answer_of(results).curves.times
-    (response,) = find_answers(results.answers, PoseResponse)
-    (probe,) = response.curves.probes
-    phases = np.exp(-2j * np.pi * np.outer(probe.frequencies_hz, times)) / 400e3
-    pulse = phases @ np.where(times < 1e-4, np.sin(np.pi * times / 1e-4), 0.0)
-    for found, expected in (
-        (trace.stress[:, 0], probe.stress[:, 0, 0]),
-        (trace.displacement[:, 0], probe.displacement[:, 0, 0]),
-    ):
-        transformed = phases @ found / pulse
-        np.testing.assert_allclose(transformed, expected, atol=5e-3 * np.abs(expected).max())
-
-
-def test_a_slow_load_has_the_stress_of_statics_with_its_error(tmp_path: Path) -> None:
-    request = (
-        'analyses={ static={}, transient={ duration="50 ms", up_to="20 kHz", outputs=[["tip", "x"], "inside"],'
-        ' loads={ pull={ load="pull", shape="ramp", time="50 ms" } } } }'
-    )
-    answer = answer_of(compute(tmp_path, BAR, request))
-    found = answer.probes["inside"]
-    assert found.von_mises.value == approx(1e6, rel=2e-3)
-    assert found.stress[0] == approx(1e6, rel=2e-3)
-    assert found.displacement.value == approx(1e6 * 0.063 / MODULUS, rel=2e-3)
 
 
 def of_files(folder: Path) -> tuple[ProbeMotion, dict[str, object]]:

@@ -199,35 +199,6 @@ DRIVEN = [
 ]
 
 
-@pytest.mark.parametrize("settings", [[], DRIVEN], ids=["ideal", "controlled"])
-def test_a_path_on_which_hardly_anything_turns_is_that_of_linear_axes(
-    settings: list[str], tmp_path: Path
-) -> None:
-    """Which other equations solve, with steps in time that are exact."""
-    found = []
-    for turn in ("0", "1e-5"):
-        scene = load_scene(
-            ARM,
-            overrides=[
-                "analyses.path.from={ C = '30 deg', R = '-50 mm' }",
-                f"analyses.path.to={{ C = '{30.0 + float(turn)!r} deg', R = '50 mm' }}",
-                "analyses.path.feeds=['12 m/min']",
-                *settings,
-            ],
-        )
-        found.append(run(scene, tmp_path / turn).runs[0].curves)
-    straight, turning = (curves.deviation for curves in found)
-    off = np.abs(turning.total - straight.total).max()
-    assert off < (2e-2 if settings else 5e-3) * np.abs(straight.total).max()
-    if settings:
-        return  # what a loop holds of an acceleration is defined otherwise
-    # where the acceleration jumps, steps in time take the mean
-    held = np.abs(turning.quasi_static - straight.quasi_static).max(axis=1)
-    size = np.abs(straight.quasi_static).max()
-    assert size > 1e-6
-    assert np.quantile(held, 0.99) < 1e-5 * size
-
-
 def test_a_slide_that_hardly_turns_follows_its_uneven_guide_under_control_as_on_a_linear_path(
     tmp_path: Path,
 ) -> None:

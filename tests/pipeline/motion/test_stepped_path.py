@@ -15,7 +15,6 @@ from common import approx
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
 from headstock.geometry.mechanisms.exechon import LENGTHS, solve_tool_pose
-from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.motion import stepped_path
 from headstock.pipeline.motion.lumped_contour import _close_legs
@@ -30,7 +29,7 @@ from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.scene import Analyses, keep_analyses
+from headstock.scene.scene import keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE
 from headstock.solvers.linear.state_space import StateSpace
@@ -413,31 +412,6 @@ def test_a_cut_pushes_a_tool_off_its_line_as_far_as_statics_say(
     assert np.abs(mine - expected).max() < 2e-2 * np.abs(expected).max()
 
 
-@pytest.mark.trials
-def test_legs_of_finite_elements_leave_a_line_and_yield_to_a_cut_as_legs_of_segments(
-    tmp_path: Path,
-) -> None:
-    coarse = [f'components.beam_{leg}.mesh.size="60 mm"' for leg in (1, 2, 3)]
-
-    def run(variant: str, *settings: str) -> FloatArray:
-        scene = load_scene(TRIPTEOR, variant=variant, overrides=[PATH, *coarse, *settings])
-        results = scene_runs.run(keep_analyses(scene, ["path"]), tmp_path, "results")
-        (found,) = find_answers(results.answers, PathResult)
-        return total(found)
-
-    variants = "elastic_legs", "elastic_legs+segmented"
-    elements, segments = (run(variant) for variant in variants)
-    assert np.abs(elements - segments).max() < 1e-2 * np.abs(segments).max()
-    # over two turns of the spindle
-    late = slice(300, 380)
-    pushed, expected = (
-        (run(variant, CUT) - alone)[late].mean(axis=0)
-        for variant, alone in zip(variants, (elements, segments), strict=True)
-    )
-    assert np.abs(expected).max() > 1e-6
-    assert np.abs(pushed - expected).max() < 5e-3 * np.abs(expected).max()
-
-
 @pytest.mark.parametrize(
     ("effect", "settings", "band"),
     [
@@ -461,25 +435,6 @@ def test_a_line_looks_as_high_as_ramps_teeth_and_waves_excite_it(
     scene = load_scene(TRIPTEOR, variant="lumped+controlled", overrides=settings)
     request = scene.analyses[PathRequest]
     assert request.band_hz == approx(band)
-
-
-@pytest.mark.trials
-def test_modes_above_what_ramps_excite_change_a_line_by_next_to_nothing(tmp_path: Path) -> None:
-    """Legs of segments, with modes up to 960 Hz and up to 3 kHz."""
-    scene = keep_analyses(
-        load_scene(TRIPTEOR, variant="elastic_legs+segmented", overrides=[PATH, FROZEN]), ["path"]
-    )
-    request, found = scene.analyses[PathRequest], []
-    for band in (request.band_hz, 0.5 * request.sampling_hz):
-        path = dataclasses.replace(request, band_hz=band)
-        results = scene_runs.run(
-            dataclasses.replace(scene, analyses=Analyses(path)), tmp_path, f"{band:g}"
-        )
-        (answer,) = find_answers(results.answers, PathResult)
-        found.append(total(answer))
-    some, more = found
-    missed = np.abs(some - more).max() / np.abs(more).max()
-    assert 0.0 < missed < 2e-3
 
 
 def test_torque_ripple_shakes_a_tool_as_the_closed_loop_at_its_frequency_does(

@@ -11,7 +11,7 @@ from fixture_machines import machine, write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
-from headstock.pipeline.answers.probes import ProbeAnswer, ProbeCurves
+from headstock.pipeline.answers.probes import ProbeCurves
 from headstock.pipeline.results.files import open_results, read_summary
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import RunSummary
@@ -183,26 +183,6 @@ def test_a_cantilever_at_its_resonance_has_the_bending_stress_of_its_shape(
     assert np.isnan(present(foot.von_mises_error)).all()
     assert np.isfinite(present(middle.von_mises_error)).all()
     assert any("probe 'foot'" in message for message in results.warnings)
-
-
-def test_slow_loads_give_the_response_at_rest(bar: tuple[Path, Results]) -> None:
-    folder = bar[0]
-    results = compute(
-        folder,
-        BAR, "effects.damping=false", 'analyses.frf.from="0.001 Hz"',
-        "analyses.frf.points=5", "analyses.frf.adaptive=false", 'analyses.static={ at = "tip" }',
-        'analyses.frf.inputs=["pull", "push"]', into="slow",
-    )  # fmt: skip
-    (rest,) = find_answers(results.answers, ProbeAnswer)
-    found = traced(results)
-    assert sorted(rest.probes) == ["foot", "inside", "middle", "top"]
-    for name, probe in rest.probes.items():
-        slow = found[name]
-        moved, stress = slow.displacement[0].sum(axis=1), slow.stress[0].sum(axis=1)
-        scale = np.abs(probe.stress).max()
-        np.testing.assert_allclose(stress.real, probe.stress, rtol=1e-9, atol=1e-9 * scale)
-        np.testing.assert_allclose(moved.real, probe.displacement, rtol=1e-9, atol=1e-20)
-        assert np.abs(stress.imag).max() == 0.0
 
 
 def test_volume_meshes_hold_the_complex_fields_of_a_damped_bar(bar: tuple[Path, Results]) -> None:

@@ -81,16 +81,6 @@ def test_legs_of_rigid_components_are_controlled_like_those_of_the_lumped_mechan
         assert one.phase_deg == approx(present(other.phase_deg), rel=1e-5)
 
 
-def test_legs_that_bend_are_controlled_like_lumped_ones_where_they_are_stiff(
-    lumped: Results, tmp_path: Path
-) -> None:
-    few = [f"components.beam_{leg}.segments.count = 3" for leg in (1, 2, 3)]
-    found = run(tmp_path, load("stiff_legs+segmented", *few))
-    np.testing.assert_allclose(poles(found), poles(lumped), rtol=1e-3)
-    size = np.abs(receptance(lumped)).max()
-    np.testing.assert_allclose(receptance(found), receptance(lumped), atol=2e-3 * size)
-
-
 @pytest.mark.parametrize("variant", ["lumped", "components"])
 def test_stiff_loops_leave_the_response_of_locked_motors(variant: str, tmp_path: Path) -> None:
     # without damping, so that the motors' part in it does not differ, and without dead time

@@ -84,17 +84,6 @@ def test_lumped_legs_move_the_tool_as_longer_legs_do(tmp_path: Path) -> None:
         assert motion[:3] == approx(expected, abs=1e-4 * np.abs(expected).max())
 
 
-def test_legs_of_components_move_the_tool_as_lumped_ones(tmp_path: Path) -> None:
-    lumped = moved(run(load_scene(SCENE, overrides=LUMPED), tmp_path / "lumped"))
-    scene = load_scene(SCENE, variant="components", overrides=BY_JOINTS)
-    joined = moved(run(scene, tmp_path / "components"))
-    assert lumped and lumped.keys() == joined.keys()
-    for pose, motion in lumped.items():
-        size = np.abs(motion[:3]).max()
-        assert joined[pose][:3] == approx(motion[:3], abs=1e-6 * size)
-        assert joined[pose][3:] == approx(motion[3:], abs=1e-6 * np.abs(motion[3:]).max())
-
-
 def test_errors_of_legs_need_legs_that_have_some() -> None:
     with pytest.raises(SceneError, match="legs of the lumped mechanism have no errors"):
         load_scene(SCENE, overrides=COMMON)

@@ -29,7 +29,6 @@ from headstock.solvers.second_order import (
     input_columns,
     output_rows,
 )
-from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_drive
 
 LEAD = 0.01
 PITCH = LEAD / (2.0 * math.pi)
@@ -137,33 +136,6 @@ def test_poles_of_a_leg_are_the_roots_of_its_characteristic_polynomial() -> None
     for pole in found:
         assert np.abs(roots - pole).min() < 1e-9 * abs(pole)
     assert 2 * len(found) - np.count_nonzero(np.abs(found.imag) == 0.0) == len(roots)
-
-
-def test_a_stiff_loop_holds_the_motor_and_a_soft_one_lets_it_go() -> None:
-    system, train = make_leg(drive_of_leg(AxisControl(1e3, 1e15)))
-    found = evaluate_frf(
-        prepare_closed_frf(system, [train], inputs=[TIP], outputs=[TIP]), LINES[1:]
-    ).receptance[:, 0, 0]
-    omega = 2.0 * np.pi * LINES[1:]
-    np.testing.assert_allclose(found, 1.0 / (SPRING - PLATFORM * omega**2), rtol=1e-6)
-    soft, train = make_leg(drive_of_leg(AxisControl(1e-3, 1e-3)))
-    free = evaluate_frf(
-        prepare_closed_frf(soft, [train], inputs=[TIP], outputs=[TIP]), LINES[1:]
-    ).receptance[:, 0, 0]
-    mass = BEAM + MOTOR / PITCH**2
-    expected = 1.0 / (SPRING - PLATFORM * omega**2 - SPRING**2 / (SPRING - mass * omega**2))
-    np.testing.assert_allclose(free, expected, rtol=1e-6)
-
-
-def test_a_screw_drive_responds_as_its_state_space_does() -> None:
-    control = AxisControl(60.0, 5e4, integral_time=0.01)
-    system, train = make_drive(_TwoMasses(), control)
-    model = prepare_closed_frf(system, [train], inputs=[LOAD], outputs=[LOAD])
-    space = close_loops(system, [train], inputs=[LOAD], outputs=[LOAD]).space
-    lines: FloatArray = np.asarray(np.geomspace(0.3, 900.0, 40), dtype=float)
-    expected = space.respond(2.0 * np.pi * lines)[:, 0, space.inputs.index(LOAD)]
-    found = evaluate_frf(model, lines).receptance[:, 0, 0]
-    assert np.abs(found / expected - 1.0).max() < 1e-9
 
 
 def test_an_unstable_loop_has_no_response() -> None:

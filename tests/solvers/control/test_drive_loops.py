@@ -63,11 +63,6 @@ def test_damping_in_proportion_to_stiffness_stays_in_proportion_when_motors_are_
         np.testing.assert_allclose(present(freed.damping), beta * freed.stiffness, rtol=1e-12)
 
 
-def test_a_very_heavy_motor_is_a_fixed_one() -> None:
-    system, _ = make_drive(dataclasses.replace(MASSES, motor=1e12), CONTROL)
-    assert solve_modal(system).frequencies_hz[1] == approx(MASSES.locked_hz, rel=1e-9)
-
-
 @pytest.mark.parametrize("encoder", ["motor", "scale"])
 def test_poles_are_the_roots_of_the_polynomial_derived_by_hand(encoder: str) -> None:
     control = change(encoder=encoder)

@@ -35,16 +35,6 @@ def plant_and_controller() -> tuple[SecondOrderSystem, DriveTrain, Any, Any]:
     return system, train, motor, pi * lag
 
 
-def test_poles_are_those_of_python_controls_feedback() -> None:
-    system, train, motor, inner = plant_and_controller()
-    loop = control.tf([1.0, GAINS.position_gain], [1.0]) * inner * control.tf(motor)
-    theirs = control.feedback(loop, 1.0).poles()
-    ours = find_loop_poles(close_loops(system, [train])).poles
-    assert len(ours) == (theirs.imag >= 0.0).sum()  # one of each pair
-    for pole in ours:
-        assert np.abs(theirs - pole).min() < 1e-5 * abs(pole)
-
-
 def test_margins_are_those_of_python_control() -> None:
     system, train, motor, inner = plant_and_controller()
     loop = control.tf([1.0, GAINS.position_gain], [1.0]) * inner * control.tf(motor)

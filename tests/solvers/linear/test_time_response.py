@@ -93,17 +93,6 @@ def test_modes_left_out_of_a_state_space_stay_in_it_statically() -> None:
     )
 
 
-def test_structural_damping_decays_like_the_viscous_one_of_equal_loss() -> None:
-    bare = make_system()
-    lossy = to_state_space(
-        dataclasses.replace(bare, hysteretic=0.04 * bare.stiffness),
-        inputs=CHANNELS,
-        outputs=CHANNELS,
-    )
-    viscous = to_state_space(add_modal_damping(bare, [0.02]), inputs=CHANNELS, outputs=CHANNELS)
-    np.testing.assert_allclose(lossy.a, viscous.a, atol=1e-8 * np.abs(viscous.a).max())
-
-
 def test_a_free_mass_falls_as_galileo_says() -> None:
     channel: dict[tuple[str, str], FloatArray] = {("a", "x"): np.ones(1)}
     space = to_state_space(

@@ -227,24 +227,6 @@ def test_energy_adds_up(name: str) -> None:
     assert balance.error < 1e-6
 
 
-def test_the_fourier_transform_of_the_impulse_response_is_the_receptance() -> None:
-    system = add_modal_damping(chain(), [0.03])
-    model = to_state_space(
-        system, inputs=[("a", "x")], outputs=[("b", "x")], up_to_hz=None, little_mass=True
-    )
-    sampling = 8192.0
-    stepped = step_loads([impulse_load(1.0)], 2.0, sampling)
-    motion = solve_transient(model, stepped, np.zeros(len(model.a)))
-    _, values = read_response(model, motion).sample()
-    lines = np.array([20.0, 100.0, 151.0, 300.0])
-    times = np.arange(len(values)) / sampling
-    phases = np.exp(-2j * np.pi * np.outer(lines, times))
-    transformed = phases @ values[:, 0] / sampling
-    expected = model.respond(2.0 * np.pi * lines)[:, 0, 0]
-    # the sum of samples folds what lies beyond half the sampling rate back
-    assert np.allclose(transformed, expected, rtol=2e-3, atol=0.0)
-
-
 def test_modes_left_out_follow_at_once_so_that_a_step_ends_where_all_modes_end() -> None:
     system = add_modal_damping(chain(8), [0.05])
     ends = []

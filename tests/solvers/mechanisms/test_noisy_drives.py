@@ -63,17 +63,3 @@ def test_a_finer_step_changes_less_than_a_hundredth(machine: Tripteor, clean: Pa
     change = np.abs(fine[::4][: len(coarse)] - coarse).max()
     assert change < 0.01 * np.ptp(coarse, axis=0).max()
     assert share_above(coarse, 5e-5, 2.0 * HIGHEST_HZ) < 0.01
-
-
-def test_twice_differenced_measurements_would_be_noise(clean: PathDrive) -> None:
-    times = np.arange(0.0, SPAN + 0.5 * RATE, RATE, dtype=np.float64)
-    exact = clean.at(times)
-    noisy = exact.position[:, :3] + NOISE * np.random.default_rng(34).normal(size=(len(times), 3))
-    differenced = np.diff(noisy, 2, axis=0) / RATE**2
-    smooth = smooth_samples(times, noisy, 0.02)(times, nu=2)
-    inner = slice(50, -50)
-    wrong, right = (
-        np.std(found - exact.acceleration[inner, :3])
-        for found in (differenced[49:-49], smooth[inner])
-    )
-    assert wrong > 2.0 and right < 0.05 * wrong

@@ -199,13 +199,6 @@ def test_friction_at_true_speeds_is_that_of_an_integration_in_absolute_coordinat
     assert np.abs(plain - exact).max() > 0.1 * size
 
 
-def test_friction_that_is_as_good_as_none_leaves_the_linear_motion() -> None:
-    tiny = GuideFriction(1e-9, 2e-9, stribeck_speed=5e-3, viscous=1e-9, smoothing=1e-4)
-    (with_it, own), (without, force) = deviate(RUBBED, 1e-4, tiny), deviate(RUBBED, 1e-4)
-    np.testing.assert_allclose(with_it, without, rtol=0.0, atol=1e-10 * np.abs(without).max())
-    np.testing.assert_allclose(own, force, rtol=0.0, atol=1e-9 * np.abs(force).max())
-
-
 def test_a_controller_without_integral_sags_under_weight() -> None:
     control = AxisControl(40.0, 3e4)
     plant = make_plant()

@@ -49,16 +49,6 @@ def test_at_constant_speed_it_lags_by_the_speed_over_kv_and_the_parts_add_up() -
     assert np.abs(found.total[-1]).max() < 1e-7
 
 
-def test_five_times_the_feed_with_the_same_ramps_deviates_five_times_as_much() -> None:
-    low_frequency, fast = (
-        SetPoint(0.05 * feed, 0.05 * feed, Ramp("linear", 0.1)) for feed in (0.2, 1.0)
-    )
-    first, second = (
-        solve_controlled_path(path_with(), move, SAMPLES).total for move in (low_frequency, fast)
-    )
-    np.testing.assert_allclose(second, 5.0 * first, atol=1e-6 * np.abs(second).max())
-
-
 def test_a_motor_that_follows_perfectly_leaves_the_deviation_of_a_fixed_one() -> None:
     heavy = dataclasses.replace(MASSES, motor=1e8)
     control = AxisControl(
@@ -73,17 +63,6 @@ def test_a_motor_that_follows_perfectly_leaves_the_deviation_of_a_fixed_one() ->
     np.testing.assert_allclose(
         found.total, expected.total, atol=2e-5 * np.abs(expected.total).max()
     )
-
-
-def test_steps_with_friction_that_is_none_give_the_exact_discretisation() -> None:
-    short = SetPoint(0.01, 0.05, Ramp("linear", 0.1))
-    samples = SAMPLES[:600:10]
-    exact = solve_controlled_path(path_with(), short, SAMPLES[:600])
-    found, motion = solve_path_with_friction(path_with(law=GuideFriction()), short, samples)
-    np.testing.assert_allclose(
-        found.total, exact.total[::10], atol=1e-7 * np.abs(exact.total).max()
-    )
-    assert motion.energy.error < 1e-6
 
 
 def test_channels_may_stand_in_any_order() -> None:

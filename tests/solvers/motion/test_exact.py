@@ -81,15 +81,6 @@ def test_the_parts_add_up_and_the_quasi_static_one_is_inertia_over_stiffness() -
     assert np.abs(solve_path(oscillator(), MODEL, MOVE, found.times).low_frequency).max() == 0.0
 
 
-def test_five_times_the_feed_deviates_five_times_as_far() -> None:
-    low_frequency = SetPoint(0.08, 0.01, MOVE.ramp)
-    fast = solve_path(oscillator(), MODEL, MOVE, sample_times(MOVE, 2500.0, 0.3)).total
-    found = solve_path(
-        oscillator(), MODEL, low_frequency, sample_times(low_frequency, 2500.0, 0.3)
-    ).total
-    np.testing.assert_allclose(fast[:4000], 5.0 * found[:4000], atol=1e-12 * np.abs(fast).max())
-
-
 def test_figures_of_a_zone_are_those_of_the_closed_form() -> None:
     found = solve_path(oscillator(), MODEL, MOVE, sample_times(MOVE, 25_000.0, 0.6))
     first, second = measure_zones(found, found, MOVE, 0, 0.3)
