@@ -1,11 +1,11 @@
-"""What the next digit of accuracy costs: the cost studies of four machines and six STEP parts, and
-the page of the documentation that shows them.
+"""Measure what the next digit of accuracy costs: cost studies of four machines and six STEP parts,
+and the page that lists them.
 
     ./headstock exec python3 benchmarks/next_digit.py [--only WORD] [--repeats N] [--folder DIR] [--page]
 
 Default of REPEATS: 3, of DIR: `results/next_digit`. Finished points and runs are kept there, so that a
-stopped call goes on where it was; the page, `docs/next_digit.md`, is written with --page from what is
-finished, and drawings beside it.
+stopped call goes on where it was; the page, `next_digit.md` in this folder, is written with --page
+from what is finished. Each study draws `cost.png` into its folder.
 """
 
 import argparse
@@ -25,7 +25,9 @@ from typing import Any
 from step_scenes import write_scene
 
 PROJECT = Path(__file__).resolve().parents[1]
-PAGE, PICTURES = PROJECT / "docs" / "next_digit.md", PROJECT / "docs" / "images"
+PAGE = PROJECT / "benchmarks" / "next_digit.md"
+PICTURES = PROJECT / "docs" / "images"
+SHOWN = ("cantilever", "three_axis")  # by pages of the documents
 REFERENCE_RUN = "reference_run"
 BOUNDS = (0.1, 0.03, 0.01, 0.003, 0.001)
 GOAL = 2.0  # times the cheapest that is good enough
@@ -48,10 +50,9 @@ HEAD = """# What the next digit costs
 
     ./headstock exec python3 benchmarks/next_digit.py --page
 
-wrote this page. Each study ([how](studies.md#what-accuracy-costs)) computes a scene with many settings, from an empty store each time, and
-compares every watched number with one far finer run, its last; the largest relative difference is the error. Seconds are processor
-time of the whole run from scene to files. A star in the drawings is an [automatic choice](accuracy.md), the grey band the best of the
-points tried, a dotted line another model: its distance is a spread of the model, which no mesh takes away.
+writes this page. Each [cost study](../docs/studies.md#what-accuracy-costs) computes a scene with many settings, each from an empty store.
+It compares every watched number with its last, far finer run; the largest relative difference is the error. Seconds are processor
+time of the whole run, from scene to files.
 """
 
 
@@ -66,7 +67,7 @@ class Case:
         settings: ``key=value`` of the scene that are other than in the file.
         timed: The automatic choice is timed by ranks and threads.
         variant: Of the scene, for that.
-        note: What is to be known of its numbers.
+        note: Remark on its numbers.
     """
 
     name: str
@@ -108,8 +109,8 @@ CASES = (
         "machines/three_axis.toml",
         LINES,
         timed=False,
-        note="Beside an antiresonance a line moves by several percent where frequencies move by some hundredths of a percent. "
-        "Searches are steered by peaks and static levels, not by single lines; a run says itself how far those may be off.",
+        note="near an antiresonance a line changes by several percent where frequencies change by some hundredths of a percent; "
+        "searches follow peaks and static levels, not single lines",
     ),
     Case(
         "tripteor",
@@ -144,7 +145,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="in the name of a study")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--folder", type=Path, default=PROJECT / "results" / "next_digit")
-    parser.add_argument("--page", action="store_true", help="write it, and its drawings")
+    parser.add_argument("--page", action="store_true", help="write it")
     options = parser.parse_args()
     for case in CASES:
         if options.only in case.name:
@@ -226,7 +227,7 @@ def _describe_machines(folder: Path) -> str:
 
 
 def _write_page(folder: Path) -> None:
-    """The page and its drawings, of all studies that are finished."""
+    """Write the page of all studies that are finished, and copy the pictures that documents show."""
     studies = {
         case: json.loads(file.read_text())
         for case in CASES
@@ -235,31 +236,22 @@ def _write_page(folder: Path) -> None:
     repeats = sorted({study["repeats"] for study in studies.values()})
     text = [HEAD, f"Machine: {_describe_machines(folder)}; one BLAS thread, one rank;"]
     spread = " to ".join(str(count) for count in dict.fromkeys((repeats[0], repeats[-1])))
-    text += [f"medians of {spread} runs, as each heading says.", ""]
+    text += [f"medians of {spread} runs.", ""]
     missing = [f"`{case.name}`" for case in CASES if case not in studies]
     text += [f"Not finished: {', '.join(missing)}.", ""] if missing else []
     text += [*_automatic(studies), ""]
     text += [*_teams(folder), ""]
-    for case, study in studies.items():
-        text += [
-            f"## {case.title} (`{case.name}`, {study['repeats']} run{'s' * (study['repeats'] > 1)})",
-            "",
-            *([case.note, ""] if case.note else []),
-            *_picture(case, folder),
-            *_cheapest(study),
-            "",
-        ]
-        text += [f"- {line}" for line in _other_models(study)] + [""]
-    PAGE.write_text("\n".join(text).replace("\n\n\n", "\n\n").rstrip() + "\n")
-
-
-def _picture(case: Case, folder: Path) -> list[str]:
-    drawn = folder / case.name / "cost.png"
-    if not drawn.exists():
-        return []
-    shutil.copy(drawn, PICTURES / f"cost_{case.name}.png")
-    alt = f"{case.title}: error over processor time, memory and degrees of freedom"
-    return [f"![{alt}](images/cost_{case.name}.png)", ""]
+    text += [*_cheapest(studies), ""]
+    remarks = [f"- `{case.name}`: {line}" for case in studies for line in [case.note] if line]
+    remarks += [
+        f"- `{case.name}`, {line}"
+        for case, study in studies.items()
+        for line in _other_models(study)
+    ]
+    PAGE.write_text("\n".join(text + remarks).rstrip() + "\n")
+    for name in SHOWN:
+        if (drawn := folder / name / "cost.png").exists():
+            shutil.copy(drawn, PICTURES / f"cost_{name}.png")
 
 
 def _points(study: dict[str, Any], *, automatic: bool) -> list[dict[str, Any]]:
@@ -285,36 +277,37 @@ def _find_cheapest(study: dict[str, Any], bound: float) -> dict[str, Any] | None
     return min(good, key=lambda point: float(point["cost"])) if good else None
 
 
-def _cheapest(study: dict[str, Any]) -> list[str]:
-    """The cheapest point for each of some accuracies."""
+def _cheapest(studies: dict[Case, dict[str, Any]]) -> list[str]:
+    """The cheapest point of each study for each of some accuracies, where it differs from that of
+    the accuracy before.
+    """
     lines = [
-        "| largest error | cheapest of what the study tries | processor time | memory | times the line above |",
+        "The cheapest settings that each study tries for an accuracy; where a row is left out they are those of the row above, or there are none.",
+        "",
+        "| | largest error | cheapest (its error) | processor time | memory |",
         "| --- | --- | --- | --- | --- |",
     ]
-    before: dict[str, Any] | None = None
-    for bound in BOUNDS:
-        found = _find_cheapest(study, bound)
-        if found is None:
-            lines.append(f"| {100 * bound:g} % | none of these | | | |")
-        elif before is not None and found["settings"] == before["settings"]:
-            lines.append(f"| {100 * bound:g} % | the same | | | |")
-        else:
-            more = f"{found['cost'] / before['cost']:.2g}" if before else ""
+    for case, study in studies.items():
+        before: dict[str, Any] | None = None
+        for bound in BOUNDS:
+            found = _find_cheapest(study, bound)
+            if found is None or (before and found["settings"] == before["settings"]):
+                continue
             named = f"{found['settings']} ({100 * found['error']:.2g} %)"
             lines.append(
-                f"| {100 * bound:g} % | {named} | {found['cost']:.3g} s | {found['MB']:.0f} MB | {more} |"
+                f"| {case.title if before is None else ''} | {100 * bound:g} % | {named} | {found['cost']:.3g} s | {found['MB']:.0f} MB |"
             )
-        before = found
+            before = found
     return lines
 
 
 def _automatic(studies: dict[Case, dict[str, Any]]) -> list[str]:
-    """Automatic choices beside the cheapest that is good enough, and whether the goals are met."""
+    """Automatic choices, the cheapest that is good enough, and whether the goals are met."""
     lines = [
-        "Automatic choices, beside the cheapest point of the same study whose error is within what was asked. "
-        f"Goal: an error within it, and at most {GOAL:g} times the cheapest.",
+        "Automatic choices, compared with the cheapest point of the same study whose error is within the accuracy. "
+        f"Goal: an error within the accuracy, at most {GOAL:g} times the cheapest.",
         "",
-        "| | asked | true error | processor time, all rounds | cheapest | ratio | |",
+        "| | accuracy | true error | processor time, all rounds | cheapest | ratio | |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     for case, study in studies.items():
@@ -334,7 +327,7 @@ def _automatic(studies: dict[Case, dict[str, Any]]) -> list[str]:
 def _teams(folder: Path) -> list[str]:
     """Seconds by the clock by ranks and threads."""
     lines = [
-        "`run --accuracy 1%` by ranks and BLAS threads, seconds by the clock on all cores with the start of the processes, one run each:",
+        "Elapsed seconds of `run --accuracy 1%` by ranks and BLAS threads, start of the processes included, one run each:",
         "",
         "| | "
         + " | ".join(

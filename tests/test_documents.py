@@ -195,7 +195,11 @@ def test_every_key_of_scenes_and_target_files_says_what_it_means() -> None:
         "README.md",
         "CHANGELOG.md",
         "CONTRIBUTING.md",
-        *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
+        *sorted(
+            f"{folder}/{path.name}"
+            for folder in ("benchmarks", "docs", "validation")
+            for path in (ROOT / folder).glob("*.md")
+        ),
     ],
 )
 def test_links_of_a_document_lead_to_files(document: str) -> None:
@@ -228,7 +232,7 @@ def test_the_list_of_hard_cases_is_what_their_tests_say_of_themselves() -> None:
         if number := re.search(r'^pytestmark = .*hard\("(H\d\d)"\)', text, re.M):
             title = (ast.get_docstring(ast.parse(text)) or "").split("\n\n")[0]
             told.append(f"- [{number[1]}](../{path.relative_to(ROOT)}): {' '.join(title.split())}")
-    page = (ROOT / "docs" / "hard_cases.md").read_text()
+    page = (ROOT / "validation" / "hard_cases.md").read_text()
     assert sorted(told) == sorted(line for line in page.splitlines() if line.startswith("- "))
     assert {line[3:6] for line in told} == {f"H{number:02}" for number in range(1, 53)}
 
@@ -250,7 +254,6 @@ def test_every_picture_of_the_documents_is_drawn_by_a_script_and_shown() -> None
         drawn |= {f"{family}_{kind}" for kind in re.findall(r'^    "(\w+)": ', entries, re.M)}
     costs = (ROOT / "benchmarks" / "next_digit.py").read_text()
     drawn |= {f"cost_{name}" for name in re.findall(r'Case\(\s*"(\w+)"', costs)}
-    drawn |= {f"cost_step_{name}" for name in re.findall(r'_part\(\s*"(\w+)"', costs)}
     pictures = {path.stem for path in (ROOT / "docs" / "images").iterdir()}
     assert pictures <= drawn, pictures - drawn
     texts = "".join(path.read_text() for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")))

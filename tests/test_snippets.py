@@ -36,7 +36,11 @@ PAGES = [
     "README.md",
     "CONTRIBUTING.md",
     "environment/README.md",
-    *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")),
+    *sorted(
+        f"{folder}/{path.name}"
+        for folder in ("benchmarks", "docs", "validation")
+        for path in (ROOT / folder).glob("*.md")
+    ),
 ]
 BLOCK = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 INDENTED = re.compile(r"^    (\S.*)$", re.MULTILINE)
