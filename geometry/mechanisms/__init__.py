@@ -1,3 +1,3 @@
-"""Closed kinematic loops: chains, loop closures, the Exechon and other platforms. Never springs,
+"""Closed kinematic loops: chains, loop closures, the Exechon. Never springs,
 masses or forces.
 """

@@ -13,7 +13,6 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import closure_residual
 from headstock.geometry.mechanisms.kinematics import place_markers
 from headstock.geometry.mechanisms.mechanism import Mechanism
-from headstock.geometry.mechanisms.platforms import planar_3rpr, planar_3rpr_state
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism, LumpedSprings, MechanismBody
 from headstock.solvers.mechanisms.partitioning import Drive
 from headstock.solvers.motion.alpha import AlphaScheme
@@ -34,6 +33,7 @@ from headstock.validation.mechanisms.motion import (
     StartReport,
     project_start,
 )
+from headstock.validation.mechanisms.platforms import planar_3rpr, planar_3rpr_state
 from headstock.validation.mechanisms.tripteor_machine import (
     load_tripteor,
     oscillating_drive,

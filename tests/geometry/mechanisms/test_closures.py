@@ -26,7 +26,12 @@ from headstock.geometry.mechanisms.mechanism import (
     prismatic,
     revolute,
 )
-from headstock.geometry.mechanisms.platforms import hexapod, planar_3rpr, planar_3rpr_state, tricept
+from headstock.validation.mechanisms.platforms import (
+    hexapod,
+    planar_3rpr,
+    planar_3rpr_state,
+    tricept,
+)
 
 EXECHON = exechon_mechanism(
     ExechonDimensions(

@@ -30,12 +30,12 @@ from headstock.geometry.mechanisms.exechon import (
     tool_pose,
 )
 from headstock.geometry.mechanisms.kinematics import place_markers
-from headstock.geometry.mechanisms.platforms import (
+from headstock.scene.building.loader import load_scene
+from headstock.validation.mechanisms.platforms import (
     planar_3rpr,
     planar_3rpr_assemblies,
     planar_3rpr_state,
 )
-from headstock.scene.building.loader import load_scene
 
 DOWN = np.array([0.0, 0.0, -1.0])
 DIMENSIONS = ExechonDimensions(

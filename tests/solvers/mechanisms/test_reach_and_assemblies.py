@@ -24,13 +24,13 @@ from headstock.geometry.mechanisms.exechon import (
     solve_tool_pose,
     survey_tool_poses,
 )
-from headstock.geometry.mechanisms.platforms import (
+from headstock.solvers.milling.path_drives import follow_path
+from headstock.solvers.milling.tool_path import PathPoints
+from headstock.validation.mechanisms.platforms import (
     planar_3rpr,
     planar_3rpr_assemblies,
     planar_3rpr_state,
 )
-from headstock.solvers.milling.path_drives import follow_path
-from headstock.solvers.milling.tool_path import PathPoints
 
 pytestmark = pytest.mark.hard("H39")
 

@@ -15,7 +15,6 @@ from common import approx
 from headstock.geometry.errors import SingularPoseError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import find_mobility
-from headstock.geometry.mechanisms.platforms import planar_3rpr_state
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import linearise_poses, solve_lumped_modes
@@ -38,6 +37,7 @@ from headstock.validation.mechanisms.motion_cases import (
     _planar_mechanism,
     _swing_through,
 )
+from headstock.validation.mechanisms.platforms import planar_3rpr_state
 
 pytestmark = pytest.mark.hard("H37")
 
