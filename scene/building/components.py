@@ -26,6 +26,7 @@ from headstock.geometry.parts.mass_properties import solid_box, solid_volume
 from headstock.geometry.parts.patches import OVERHANG_TOLERANCE, imprint_window, in_plane_axes
 from headstock.geometry.parts.prismatic_bars import patch_span, prismatic_bar
 from headstock.geometry.parts.size_field import SizeField
+from headstock.geometry.parts.solid_checks import find_solid_faults
 from headstock.geometry.parts.solids import (
     CENTER_FACE,
     Box,
@@ -404,9 +405,14 @@ def build_solids(scene: SceneTable, folder: Path, findings: Findings) -> dict[st
     solids: dict[str, Solid] = {}
     for name, table in scene.components.items():
         try:
-            solids[name] = build_solid(table.solid, folder)
+            solid = build_solid(table.solid, folder)
+            faults = find_solid_faults(solid)
         except ValueError as error:
-            findings.add(("components", name, "solid", table.solid.kind), str(error))
+            faults = [str(error)]
+        for fault in faults:
+            findings.add(("components", name, "solid", table.solid.kind), fault)
+        if not faults:
+            solids[name] = solid
         try:
             build_sizes(table.mesh, folder)
         except ValueError as error:

@@ -57,10 +57,6 @@ class _TubeTable(types.StrictTable):
     length: types.PositiveLength
     """length along z"""
 
-    def _faults(self) -> Iterator[str]:
-        if self.inner >= self.outer:
-            yield f"inner diameter {1e3 * self.inner:.6g} mm is not smaller than the outer diameter {1e3 * self.outer:.6g} mm"
-
 
 class _PlateTable(types.StrictTable):
     """A plate in the x-y plane, with ribs on its upper side if wanted."""
@@ -75,16 +71,6 @@ class _PlateTable(types.StrictTable):
     """number of ribs along x"""
     ribs_y: types.RibCount = 0
     """number of ribs along y"""
-
-    def _faults(self) -> Iterator[str]:
-        if (self.ribs_x or self.ribs_y) and not (self.rib > 0.0 and self.rib_height > 0.0):
-            yield 'ribs need a height and a thickness; write rib_height = "40 mm" and rib = "10 mm"'
-        for count, space, axis in (
-            (self.ribs_x, self.size[1], "y"),
-            (self.ribs_y, self.size[0], "x"),
-        ):
-            if count * self.rib > space:
-                yield f"{count} ribs of {1e3 * self.rib:.6g} mm do not fit into {1e3 * space:.6g} mm along {axis}; take fewer or thinner ribs"
 
 
 class _ColumnTable(types.StrictTable):
@@ -106,19 +92,6 @@ class _ColumnTable(types.StrictTable):
     """number of ribs across y"""
     core_hole: types.NotNegativeLength = 0.0
     """diameter of a round hole through every rib across z"""
-
-    def _faults(self) -> Iterator[str]:
-        if (self.ribs_x or self.ribs_y or self.ribs_z) and not self.rib > 0.0:
-            yield 'ribs need a thickness; write rib = "10 mm"'
-        rows = ((self.wall, self.ribs_x), (self.wall, self.ribs_y), (self.cap, self.ribs_z))
-        for (sheet, ribs), size, axis in zip(rows, self.size, "xyz", strict=True):
-            name = "cap" if axis == "z" else "wall"
-            if 2.0 * sheet >= size:
-                yield f"two {name}s of {1e3 * sheet:.6g} mm are thicker than the column: {1e3 * size:.6g} mm along {axis}; take thinner ones"
-            if ribs * self.rib >= size - 2.0 * sheet:
-                yield f"{ribs} ribs of {1e3 * self.rib:.6g} mm fill the {1e3 * (size - 2.0 * sheet):.6g} mm between the {name}s along {axis}"
-        if self.core_hole >= min(self.size[0], self.size[1]) - 2.0 * self.wall:
-            yield f"core_hole of {1e3 * self.core_hole:.6g} mm reaches the walls; take a smaller one"
 
 
 ROUNDING = 1e-9
