@@ -9,6 +9,7 @@ import contextlib
 import dataclasses
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -70,6 +71,7 @@ from headstock.studies.parameters.runs import (
     run_study,
 )
 from headstock.studies.parameters.tables import StudyTable, tabulate_study
+from headstock.studies.points import Settle, compute_points
 from headstock.studies.sweeps.files import write_sweep
 from headstock.studies.sweeps.results import SweepResults, collect_results, name_tracked_modes
 from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
@@ -78,7 +80,7 @@ from headstock.studies.variants import (
     VariantChoice,
     VariantSolution,
     choose_variants,
-    share_variants,
+    plan_variant,
     solve_variant,
 )
 
@@ -345,19 +347,26 @@ def compare(
             raise refuse("compare", "reference", f"there is no variant {reference!r}; {hint}")
         asked = [choice for choice in choices if not choice.cannot]
 
-        def solve(choice: VariantChoice) -> VariantSolution | str:
+        def solve(choice: VariantChoice, alone: MPI.Comm, _: Settle) -> VariantSolution | str:
             """Return the model of a variant, or why there is none."""
-            alone = MPI.COMM_SELF
             try:
                 return solve_variant(file.path, choice, pose=pose, comm=alone, store=store) or ""
             except FidelityError as error:
                 return str(error)
 
-        def tell(number: int, found: VariantSolution | str) -> None:
+        def report(choice: VariantChoice, found: VariantSolution | str) -> None:
             if not isinstance(found, str):
-                progress(asked[number].name)
+                progress(choice.name)
 
-        found = share_variants(file.path, asked, solve, comm=comm, store=store, observer=tell)
+        found = compute_points(
+            asked,
+            solve,
+            comm=comm,
+            folder=store.root,
+            plan=partial(plan_variant, file.path),
+            store=store,
+            observer=report,
+        )
 
         def join() -> Comparison:
             solutions = [one for one in found if not isinstance(one, str)]

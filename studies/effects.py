@@ -2,13 +2,13 @@
 kind; and ``effects.json``, with those by parts of its model.
 """
 
+import functools
 import itertools
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NotRequired, TypedDict
 
-from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.runner import gather_results, run_stages
 from headstock.pipeline.storage.provenance import ProvenanceSummary, SceneChoice
@@ -21,12 +21,13 @@ from headstock.solvers.shared_work import use_threads
 from headstock.studies.kind_changes import LITTLE, MUCH, Change, ChangeSummary, compare_kinds
 from headstock.studies.model_influence import Action, ModelFinding, RunPrice
 from headstock.studies.model_trials import ModelKind
-from headstock.studies.shared_runs import (
+from headstock.studies.points import (
     PlannedRun,
+    compute_changes,
     load_choice,
-    plan_change,
+    plan_run,
     repeat_quick,
-    share_runs,
+    try_plan,
 )
 
 QUICK = 3.0  # a run that takes no longer is repeated, for the least of its times [s]
@@ -123,16 +124,12 @@ def try_effects(
         as_named = (f"effects.{needed}=true",) if needed else ()
         pairs[effect] = as_named, (*as_named, *switch_effect(effect, scene))
     switches = dict.fromkeys([(), *itertools.chain.from_iterable(pairs.values())])
-    planned = make_on_root(
-        comm, lambda: {settings: plan_change(choice, settings) for settings in switches}
-    )
-    runs = {settings: run for settings, run in planned.items() if isinstance(run, PlannedRun)}
+    runs = make_on_root(comm, lambda: _plan_switches(choice, scene, switches))
     if comm.size > 1 and scene.accuracy is not None:
         run_stages(scene, comm, store)  # keeps what the settings it finds take
     warm: set[str] = set()
 
-    def work(number: int) -> "_Run | str":
-        settings = list(runs)[number]
+    def work(settings: tuple[str, ...], run: PlannedRun) -> _Run:
         if comm.size > 1:
             use_threads(1)  # so that the processor seconds of ranks compare
         if not warm:
@@ -140,31 +137,35 @@ def try_effects(
             _run(scene, store)  # loads libraries
             warm.add("libraries")
         announce(" ".join(settings) or "as written")
-        try:
-            done = repeat_quick(
-                lambda number: _run(runs[settings].scene, store),
-                lambda run: run[1],
-                quick=QUICK,
-                least=1 if settings else 2,
-                comm=MPI.COMM_SELF,
-            )
-            return _Run(done[0][0], [seconds for _, seconds in done])
-        except HeadstockError as error:
-            if not settings:
-                raise
-            return str(error)
+        done = repeat_quick(
+            lambda number: _run(run.scene, store),
+            lambda run: run[1],
+            quick=QUICK,
+            least=1 if settings else 2,
+            comm=MPI.COMM_SELF,
+        )
+        return _Run(done[0][0], [seconds for _, seconds in done])
 
-    done = share_runs(list(runs.values()), work, comm=comm, store=store)
-    # on other ranks there are none
-    tried = planned | dict(zip(runs, done, strict=False))
-    return [_compare_runs(effect, scene, pairs[effect], tried) for effect in pairs if done]
+    tried = compute_changes(runs, work, comm=comm, folder=store.root, store=store)
+    return [_compare_runs(effect, scene, pairs[effect], tried) for effect in pairs if tried]
+
+
+def _plan_switches(
+    choice: SceneChoice, scene: Scene, switches: Iterable[tuple[str, ...]]
+) -> dict[tuple[str, ...], PlannedRun | str]:
+    return {
+        settings: try_plan(functools.partial(load_choice, choice, settings))
+        if settings
+        else plan_run(scene)
+        for settings in switches
+    }
 
 
 def _compare_runs(
     effect: str,
     scene: Scene,
     pair: tuple[tuple[str, ...], tuple[str, ...]],
-    tried: Mapping[tuple[str, ...], "_Run | PlannedRun | str"],
+    tried: Mapping[tuple[str, ...], "_Run | str"],
 ) -> EffectTrial:
     """An effect by its two runs, or by why one of them was not to be had."""
     named, written = effect in scene.effects, tried[()]

@@ -7,7 +7,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Literal
 
@@ -25,8 +25,6 @@ from headstock.pipeline.runner import gather_results, run_stages
 from headstock.pipeline.stages.frf import prepare_response
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.pipeline.stages.shared_components import (
-    deal_out,
-    expect_job,
     load_elastic,
     make_superelements,
     start_run,
@@ -47,12 +45,13 @@ from headstock.studies.model_trials import (
     are_alike,
     list_model_trials,
 )
-from headstock.studies.shared_runs import (
+from headstock.studies.points import (
     PlannedRun,
+    compute_changes,
     load_choice,
-    plan_change,
     plan_run,
     repeat_quick,
+    try_plan,
 )
 
 # of the drive points' responses: what symmetry makes zero is left with this of an uneven mesh
@@ -286,32 +285,25 @@ def try_models(
         trials = make_on_root(comm, lambda: list_model_trials(base.scene, base.plan, kinds))
     if not trials:
         return []
-    planned = make_on_root(comm, lambda: [plan_change(choice, trial.settings) for trial in trials])
+    planned = make_on_root(
+        comm, lambda: [try_plan(partial(load_choice, choice, trial.settings)) for trial in trials]
+    )
     pairs = list(zip(trials, planned, strict=True))
-    runs = {trial.name: run for trial, run in pairs if isinstance(run, PlannedRun)}
-    runs, names = {AS_WRITTEN: base, **runs}, [AS_WRITTEN, *runs]
     with _trial_store(comm, store) as cold:
-        load_elastic(stage for run in runs.values() for stage in run.plan.stages)
+        runs = [run for run in (base, *planned) if isinstance(run, PlannedRun)]
+        load_elastic(stage for run in runs for stage in run.plan.stages)
         models = _Models(base, cold, threads=1 if comm.size > 1 else None)
         models.warm_up(announce)
         announce("components as written")
-        records = _make_cold(base, comm, cold)
+        prices = _Prices(base, _make_cold(base, comm, cold))
 
-        def work(number: int, settle: Callable[[], None]) -> "_ModelRun | str":
-            announce(names[number])
-            try:
-                return models.run(runs[names[number]])
-            except HeadstockError as error:
-                if number == 0:
-                    raise
-                return str(error)
+        def work(name: str, run: PlannedRun) -> _ModelRun:
+            announce(name)
+            return models.run(run)
 
-        jobs = [expect_job(run.plan.stages) for run in runs.values()]
-        done = deal_out(jobs, work, comm=comm, folder=store.root)
-    if not done:  # on other ranks
-        return []
-    prices, tried = _Prices(base, records), dict(zip(names, done, strict=True))
-    return [_make_finding(trial, run, tried, prices) for trial, run in pairs]
+        changes = {AS_WRITTEN: base} | {trial.name: run for trial, run in pairs}
+        tried = compute_changes(changes, work, comm=comm, folder=store.root)
+    return [_make_finding(trial, run, tried, prices) for trial, run in pairs if tried]
 
 
 def _make_finding(
@@ -324,9 +316,9 @@ def _make_finding(
 
     Args:
         run: Of the changed scene, or why there is none.
-        tried: Name of a change to its run, or why that failed; of the scene as written, too.
+        tried: Name of a change to its run, or why there is none; of the scene as written, too.
     """
-    written, other = tried[AS_WRITTEN], run if isinstance(run, str) else tried[trial.name]
+    written, other = tried[AS_WRITTEN], tried[trial.name]
     if isinstance(written, str):
         raise HeadstockError(written)
     if isinstance(run, str) or isinstance(other, str):

@@ -11,8 +11,8 @@ from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFil
 from headstock.meshing.components.meshing import automatic_size
 from headstock.pipeline.planning.plan import Plan
 from headstock.scene.analyses.path import PathRequest
+from headstock.scene.reading.keys import write_size
 from headstock.scene.scene import Scene
-from headstock.studies.parameters.convergence import write_size
 
 ModelKind = Literal["elasticity", "interfaces", "modes", "mesh", "pose", "several"]
 MODEL_KINDS: tuple[ModelKind, ...] = ("elasticity", "interfaces", "modes", "mesh", "pose")

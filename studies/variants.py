@@ -5,7 +5,7 @@ compliances, with the time of each step.
 import dataclasses
 import importlib
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -52,7 +52,7 @@ from headstock.solvers.linear.frequency_response import FrfModel
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
-from headstock.studies.shared_runs import plan_run, share_runs
+from headstock.studies.points import PlannedRun, plan_run
 
 # modes are looked for further up than the scene asks, since a partner may lie beyond its limit
 REACH = 1.5
@@ -232,47 +232,9 @@ def solve_variant(
     return _with_others(solution, scene, store)
 
 
-def share_variants[T](
-    path: Path,
-    choices: Sequence[VariantChoice],
-    work: Callable[[VariantChoice], T],
-    *,
-    comm: MPI.Comm,
-    store: Store,
-    observer: Callable[[int, T], None] = lambda number, result: None,
-) -> list[T]:
-    """Work on each variant of a scene on one rank, once the ranks have shared the components of
-    all; collective.
-
-    Args:
-        work: On one of them, by itself.
-        comm: Ranks; a single one works on them in order.
-        store: Where superelements are kept.
-        observer: Called on rank 0 with the number of each that is done and what was made of it.
-
-    Returns:
-        What ``work`` made of each; empty on other ranks.
-    """
-    if comm.size == 1:
-        solved = []
-        for number, choice in enumerate(choices):
-            solved.append(work(choice))
-            observer(number, solved[-1])
-        return solved
-    planned = make_on_root(
-        comm,
-        lambda: [
-            plan_run(load_scene(path, variant=choice.variant, overrides=choice.overrides))
-            for choice in choices
-        ],
-    )
-    return share_runs(
-        planned,
-        lambda number: work(choices[number]),
-        comm=comm,
-        store=store,
-        observer=observer,
-    )
+def plan_variant(path: Path, choice: VariantChoice) -> PlannedRun:
+    """Return the run of a variant of a scene with its plan."""
+    return plan_run(load_scene(path, variant=choice.variant, overrides=choice.overrides))
 
 
 def _answer(state: RunState, choice: VariantChoice, pose: Pose, effort: Effort) -> VariantSolution:

@@ -34,7 +34,7 @@ DOOR = "api"
 APART = {("scene", "reduction"), (DOOR, "app"), (DOOR, "validation")}
 # What the files of a layer that are in no room are: nouns that its rooms import, or doors that
 # import its rooms.
-GROUNDS = {"geometry", "meshing", "solvers", "reduction", "scene"}
+GROUNDS = {"geometry", "meshing", "solvers", "reduction", "scene", "studies"}
 BELOW_THE_GROUND = {("scene", "reading")}  # the nouns of a scene know where they were written
 # Which rooms of its own layer a room may import from.
 ROOMS: dict[str, dict[str, set[str]]] = {

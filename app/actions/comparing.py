@@ -2,11 +2,9 @@
 and a page.
 """
 
-import contextlib
 import dataclasses
-import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -43,6 +41,7 @@ from headstock.studies.comparison_summary import (
     summarise_comparison,
     summarise_effort,
 )
+from headstock.studies.points import compute_points, scratch_store
 from headstock.studies.variants import (
     FIDELITIES,
     FidelityError,
@@ -50,7 +49,7 @@ from headstock.studies.variants import (
     VariantSolution,
     choose_variants,
     name_uncompared,
-    share_variants,
+    plan_variant,
     solve_variant,
 )
 
@@ -196,18 +195,19 @@ def _solve_all(
     """
     asked = [choice for choice in choices if not choice.cannot]
 
-    def show(number: int, solved: _Solved) -> None:
+    def show(choice: VariantChoice, solved: _Solved) -> None:
         if solved.runs:
-            print_variant(asked[number].name, _weigh(solved.runs))
+            print_variant(choice.name, _weigh(solved.runs))
 
-    together = comm if request.effort else MPI.COMM_SELF
-    found = share_variants(
-        request.scene.path,
+    store = Store(default_store_root())
+    found = compute_points(
         asked,
-        lambda choice: _solve_runs(request, choice, together),
-        # where times are asked for, all ranks work on one variant after the other
-        comm=MPI.COMM_SELF if request.effort else comm,
-        store=Store(default_store_root()),
+        lambda choice, ranks, settle: _solve_runs(request, choice, ranks),
+        comm=comm,
+        folder=store.root,
+        together=request.effort,
+        plan=partial(plan_variant, request.scene.path),
+        store=store,
         observer=show,
     )
     return {choice.name: solved for choice, solved in zip(asked, found, strict=False)}
@@ -254,7 +254,7 @@ def _solve_runs(request: _Request, choice: VariantChoice, comm: MPI.Comm) -> _So
         known = tuple(load_scene(path).variants)
         choices["changed"] = _change(choice, request.change, known)
     solved = _Solved()
-    with _store(cold=request.effort) as store:
+    with scratch_store(cold=request.effort) as (_, store):
         for name, made in choices.items():
             cannot = ""
             try:
@@ -267,16 +267,6 @@ def _solve_runs(request: _Request, choice: VariantChoice, comm: MPI.Comm) -> _So
             if cannot := comm.bcast(cannot):
                 return _Solved(cannot=cannot)
     return solved
-
-
-@contextlib.contextmanager
-def _store(*, cold: bool) -> Iterator[Store]:
-    """The user's store, or an empty one that is thrown away."""
-    if not cold:
-        yield Store(default_store_root())
-        return
-    with tempfile.TemporaryDirectory(prefix="headstock-") as folder:
-        yield Store(Path(folder))
 
 
 def _change(

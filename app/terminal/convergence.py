@@ -19,12 +19,12 @@ from headstock.app.terminal.console import (
     spaced,
 )
 from headstock.app.texts.bounded_values import show_bound, show_bounded
+from headstock.scene.reading.keys import write_size
 from headstock.scene.studies import describe_point
 from headstock.studies.parameters.convergence import (
     Convergence,
     MeshSeries,
     show_count,
-    write_size,
 )
 from headstock.studies.parameters.features import FeatureTrial, MeshAdvice
 from headstock.studies.parameters.limits import Limit, MeshedNumber, MeshNeed, list_deviations

@@ -133,6 +133,11 @@ def write_number(value: float, unit: str, digits: int = 9) -> str | float:
     return f"{value / parse_quantity(f'1 {unit}', *DIMENSIONS).value:.{digits}g} {unit}"
 
 
+def write_size(size: float) -> str:
+    """Return a length [m] as a scene has it, to three digits."""
+    return f"{float(f'{1e3 * size:.3g}'):g} mm"
+
+
 def replace_numbers(entry: TomlValue, values: Mapping[KeyPath, float | Quantity]) -> ReadValue:
     """A copy of a part of a parsed scene with other numbers at some keys below it."""
     if () in values:

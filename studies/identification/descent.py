@@ -16,13 +16,11 @@ from scipy.stats import norm, qmc
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.planning.resources import node_memory_bytes
 from headstock.pipeline.storage.store import default_store_root
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import match_frequencies
 from headstock.solvers.ranks import make_on_root
-from headstock.solvers.shared_work import Job, share_work
 from headstock.studies.identification.problem import (
     FitPlace,
     FitPoint,
@@ -36,6 +34,7 @@ from headstock.studies.identification.problem import (
     prior_residuals,
     shape_costs,
 )
+from headstock.studies.points import Settle, compute_points
 
 PLACES = 64
 REACH = 1.0  # how far the search goes, in coordinates: a factor e
@@ -214,7 +213,7 @@ class _Descent:
 
     problem: FitProblem
     follow: bool
-    settle: Callable[[], None]
+    settle: Settle
     anchor: FitPoint | None = None
     latest: FitPoint | None = None
     count: int = 0
@@ -274,23 +273,22 @@ def fit(
     """
     comm = comm or MPI.COMM_SELF
     starts = _spread_starts(problem)
-    records = share_work(
-        comm,
-        [Job()] * len(starts),
-        lambda number, settle: _run_start(problem, starts[number], settle),
+    records = compute_points(
+        starts,
+        lambda start, alone, settle: _run_start(problem, start, settle),
+        comm=comm,
         folder=default_store_root(),
-        memory_mb=node_memory_bytes() / 1e6,
-        observer=lambda number, record: observer(record),
+        observer=lambda start, record: observer(record),
     )
-    make_on_root(comm, lambda: _require_end(records))
+
+    def require_end() -> None:
+        if all(record.end is None for record in records):
+            raise ConvergenceError(
+                f"none of {len(records)} start(s) could be computed: {records[0].reason}"
+            )
+
+    make_on_root(comm, require_end)
     return tuple(records)
-
-
-def _require_end(records: list[StartRecord]) -> None:
-    if all(record.end is None for record in records):
-        raise ConvergenceError(
-            f"none of {len(records)} start(s) could be computed: {records[0].reason}"
-        )
 
 
 def _spread_starts(problem: FitProblem) -> list[FloatArray]:
@@ -321,7 +319,7 @@ def _spread_starts(problem: FitProblem) -> list[FloatArray]:
     return starts
 
 
-def _run_start(problem: FitProblem, start: FloatArray, settle: Callable[[], None]) -> StartRecord:
+def _run_start(problem: FitProblem, start: FloatArray, settle: Settle) -> StartRecord:
     """One start: down to the nearest minimum, then on wherever another pairing of modes leads to a
     lower one.
     """
@@ -336,9 +334,7 @@ def _run_start(problem: FitProblem, start: FloatArray, settle: Callable[[], None
     return replace(record, end=record.end.place) if isinstance(record.end, FitPoint) else record
 
 
-def _try_exchanges(
-    problem: FitProblem, record: StartRecord, settle: Callable[[], None]
-) -> StartRecord:
+def _try_exchanges(problem: FitProblem, record: StartRecord, settle: Settle) -> StartRecord:
     """Return the record with what trying exchanges of modes took, and with the end of the first that
     leads lower, where one does.
     """
@@ -369,7 +365,7 @@ def _descend(
     problem: FitProblem,
     start: FloatArray,
     anchor: FitPoint | None,
-    settle: Callable[[], None],
+    settle: Settle,
     *,
     at_most: int | None = None,
 ) -> StartRecord:

@@ -29,6 +29,7 @@ from headstock.pipeline.numbers.numbers import Key, Numbers, make_key
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.views import ShiftArray
 from headstock.scene.reading.files import TomlValue
+from headstock.scene.reading.keys import write_size
 from headstock.scene.scene import Scene
 from headstock.scene.studies import Study, StudyFamily
 from headstock.solvers.mpi import MPI
@@ -143,11 +144,6 @@ class Convergence:
     limits: tuple[Limit, ...]
     end: str = ""
     failures: tuple[str, ...] = ()
-
-
-def write_size(size: float) -> str:
-    """Return a length [m] as a scene has it, to three digits."""
-    return f"{float(f'{1e3 * size:.3g}'):g} mm"
 
 
 def choose_series(scene: Scene) -> MeshSeries:

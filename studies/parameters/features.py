@@ -9,13 +9,13 @@ from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.survey import survey_step
 from headstock.scene.reading.files import TomlValue
+from headstock.scene.reading.keys import write_size
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.parameters.convergence import (
     Convergence,
     ConvergenceGoal,
     watch_numbers,
-    write_size,
 )
 from headstock.studies.parameters.limits import Limit, MeshedNumber, MeshNeed
 from headstock.studies.parameters.records import StudyRecord

@@ -6,7 +6,6 @@ import contextlib
 import errno
 import hashlib
 import os
-import tempfile
 import types
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -14,18 +13,13 @@ from pathlib import Path
 from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 from headstock.geometry.errors import HeadstockError
-from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure, search_once, watch_memory
 from headstock.pipeline.preview.watched_numbers import find_name_fault
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import list_entry_types, summarise
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.run_state import Announcer
-from headstock.pipeline.stages.shared_components import deal_out, expect_job, load_elastic
 from headstock.pipeline.storage.content_keys import hash_dependencies
 from headstock.pipeline.storage.outputs import OutputError
-from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.includes import scene_content
 from headstock.scene.expansion.overrides import VARIANT_JOINER, split_variant
@@ -45,6 +39,13 @@ from headstock.studies.parameters.records import (
     append_record,
     open_records,
     read_records,
+)
+from headstock.studies.points import (
+    Settle,
+    compute_points,
+    list_waiting,
+    scratch_store,
+    try_plan,
 )
 
 RENAMED = RESULT_KEYS["summary.json"]
@@ -266,19 +267,25 @@ def run_study(
     keys = [_point_key(job, point, ranks=comm.size) for point in points] if comm.rank == 0 else []
     study = _Points(points, keys, observer)
     waiting = make_on_root(comm, lambda: study.resume(read_records(folder), retry=job.retry))
-    records = open_records(folder) if keys and waiting else contextlib.nullcontext()
-    with search_once(), records as journal:
+    warm: set[ElementKind] | None = set() if warm_up and job.study.cold else None
+    with (
+        search_once(),
+        open_records(folder) if keys and waiting else contextlib.nullcontext() as journal,
+    ):
 
         def keep(number: int, record: StudyRecord) -> None:
             if journal is not None:
                 append_record(journal, study.keep(number, record))
 
-        if comm.size > 1 and waiting and not job.study.cold:
-            _deal_points(job, comm, {number: points[number] for number in waiting}, folder, keep)
-        else:
-            warm: set[ElementKind] | None = set() if warm_up and job.study.cold else None
-            for number in waiting:
-                keep(number, _compute_point(job, points[number], comm, warm))
+        compute_points(
+            waiting,
+            lambda number, comm, settle: _compute_point(job, points[number], comm, warm, settle),
+            comm=comm,
+            folder=folder,
+            together=job.study.cold,
+            plan=lambda number: try_plan(lambda: _load_point(job, points[number])),
+            observer=keep,
+        )
     return study.list_records()
 
 
@@ -302,10 +309,11 @@ class _Points:
         Args:
             retry: Points that failed are computed again.
         """
-        done = {key: one for key, one in records.items() if one.status == "done" or not retry}
-        self.known.update(done)
-        waiting = [self.keys.index(key) for key in dict.fromkeys(self.keys) if key not in done]
-        self._report(done.keys())
+        waiting = list_waiting(
+            self.keys, records, again=lambda record: retry and record.status == "failed"
+        )
+        self.known.update(records)
+        self._report(records.keys() - {self.keys[number] for number in waiting})
         return waiting
 
     def keep(self, number: int, record: StudyRecord) -> StudyRecord:
@@ -317,57 +325,18 @@ class _Points:
 
     def list_records(self) -> list[StudyRecord]:
         """Return a record per point, in order."""
-        return [self._label(number) for number in range(len(self.keys))]
-
-    def _label(self, number: int) -> StudyRecord:
-        point = self.points[number]
-        record = self.known[self.keys[number]]
-        return replace(record, family=point.family, varied=dict(point.varied))
+        return [
+            replace(self.known[key], family=point.family, varied=dict(point.varied))
+            for key, point in zip(self.keys, self.points, strict=False)  # no keys on other ranks
+        ]
 
     def _report(self, finished: Collection[str], *, computed: int | None = None) -> None:
         for number, key in enumerate(self.keys):
             if key in finished:
-                point, record = self.points[number], self._label(number)
+                point = self.points[number]
+                record = replace(self.known[key], family=point.family, varied=dict(point.varied))
                 known = number != computed
                 self.observer(StudyProgress(number, len(self.points), point, record, known))
-
-
-def _deal_points(
-    job: StudyJob,
-    comm: MPI.Comm,
-    points: Mapping[int, StudyPoint],
-    folder: Path,
-    keep: Callable[[int, StudyRecord], None],
-) -> None:
-    """Compute each point on one rank.
-
-    Args:
-        comm: Ranks that share the points.
-        keep: Called on rank 0 with the number of each finished point and its record.
-    """
-    numbers = list(points)
-    expected = make_on_root(comm, lambda: [_expect_point(job, point) for point in points.values()])
-    load_elastic(stage for stages in expected for stage in stages)
-
-    def compute(place: int, settle: Callable[[], None]) -> StudyRecord:
-        point = points[numbers[place]]
-        return _compute_point(job, point, MPI.COMM_SELF, None, announce=lambda stage: settle())
-
-    deal_out(
-        [expect_job(stages) for stages in expected],
-        compute,
-        comm=comm,
-        folder=folder,
-        observer=lambda place, record: keep(numbers[place], record),
-    )
-
-
-def _expect_point(job: StudyJob, point: StudyPoint) -> tuple[Stage, ...]:
-    """Return the stages of a point; none where it cannot be planned."""
-    try:
-        return plan_scene(_load_point(job, point)).stages
-    except (HeadstockError, SceneError):
-        return ()  # the point says so itself
 
 
 def _point_key(job: StudyJob, point: StudyPoint, *, ranks: int) -> str:
@@ -403,20 +372,19 @@ def _compute_point(
     point: StudyPoint,
     comm: MPI.Comm,
     warm: set[ElementKind] | None,
-    *,
-    announce: Announcer = lambda stage: None,
+    settle: Settle,
 ) -> StudyRecord:
     """A record without a key; adds to the kinds of elements that this process has run, if those
     count.
 
     Args:
         warm: Kinds of elements that this process has run; None where no seconds are measured.
-        announce: Called with each stage before it begins.
+        settle: Called before each stage.
     """
     ranks, threads = int(comm.size), int(os.environ.get("OMP_NUM_THREADS", os.cpu_count() or 1))
     record = StudyRecord("", point.family, dict(point.varied), "done", threads=threads, ranks=ranks)
     try:
-        runs = _repeat_point(job, point, comm, warm, announce)
+        runs = _repeat_point(job, point, comm, warm, settle)
     except (HeadstockError, SceneError, MemoryError, SharedFailure) as error:
         return replace(record, status="failed", error=_describe_failure(error, comm))
     if comm.rank > 0:
@@ -467,7 +435,7 @@ def _repeat_point(
     point: StudyPoint,
     comm: MPI.Comm,
     warm: set[ElementKind] | None,
-    announce: Announcer,
+    settle: Settle,
 ) -> list[_PointRun]:
     """Run a point as often as its study asks."""
     # the first run of a kind of element loads libraries and compiles kernels: not a cost of this point
@@ -479,12 +447,14 @@ def _repeat_point(
     runs = []
     for _ in range(warm_up + (1 if is_reference else job.study.repeats)):
         with (
-            _scratch_store(cold=job.study.cold) as (scratch, store),
+            scratch_store(cold=job.study.cold) as (scratch, store),
             watch_memory() as peak,
             measure() as cost,
         ):
             scene = make_on_root(comm, lambda: _reload(job, point))
-            results = run_scene(scene, scratch, comm=comm, store=store, announce=announce)
+            results = run_scene(
+                scene, scratch, comm=comm, store=store, announce=lambda stage: settle()
+            )
         runs.append(_PointRun(scene, results, cost, peak.megabytes))
     return runs[warm_up:]
 
@@ -510,15 +480,3 @@ def _element_kinds(scene: Scene) -> set[ElementKind]:
         else (part.fidelity, "", 0)
         for part in parts
     }
-
-
-@contextlib.contextmanager
-def _scratch_store(*, cold: bool) -> Iterator[tuple[Path, Store]]:
-    """A folder for a point's files, and the store it uses: the user's, or an empty one that is
-    thrown away.
-    """
-    with tempfile.TemporaryDirectory(prefix="headstock-study-") as folder:
-        yield (
-            Path(folder) / "out",
-            Store(Path(folder) / "store") if cold else Store(default_store_root()),
-        )

@@ -24,6 +24,7 @@ from headstock.scene.scene import Scene
 from headstock.scene.studies import Sweep, describe_positions, sweep_pose
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
+from headstock.studies.points import list_waiting
 from headstock.studies.sweeps.journals import (
     PoseResult,
     encode_result,
@@ -198,11 +199,11 @@ def _list_poses(sweep: Sweep, numbers: Sequence[int]) -> str:
 
 
 def _find_waiting(job: SweepJob, key: str, names: list[bytes]) -> list[int]:
-    finished = read_journals(job.folder, key)
-    done = {
-        name for name, result in finished.items() if not (job.retry and result.state == "failed")
-    }
-    waiting = [number for number, name in enumerate(names) if name not in done]
+    waiting = list_waiting(
+        names,
+        read_journals(job.folder, key),
+        again=lambda result: job.retry and result.state == "failed",
+    )
     return [number for number in waiting if number % job.part.of == job.part.number - 1]
 
 
