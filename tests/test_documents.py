@@ -10,9 +10,10 @@ import pytest
 
 from common import run_process
 from headstock.app.actions.cataloguing import _render_catalogue, _render_cutting
-from headstock.app.actions.schemas import _render_reference, plain_schema, rules_in
+from headstock.app.actions.schemas import _render_reference, _render_units, plain_schema, rules_in
 from headstock.pipeline.results.files import read_mesh, read_summary
 from headstock.scene.expansion.catalogue import read_catalogue, read_cutting_materials
+from headstock.scene.reading.units import measure_unit
 from headstock.scene.schema.types import MEANING
 from headstock.studies.identification.targets import TargetsTable
 
@@ -150,6 +151,16 @@ def test_the_cost_of_a_large_part_on_the_page_of_clusters_is_what_its_command_pr
 def test_the_scene_reference_is_up_to_date() -> None:
     # otherwise: ./headstock schema --markdown > docs/scene_reference.md
     assert (ROOT / "docs" / "scene_reference.md").read_text() == _render_reference(plain_schema())
+
+
+def test_the_page_of_units_is_up_to_date_and_every_unit_on_it_is_read() -> None:
+    # otherwise: ./headstock schema units > docs/units.md
+    page = (ROOT / "docs" / "units.md").read_text()
+    assert page == _render_units()
+    rows = re.findall(r"^\| (`.*`) \| an? ", page, re.M)
+    units = [unit for row in rows for unit in re.findall("`([^`]+)`", row)]
+    assert {"mm", "um"}.isdisjoint(units) and {"m", "rpm", "psi"} <= {*units}
+    assert [unit for unit in units if measure_unit(unit)[0] <= 0] == []
 
 
 def test_no_cell_of_the_scene_reference_is_empty() -> None:

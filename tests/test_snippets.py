@@ -102,6 +102,17 @@ BASES = {
         Base(TRIPTEOR),
         Base("tests/data/turning_arm.toml", without=("analyses.path",)),
     ],
+    # each table with what it belongs to
+    "docs/scene_reference.md": [
+        Base(DATA),
+        Base(DATA, without=("joints.x_guide",)),
+        Base(DATA, without=("axes.X", "joints.x_guide")),
+        Base(THREE_AXIS),
+        Base(THREE_AXIS, "controlled"),
+        Base(THREE_AXIS, "milling"),
+        Base(TRIPTEOR, "lumped"),
+        Base(CANTILEVER),
+    ],
     "docs/short_scenes.md": [Base(DATA), WITHOUT_Y],
     "docs/studies.md": [Base(CANTILEVER), Base(CANTILEVER, without=("studies.h",))],
     "docs/sweeps.md": [Base(THREE_AXIS, "rails")],

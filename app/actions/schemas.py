@@ -1,9 +1,13 @@
 """``headstock schema``: JSON schemas of scene and target files for editors, every key with what it means
 and no file refused that the program accepts; and the scene reference as Markdown, made from the schema
-(``headstock schema --markdown > docs/scene_reference.md``).
+(``headstock schema --markdown > docs/scene_reference.md``). ``headstock schema units`` prints the page of units.
 """
 
+import functools
+import re
+import tomllib
 from collections.abc import Iterator
+from pathlib import Path
 
 import click
 
@@ -13,7 +17,15 @@ from headstock.geometry.frames import DOF_NAMES
 from headstock.pipeline.storage.json_texts import JsonTable, JsonValue, dump_json
 from headstock.scene.building.joints import KINDS
 from headstock.scene.expansion.catalogue import BEARINGS, CATALOGUE, FROM, read_catalogue
-from headstock.scene.reading.units import DIMENSIONS, Dimension, parse_quantity
+from headstock.scene.reading.units import (
+    DIMENSIONS,
+    EDGE_FORCE,
+    SPECIFIC_FORCE,
+    Dimension,
+    list_spellings,
+    measure_unit,
+    parse_quantity,
+)
 from headstock.scene.schema.scene import complete_scene
 from headstock.scene.schema.types import DEFAULT, MEANING, PlainNames, StrictTable
 from headstock.studies.identification.targets import TargetsTable
@@ -27,20 +39,48 @@ INTRODUCTION = """\
 
 Made from the schema by `./headstock schema --markdown > docs/scene_reference.md`; a test asserts that it is up to date.
 
-A scene is a TOML file. Keys that are not listed here are errors, with a suggestion. Quantities are texts with a unit (`"210 GPa"`,
-`"380 N/um"`, `"12.5 mm"`, `"30 deg"`); plain numbers are for what has no dimension. Names are letters, digits, `_` and `-`. A key in
-square brackets names a table; `NAME` is yours to choose. `component.interface` and `ground` name the ends of joints. Files that a
-scene names lie in its folder or below.
+A scene is a TOML file. Keys that are not listed here are errors, with a suggestion. A key in square brackets names a table; `NAME` is
+yours to choose, of letters, digits, `_` and `-`. Files that a scene names lie in its folder or below.
 
-The column *value* states what a key takes, with its limits where it has any; whole numbers go up to 10 million, and a quantity far
-beyond any machine is refused as a slip of units. The column *default* states what holds where a key is left out: a **required** key
-cannot be, of the keys marked **one of these** a table has exactly one, and *none* means that nothing is there.
+- **Value**: what a key takes, with its limits. A length, a stiffness and every other quantity is a text with a unit, as `"12.5 mm"`; the link
+  leads to its [units](units.md). What has no dimension is a plain number. Whole numbers go up to 10 million.
+- <span id="direction"></span>A **direction** is `"x"`, `"y"`, `"z"`, one of these with a sign, such as `"-x"`, or three numbers.
+- <span id="end"></span>An **end** is `"component.interface"` or `"ground"`.
+- **Default**: what holds where a key is left out. A **required** key cannot be. Of the keys marked **one of these** a table has exactly
+  one. *none*: nothing is there.
+- Every table opens with an example, which a test completes to a scene and loads.
 """
+WITH_UNIT = " with a unit"
+QUANTITIES = (*DIMENSIONS, SPECIFIC_FORCE, EDGE_FORCE)
+QUANTITY_NAMES = re.compile(
+    "|".join(sorted((kind.name for kind in QUANTITIES), key=len, reverse=True))
+)
+DIRECTIONS = "`x`, `y`, `z`, `+x`, `+y`, `+z`, `-x`, `-y`, `-z` or list of 3 × (number)"
+EXAMPLES = Path(__file__).parents[1] / "texts" / "scene_examples.toml"
 EMPTY = "none"
+UNITS = """\
+# Units
+
+Made from the code by `./headstock schema units > docs/units.md`; a test asserts that it is up to date.
+
+A quantity is a text with a number and a unit: `"210 GPa"`, `"380 N/um"`, `"1e6 N m/rad"`, `"2 %"`. A number without a unit is an error
+where the key measures something. Any unit of the right kind is accepted: a length may be `mm`, `um`, `in` or `m`.
+
+- Units are multiplied by a space, `*` or `·`, divided by `/`, and raised by `^2`, `**2` or `²`: `kg m^2`, `N/um/mm^2`, `1/s`.
+- `u`, `µ` and `μ` all mean micro. Case counts: `mm` is a length, `MN` a force.
+- A plain number or a per cent is accepted for ratios: `0.02` is `"2 %"`.
+- Hertz and `rad/s` are different: `"50 Hz"` is a frequency, `"3000 rpm"` and `"10 rad/s"` are angular speeds, `"60 1/s"` is a rate.
+- In [expressions](short_scenes.md#parameters) units are calculated with: `"= 2 * wall + 3 mm"`.
+
+Results have SI units in files (`results.h5`, CSV of `numbers`), and units such as µm/kN on screen, always written beside the number.
+"""
 
 
 def schema_command(options: SchemaOptions) -> int:
-    """Print a schema, or the scene reference."""
+    """Print a schema, the scene reference, or the page of units."""
+    if options.kind == "units":
+        click.echo(_render_units(), nl=False)
+        return DONE
     content = _targets_schema() if options.kind == "targets" else scene_schema()
     shown = _render_reference(plain_schema()) if options.markdown else dump_json(content)
     click.echo(shown, nl=False)
@@ -242,6 +282,7 @@ def _render_reference(schema: JsonTable) -> str:
         "",
         str(schema.get("description", "")),
         "",
+        *_example("scene"),
         *_key_table("Scene", schema),
     ]
     seen: set[str] = set()
@@ -268,6 +309,7 @@ def _section(
         "",
         str(table.get("description", "")),
         "",
+        *_example(path),
         *_key_table(label, table),
     ]
     for key, rule in rules_in(table, "properties").items():
@@ -275,6 +317,16 @@ def _section(
         if inner is not None:
             below = f"{path}.{key}.NAME" if "additionalProperties" in rule else f"{path}.{key}"
             yield from _section(schema, inner, below, seen, level=3)
+
+
+def _example(path: str) -> list[str]:
+    """Return what a table opens with."""
+    return ["```toml", _read_examples()[path].strip(), "```", ""]
+
+
+@functools.cache
+def _read_examples() -> dict[str, str]:
+    return tomllib.loads(EXAMPLES.read_text(encoding="utf-8"))
 
 
 def _key_table(label: str, table: JsonTable) -> Iterator[str]:
@@ -313,15 +365,23 @@ def _items(rule: JsonTable, key: str) -> list[JsonValue]:
 
 def _describe_value(rule: JsonTable) -> str:
     if _options(rule):
-        return " or ".join(
+        options = " or ".join(
             _describe_value(option) for option in _options(rule) if option.get("type") != "null"
         )
+        return options.replace(DIRECTIONS, "[direction](#direction)")
     if "$ref" in rule:
         return "table"
     if "const" in rule:
         return f"`{_show(rule['const'])}`"
     if "enum" in rule:
         return ", ".join(f"`{option}`" for option in _items(rule, "enum"))
+    if (quantity := str(rule.get("description", ""))).endswith(WITH_UNIT):
+        return QUANTITY_NAMES.sub(
+            lambda name: f"[{name[0]}](units.md#{name[0].replace(' ', '-')})",
+            quantity.removesuffix(WITH_UNIT),
+        )
+    if quantity == "component.interface or ground":
+        return "[end](#end)"
     if "description" in rule:
         examples = ", ".join(f"`{_show(example)}`" for example in _items(rule, "examples"))
         return (
@@ -398,6 +458,40 @@ def _show(value: object) -> str:
         if isinstance(value, float)
         else str(value)
     )
+
+
+def _render_units() -> str:
+    """Return ``docs/units.md``."""
+    prefixes, names = list_spellings()
+    parts = [
+        UNITS,
+        "## Quantities",
+        "",
+        "What is larger than the largest value is refused as a slip of units.",
+        "",
+        "| quantity | SI unit | example | largest value, SI |",
+        "|---|---|---|---|",
+        *(
+            f'| <span id="{kind.name.replace(" ", "-")}"></span>{kind.name} | '
+            f'{f"`{kind.unit}`" if kind.unit else EMPTY} | `"{kind.example}"` | {kind.most:g} |'
+            for kind in QUANTITIES
+        ),
+        "",
+        "## Units",
+        "",
+        "| unit | measures | in SI units |",
+        "|---|---|---|",
+    ]
+    for spellings in names:
+        factor, measured = measure_unit(spellings[0])
+        shown = ", ".join(f"`{text}`" for text in spellings)
+        kind = "a volume" if measured.startswith("in ") else measured  # alone in having no key
+        parts.append(f"| {shown} | {kind} | {float(factor):.9g} |")
+    parts += ["", "## Prefixes", "", "| prefix | factor |", "|---|---|"]
+    for spellings in prefixes:
+        factor, _ = measure_unit(f"{spellings[0]}m")
+        parts.append(f"| {', '.join(f'`{text}`' for text in spellings)} | {float(factor):g} |")
+    return "\n".join(parts) + "\n"
 
 
 def _joint_table() -> Iterator[str]:

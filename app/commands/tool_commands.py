@@ -148,15 +148,16 @@ class _SchemaKind(StrEnum):
 
     scene = "scene"
     targets = "targets"
+    units = "units"
 
 
 @dataclass(frozen=True, kw_only=True)
 class SchemaOptions(CommandOptions):
-    """Print the JSON schema of scene files, or of target files, for editors."""
+    """Print the JSON schema of scene files, or of target files, for editors; or the accepted units."""
 
     action = "schemas:schema_command"
     kind: Annotated[
-        _SchemaKind, typer.Argument(help="Of scene files, or of target files (targets).")
+        _SchemaKind, typer.Argument(help="Of scene files, of target files (targets), or the units.")
     ] = _SchemaKind.scene
     markdown: Annotated[bool, flag("--markdown", "Print the scene reference instead.")] = False
     json: JsonFile = None

@@ -3,6 +3,7 @@ links to files beside the documents become their names.
 """
 
 import re
+import sys
 from pathlib import Path, PurePosixPath
 
 import nbformat
@@ -14,6 +15,7 @@ from nbconvert import MarkdownExporter
 
 OUTSIDE = re.compile(r"\[([^\]]*)\]\(\.\./(?:\.\./)*([^)#]*)(#[^)]*)?\)")
 CELL_SECONDS = 600
+PAGES_A_LINE = 10  # that are written between two lines of progress
 INLINE_CODE = re.compile(r"(?<=<code>)[^<\n]*(?=</code>)")
 BETWEEN_FOLDERS = re.compile(r"(?<=\w)/(?=\w)")
 ROW = re.compile(r"^\|.*$", re.MULTILINE)
@@ -24,7 +26,9 @@ BEFORE_UNIT = re.compile(
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Put the pages and pictures of notebooks in place of the notebooks."""
-    for file in [file for file in files if file.src_uri.endswith(".ipynb")]:
+    notebooks = [file for file in files if file.src_uri.endswith(".ipynb")]
+    for number, file in enumerate(notebooks, 1):
+        report(f"notebook {number} of {len(notebooks)}: {file.name}")
         files.remove(file)
         page, pictures = render_notebook(Path(str(file.abs_src_path)), quick=config.extra["quick"])
         place = PurePosixPath(file.src_uri)
@@ -36,8 +40,14 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Links that leave the documents: the start page for the README, else the name of the file. In
-    tables numbers keep their units beside them.
+    tables numbers keep their units beside them. The kind of page decides how early search lists it.
     """
+    pages = files.documentation_pages()
+    if (number := pages.index(page.file) + 1) % PAGES_A_LINE == 0 or number == len(pages):
+        report(f"page {number} of {len(pages)}")
+    if page.ancestors:
+        boost = config.extra["search_boost"].get(page.ancestors[-1].title, 1)
+        page.meta.setdefault("search", {})["boost"] = boost
     depth = len(PurePosixPath(page.file.src_uri).parents) - 1
 
     def rewrite(found: re.Match[str]) -> str:
@@ -55,6 +65,11 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Names of files break after a slash where they break."""
     return INLINE_CODE.sub(lambda found: BETWEEN_FOLDERS.sub("/<wbr>", found.group()), html)
+
+
+def report(text: str) -> None:
+    """Say how far the site is."""
+    print(text, file=sys.stderr, flush=True)
 
 
 def keep_units(row: re.Match[str]) -> str:

@@ -1,5 +1,6 @@
 """Quantities with units, read at the border: text in, SI floats inside."""
 
+import itertools
 import math
 import re
 import unicodedata
@@ -308,19 +309,29 @@ def quantity_pattern(*dimensions: Dimension, sign: Sign = "any") -> str:
     return rf"^\s*{'[+-]?' if sign == 'any' else '[+]?'}(?:{number})(?:[eE][+-]?[0-9]{{1,5}})?(?:\s*{unit}){needed}\s*$"
 
 
+def list_spellings() -> tuple[list[list[str]], list[list[str]]]:
+    """Return the spellings of each prefix and of each unit that quantities may have."""
+    prefixes, names = list[list[str]](), list[list[str]]()
+    for line in _DEFINITIONS.strip().splitlines():
+        name, _, *others = (part.strip() for part in line.split("="))
+        spellings = dict.fromkeys([*others, name])
+        (prefixes if name.endswith("-") else names).append([text.rstrip("-") for text in spellings])
+    return prefixes, names
+
+
+def measure_unit(unit: str) -> tuple[Decimal, str]:
+    """Return the size of a unit in SI units, and what it measures."""
+    factor, dimensionality = _resolve_unit(unit, "")
+    return factor, _describe(unit, dimensionality)
+
+
 @lru_cache(maxsize=1)
 def _unit_words() -> tuple[list[str], list[str]]:
     """Prefixes and names of units, in every spelling; the two signs for micro are the same
     letter.
     """
-    prefixes: list[str] = ["µ"]
-    names: list[str] = []
-    for line in _DEFINITIONS.strip().splitlines():
-        symbol, _, *others = (part.strip() for part in line.split("="))
-        (prefixes if symbol.endswith("-") else names).extend(
-            text.rstrip("-") for text in (symbol, *others)
-        )
-    return prefixes, names
+    prefixes, names = (list(itertools.chain(*each)) for each in list_spellings())
+    return ["µ", *prefixes], names
 
 
 def _one_of(words: Sequence[str]) -> str:
