@@ -248,7 +248,7 @@ def _write_page(folder: Path) -> None:
         for case, study in studies.items()
         for line in _other_models(study)
     ]
-    PAGE.write_text("\n".join(text + remarks).rstrip() + "\n")
+    PAGE.write_text("\n".join(text + remarks).replace("\n\n\n", "\n\n").rstrip() + "\n")
     for name in SHOWN:
         if (drawn := folder / name / "cost.png").exists():
             shutil.copy(drawn, PICTURES / f"cost_{name}.png")
