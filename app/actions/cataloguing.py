@@ -26,11 +26,11 @@ from headstock.scene.reading.files import TomlTable, write_value
 from headstock.scene.schema.cutting import TYPICAL_RANGES, TYPICAL_RATIOS
 
 INTRODUCTION = """\
-# Catalogue of machine elements
+# Catalogue: stiffness of guides, screws, bearings and mounts
+
+*Which stiffness has a linear guide, a ball screw, a bearing, a mount that is not chosen yet?*
 
 Made from the data by `./headstock catalogue --markdown > docs/catalogue.md`; a test asserts that it is up to date.
-
-Early in a design the carriages, screws and mounts of a machine are not chosen yet. The catalogue has typical ones, by name:
 
 ```toml
 [joints.x_pad]
@@ -48,21 +48,17 @@ axis = "x"
 screw = { bearing = "catalogue:screw_bearing_30" }
 ```
 
-- `from` gives `kind`, `stiffness`, `loss_factor` and, of a ball screw, `screw`. In place of a stiffness, `bearing` and `second_bearing` of a
-  screw take the axial one of a bearing. For a nut with a stiffness of its own, `screw = { from = "catalogue:ball_screw_40x10" }` is the shaft alone.
-- The values are keys like all others: `--set 'joints.x_pad.stiffness.normal="400 N/um"'`, `vary` and `identify` reach them, and a variant
-  may take another element: `"joints.x_pad.from" = "catalogue:guide_45"`.
-- `check`, `run` and the report name what they took from the catalogue and how uncertain it is (`assumptions` in `summary.json`).
-- Directions are those of the kind of joint ([scene_reference.md](scene_reference.md#kinds-of-joints)). Along its rail a carriage is free, as is a
-  bearing about its axis; a mount has no stiffness of rotation.
-- Loss factors count with the effect `damping`.
-- `./headstock catalogue` lists all elements; `./headstock catalogue guide_35` shows one with its keys, to be pasted and edited;
-  `--json FILE` writes them for other programs.
+- `from` brings `kind`, `stiffness`, `loss_factor` and, of a ball screw, `screw`. `bearing` and `second_bearing` of a screw may name a bearing.
+  `screw = { from = "catalogue:ball_screw_40x10" }` is the shaft alone.
+- The values are keys like all others, for `--set`, `vary` and `identify`; a variant may take another element:
+  `"joints.x_pad.from" = "catalogue:guide_45"`.
+- `check`, `run` and the report name what comes from the catalogue and how uncertain it is.
+- Loss factors count with the effect `damping`. Directions are those of the [kind of joint](scene_reference.md#kinds-of-joints).
+- `./headstock catalogue` lists all elements; `./headstock catalogue guide_35` shows one with its keys, to be pasted and edited.
 
-**What the numbers are worth.** They are round values for a first model. Each follows from a rule, which is stated; rules of thumb are
-named as such, and no number is taken from a maker's table. A real element lies within the value divided and multiplied by the factor
-beside it. Once the compliance budget shows that a joint matters, take its maker's data or measure it ([identification.md](identification.md)).
-Stiffness is that of the element with its own body, on rigid surroundings: bolts, housings and thin walls around it come on top.
+The values are round ones for a first model. Each follows from a rule, which is stated; no number is from a maker's table. A real element
+lies within the value divided and multiplied by the factor in its range. Once the compliance budget shows that a joint matters, take its
+maker's data or measure it ([identification](identification.md)). Bolts, housings and thin walls around the element come on top.
 """
 
 
@@ -70,8 +66,8 @@ CUTTING = "cutting"  # the name of all work materials together
 CUTTING_PAGE = """\
 # Cutting coefficients
 
-How large are the forces in my material, and how do I say so? Name a material of the tables below, or write your own coefficients. Lobes,
-paths and contours use the same.
+*What are the cutting coefficients of steel, aluminium, cast iron, titanium?* Name a material of the tables below, or write your own. Lobes,
+paths and contours use the same; `./headstock catalogue c45` prints one with its source.
 
 ```toml
 [cutting.my_steel]                      # measured in milling
@@ -95,17 +91,16 @@ feed_per_tooth = "0.08 mm"
 sense = "up"
 ```
 
-- **Signs.** The tangential force acts against the motion of the edge, the radial one away from the chip, the axial one as the helix pulls:
-  down where it is positive. A negative `Krc` or `Kre` is taken and warned of: the radial force draws the edge into the part only where the
-  rake exceeds the angle of friction.
-- **Kienzle.** The force per width is `kc1.1 h^(1 - mc)`, with `h` in millimetres; its tangent at one chip thickness counts. That is the
-  mean of a chip at the feed per tooth, which paths and contours know. Lobes take `feed_per_tooth`; without it 0.1 mm ± 50 % is assumed.
-- **Radial and axial forces.** Where a source gives the tangential force alone, the others are assumed ratios of it: {radial}, {axial}.
-  Measured sets below have 0.21 to 0.47 and 0.28 to 0.29.
-- **What is told.** Terminal, report and `assumptions` in `summary.json` name all coefficients that have a range or a chip thickness. Every
-  range is tried; the changes add up to the share *cutting coefficients* of ±.
+- **Signs.** The tangential force acts against the motion of the edge, the radial one away from the chip, the axial one down where it is
+  positive. A negative `Krc` or `Kre` brings a warning: the radial force draws the edge into the part only where the rake exceeds the angle of
+  friction.
+- **Kienzle.** The force per width is `kc1.1 h^(1 - mc)`, with `h` in millimetres; its tangent at one chip thickness counts. Paths and
+  contours know that thickness; lobes take `feed_per_tooth`, without it 0.1 mm ± 50 % is assumed.
+- **Radial and axial forces.** Where a source gives the tangential force alone, the others are ratios of it: {radial}, {axial}.
+- **Range.** Terminal, report and `assumptions` in `summary.json` name coefficients that have a range. Every range is tried; the changes are
+  the share *cutting coefficients* of ±.
 - **Sense and side.** Milling down (climb), a clockwise tool has the part on the right of its travel; milling up, on the left. `part_side`
-  says otherwise, and the tool then turns the other way. In a slot both senses are equal.
+  says otherwise.
 
 Rake, wear, coolant and speed change forces by tens of per cent. Once limits matter, measure: mean forces in slots at several feeds give all
 six coefficients (Altintas 2012, section 2.8).

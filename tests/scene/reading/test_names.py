@@ -1,6 +1,5 @@
 """Keys that have changed their name are refused under the old one, with the new one."""
 
-import re
 from pathlib import Path
 
 import pytest
@@ -8,7 +7,7 @@ import pytest
 from fixture_machines import write_scene
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.reading.names import RESULT_KEYS, SCENE_KEYS
+from headstock.scene.reading.names import SCENE_KEYS
 from headstock.scene.schema.validation import known_keys, unknown_key
 
 SCENE = """\
@@ -77,11 +76,3 @@ def test_an_old_key_of_a_setting_is_refused(tmp_path: Path) -> None:
     path = write_scene(tmp_path, SCENE, name="bar")
     with pytest.raises(SceneError, match=r"(?s)--set .*write allow_locking"):
         load_scene(path, overrides=["components.bar.mesh.force=true"])
-
-
-def test_the_documented_table_is_the_one_of_the_code() -> None:
-    document = (Path(__file__).parents[3] / "docs/files.md").read_text()
-    rows = re.findall(r"^\| [^|]+ \| `([\w.]+)` \| `([\w.]+)` \|$", document, re.MULTILINE)
-    scene = [(old.partition(".")[2], new) for old, new in SCENE_KEYS.items()]
-    results = [pair for keys in RESULT_KEYS.values() for pair in keys.items()]
-    assert sorted(rows) == sorted(scene + results)
