@@ -18,14 +18,13 @@ SEPARATOR = re.compile(re.findall(r"^      separator: '(.*)' #", SETTINGS, re.M)
 TAG = re.compile(r"<[^>]*>")
 FIELD_BOOSTS = {"title": 1e3, "text": 1.0}
 K1 = 1.2
-STOP_WORDS = frozenset(
-    """a able about across after all almost also am among an and any are as at be because been but by can
+STOPPED = """a able about across after all almost also am among an and any are as at be because been but by can
     cannot could dear did do does either else ever every for from get got had has have he her hers him his
     how however i if in into is it its just least let like likely may me might most must my neither no nor
     not of off often on only or other our own rather said say says she should since so some than that the
     their them then there these they this tis to too twas us wants was we were what when where which while
-    who whom why will with would yet you your""".split()
-)
+    who whom why will with would yet you your"""
+STOP_WORDS = frozenset(STOPPED.split())
 HEADING = re.compile(r"^#{1,6} +(.*?)(?: *\{[^}]*\})?$")
 LINK = re.compile(r"!?\[([^\]]*)\]\([^)]*\)(?:\{[^}]*\})?")
 
@@ -55,7 +54,9 @@ def read_markdown(project: Path) -> list[Section]:
         if named := re.search(r"- (?:\w+: )?(\S+)\.md$", line):
             page = project / "docs" / f"{named[1]}.md"
             text = page.read_text() if page.exists() else _read_notebook(page.with_suffix(".ipynb"))
-            sections += _split_page(named[1], text, float(boosts.get(kind, 1)))
+            sections += _split_page(
+                named[1], text, float(boosts.get(named[1], boosts.get(kind, 1)))
+            )
     return sections
 
 
@@ -107,7 +108,8 @@ class SiteSearch:
                         matched[number].add(word)
         asked = {word for word in words if word not in STOP_WORDS}
         ranked = {
-            number: score * (1 + (self.sections[number].first + _share(matched[number], asked)) ** 2)
+            number: score
+            * (1 + (self.sections[number].first + _share(matched[number], asked)) ** 2)
             for number, score in scores.items()
         }
         order = sorted(ranked, key=lambda number: -ranked[number])

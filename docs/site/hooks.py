@@ -46,8 +46,9 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     if (number := pages.index(page.file) + 1) % PAGES_A_LINE == 0 or number == len(pages):
         report(f"page {number} of {len(pages)}")
     if page.ancestors:
-        boost = config.extra["search_boost"].get(page.ancestors[-1].title, 1)
-        page.meta.setdefault("search", {})["boost"] = boost
+        boosts = config.extra["search_boost"]
+        kind = boosts.get(page.ancestors[-1].title, 1)
+        page.meta.setdefault("search", {})["boost"] = boosts.get(page.file.name, kind)
     depth = len(PurePosixPath(page.file.src_uri).parents) - 1
 
     def rewrite(found: re.Match[str]) -> str:
