@@ -30,6 +30,20 @@ BLOCK = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 # them
 SKIPPED = re.compile(r"\./headstock (test|exec|validate)\b|docker |apt|git clone")
 SECONDS = 300
+TEXT_FOLDERS = ("docs", "benchmarks", "validation")
+LEFT_OUT = re.compile(r"\A---\n(?s:.*?)\n---\n|^(?:\||    |#|<|\$\$).*$", re.MULTILINE)
+LINK_TARGET = re.compile(r"\]\([^)]*\)")
+CODE = re.compile(r"`[^`]*`")
+# also at entries of lists, in lines (·) too
+SENTENCE_END = re.compile(r"(?<=[.!?:])[)\"*_\]]*\s+|\n\s*\n|\n\s*(?:[-*]|\d+\.) | · ")
+# write compared with, next to, rotation, friction, evaluate, report, uncertainty, constrained
+IDIOMS = re.compile(
+    r"\b(?:second[- ]roads?|(?:path|leg)[-_ ]roads?|the way is followed|worth|judge[sd]?|judging|told|tells?|"
+    r"rub(?:s|bed|bing)?|march(?:es|ed|ing)?|what probes saw|feels?|let go|led|swings?|carried modes|beside|"
+    r"(?<!inertia )relie(?:f|ves?|ved)|g[ia]ves? way|leaves? it open|held(?![- ]out)|called off|no longer refused|"
+    r"better machines?|what stands behind)\b",
+    re.IGNORECASE,
+)
 
 
 def blocks(document: str, language: str) -> list[str]:
@@ -269,6 +283,39 @@ def test_every_picture_of_the_documents_is_drawn_by_a_script_and_shown() -> None
     assert pictures <= drawn, pictures - drawn
     texts = "".join(path.read_text() for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")))
     assert {name for name in pictures if f"images/{name}." not in texts} == set()
+
+
+def test_sentences_of_the_documents_are_short() -> None:
+    lengths = [
+        (len(words), name, " ".join(words[:12]))
+        for name, text in written_texts().items()
+        for words in map(str.split, SENTENCE_END.split(text))
+    ]
+    assert len(lengths) > 1000
+    long = sorted((each for each in lengths if each[0] > 35), reverse=True)
+    assert [each for each in long if each[0] > 40] == []
+    assert len(long) <= 20, long
+
+
+def test_documents_speak_as_engineers_do() -> None:
+    texts = written_texts()
+    assert len(texts) > 40
+    found = {
+        name: sorted({each[0].lower() for each in IDIOMS.finditer(text)})
+        for name, text in texts.items()
+    }
+    assert {name: words for name, words in found.items() if words} == {}
+
+
+def written_texts() -> dict[str, str]:
+    """What documents say in sentences: without code, tables, headings and targets of links."""
+    paths = [ROOT / "environment" / "README.md", *ROOT.glob("*.md")]
+    paths += [path for folder in TEXT_FOLDERS for path in (ROOT / folder).glob("*.md")]
+    return {
+        str(path.relative_to(ROOT)): CODE.sub("X", LINK_TARGET.sub("", LEFT_OUT.sub("\n\n", text)))
+        for path in paths
+        for text in [BLOCK.sub("\n\n", path.read_text())]
+    }
 
 
 def read_scripts(folder: Path) -> str:

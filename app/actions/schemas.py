@@ -72,7 +72,7 @@ where the key measures something. Any unit of the right kind is accepted: a leng
 - Hertz and `rad/s` are different: `"50 Hz"` is a frequency, `"3000 rpm"` and `"10 rad/s"` are angular speeds, `"60 1/s"` is a rate.
 - In [expressions](short_scenes.md#parameters) units are calculated with: `"= 2 * wall + 3 mm"`.
 
-Results have SI units in files (`results.h5`, CSV of `numbers`), and units such as µm/kN on screen, always written beside the number.
+Results have SI units in files (`results.h5`, CSV of `numbers`), and units such as µm/kN on screen, always with the number.
 """
 
 

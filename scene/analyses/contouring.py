@@ -171,7 +171,7 @@ class _ContouringTable(types.RequestTable):
     point: types.Text | None = None
     """where the tool is, against the work; default: the scene's first point"""
     modes_to: types.PositiveFrequency | None = None
-    """modes of a machine of components kept in time; those above follow at once; default: twice the frequency at which teeth pass"""
+    """modes of a machine of components kept in time; those above follow quasi-statically; default: twice the frequency at which teeth pass"""
     pose_model: Literal["pose_dependent", "frozen"] = "pose_dependent"
     """`pose_dependent`: matrices of a machine of components change along the way; `frozen`: those of the middle of face 1"""
     tool_modes: Annotated[list[ToolModeTable], Field(max_length=12)] = []

@@ -126,7 +126,7 @@ class _TimedLoadTable(types.StrictTable):
     at: types.ChannelName | None = None
     """point or interface and direction: `["tcp", "x"]`"""
     size: types.TimedLoadSize | None = None
-    """force, moment, or impulse; values of a `file` are multiplied by it; default: `1 N` of a `file`, else required beside `at`"""
+    """force, moment, or impulse; values of a `file` are multiplied by it; default: `1 N` of a `file`, else required with `at`"""
     load: types.Text | None = None
     """a load of `[loads]`, or `gravity`, in place of `at`"""
     factor: types.Number | None = None
@@ -181,7 +181,7 @@ class _TransientTable(types.RequestTable):
     duration: types.PositiveTime
     """how long the motion is computed, from the time zero"""
     up_to: types.PositiveFrequency = 1000.0
-    """modes up to this frequency vibrate; those above follow the loads at once"""
+    """modes up to this frequency vibrate; those above follow the loads quasi-statically"""
     sampling: types.PositiveFrequency | None = None
     """samples per second, more than twice `up_to`; default: 20 times `up_to`"""
     settled: types.NotNegativeShare = 0.02
@@ -189,7 +189,7 @@ class _TransientTable(types.RequestTable):
     outputs: Channels | None = None
     """where the motion is computed: `[["tcp", "z"], "fillet"]`, with a probe; default: all points in x, y, z and all probes"""
     motors: Motors = "locked"
-    """as in `[analyses.frf]`; with the effect `friction` guides rub"""
+    """as in `[analyses.frf]`; with the effect `friction` guides have friction"""
     poses: types.Names | None = None
     """poses in which it is computed; default: all of them"""
 

@@ -358,7 +358,7 @@ class MeshTable(types.StrictTable):
     `"0 mm"` keeps them all; default: half of `size`"""
     sizes: types.Text | None = None
     """element sizes from place to place, in place of `size`, `growth` and `rim_size`: a view of gmsh (`.pos`) of scalar tetrahedra in m,
-    such as a search for an accuracy writes beside its results"""
+    such as a search for an accuracy writes into its folder of results"""
     allow_locking: types.Flag = False
     """accept elements of order 1 where they lock (stretched elements, thin parts), in order to study locking"""
 

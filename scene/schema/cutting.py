@@ -56,9 +56,9 @@ class CuttingTable(types.StrictTable):
     Kte: types.NotNegativeEdgeForce | None = None
     """tangential force per width of an edge that cuts"""
     Kre: types.EdgeForce | None = None
-    """radial one; default: `radial_ratio` times `Kte`, none beside `Krc`"""
+    """radial one; default: `radial_ratio` times `Kte`, none together with `Krc`"""
     Kae: types.EdgeForce | None = None
-    """axial one; default: `axial_ratio` times `Kte`, none beside `Kac`"""
+    """axial one; default: `axial_ratio` times `Kte`, none together with `Kac`"""
     kc11: types.PositiveSpecificForce | None = None
     """Kienzle's kc1.1, in place of `Ktc`: tangential force at a chip of 1 mm by 1 mm"""
     mc: Annotated[types.Number, types.without_fault(_find_exponent_fault)] | None = None
@@ -72,7 +72,7 @@ class CuttingTable(types.StrictTable):
     ranges: dict[CoefficientKey, types.NotNegativeShare] = {}
     """half width of what is known within a range only: `{ Ktc = "10 %", radial_ratio = "50 %" }`; goes into ±"""
     source: types.Text | None = None
-    """where the numbers are from; told in reports"""
+    """where the numbers are from; named in reports"""
 
     @property
     def values(self) -> dict[str, float]:

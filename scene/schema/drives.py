@@ -85,7 +85,7 @@ class DriveTable(types.StrictTable):
     dead_time: types.PositiveTime | None = None
     """dead time of the loop, in place of `sampling`; default: none"""
     current_loop: types.PositiveTime | None = None
-    """time constant of the current control; default: none, the torque follows at once"""
+    """time constant of the current control; default: none, the torque follows without delay"""
     friction: FrictionTable | None = None
     """friction of the axis; used with the effect `friction`"""
     torque_ripple: Annotated[list[_RippleTable], Field(min_length=1, max_length=20)] | None = None

@@ -17,7 +17,7 @@ class ScrewTable(types.StrictTable):
     origin: Annotated[types.Text | None, Field(alias="from")] = None
     """a ball screw of the [catalogue](catalogue.md), such as `"catalogue:ball_screw_40x10"`, for diameter and lead"""
     diameter: types.PositiveLength
-    """diameter of the load-carrying cross-section: root diameter, or the effective one of the manufacturer; not needed beside `from`, which
+    """diameter of the load-carrying cross-section: root diameter, or the effective one of the manufacturer; not needed with `from`, which
     brings it"""
     bore: types.NotNegativeLength = 0.0
     """diameter of a hollow screw's bore, smaller than `diameter`"""
@@ -105,7 +105,7 @@ class JointTable(types.StrictTable):
         "spherical",
         "prismatic",
     ]
-    """kind of joint, see the table of kinds below; not needed beside `from`, which brings it"""
+    """kind of joint, see the table of kinds below; not needed with `from`, which brings it"""
     axis: types.Direction | None = None
     """x axis of the joint, its direction of motion; z axis of `bolted` and `mount`; default: x, or z of these two, where the kind does not
     need it"""

@@ -50,7 +50,7 @@ class FamilyTable(types.StrictTable):
     label: types.Text | None = None
     """name in tables and figures; default: its name in the scene"""
     set: dict[str, Any] = {}
-    """keys that are set to another value in every point of this family, beside those of the study"""
+    """keys that are set to another value in every point of this family, in addition to those of the study"""
     vary: Varied
     """keys of the scene and their values, as in the study"""
     pairwise: types.Flag = False

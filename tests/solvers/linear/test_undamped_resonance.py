@@ -1,4 +1,4 @@
-"""an undamped response exactly on a resonance has no value and says so; beside it every digit
+"""an undamped response exactly on a resonance has no value and says so; next to it every digit
 counts.
 """
 
