@@ -51,7 +51,7 @@ def read_markdown(project: Path) -> list[Section]:
     for line in SETTINGS.partition("\nnav:\n")[2].splitlines():
         if top := re.match(r"  - ([\w-]+):", line):
             kind = top[1]
-        if named := re.search(r"- (?:\w+: )?(\S+)\.md$", line):
+        if named := re.search(r"- (?:.+: )?(\S+)\.md$", line):
             page = project / "docs" / f"{named[1]}.md"
             text = page.read_text() if page.exists() else _read_notebook(page.with_suffix(".ipynb"))
             sections += _split_page(

@@ -125,8 +125,8 @@ class _ContouringTable(types.RequestTable):
     side: types.PositiveLength | None = None
     """side of the finished block, gone around clockwise seen from above if it lies on the right of the travel"""
     at: types.Position | None = None
-    """centre of the block and height of the tool point: in the machine frame of a mechanism; of axes, how far the tool stands from its
-    work, counted from its position with all axes at zero, as a program has it; required with `side`"""
+    """centre of the block and height of the tool point, in the machine frame of a mechanism; of axes the position of the tool relative to
+    its work, counted from where it is with all axes at zero; required with `side`"""
     polyline: (
         Annotated[list[types.Position], Field(min_length=2, max_length=MOST_CORNERS)] | None
     ) = None

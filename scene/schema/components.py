@@ -235,9 +235,9 @@ class _FlexibleTable(types.StrictTable):
     makes those of both sides one; `"auto"`: as many as the [accuracy](accuracy.md) needs, 24 without one; what they leave out is then a
     part of every ±"""
     form: Literal["strong", "weak"] = "strong"
-    """`strong`: the area moves in its shapes alone, frequencies come from above, better where one part ends on the face of another; `weak`:
-    only its moments do, they come from below, better where the joint covers the section of both parts; an accuracy chooses it with `"auto"`
-    where none is written"""
+    """`strong` for a part that ends on the face of another: the area moves in its shapes alone, frequencies converge from above; `weak` for
+    a joint that covers the section of both parts: only the moments of the shapes are joined, frequencies converge from below; with `"auto"`
+    an accuracy chooses it"""
 
 
 class InterfaceTable(types.StrictTable):

@@ -280,13 +280,9 @@ class SceneTable(types.StrictTable):
     drives: dict[types.Name, DriveTable] = {}
     """motors, screws and controllers of axes, see [drives and control](drives.md); used with the effect `drive_control`"""
     effects: Effects = {}
-    """`gravity = true` (or an acceleration); `damping = true` (of joints, components and materials), or `damping = { modal = 0.02 }` (adds
-    this damping ratio to every mode; a list is for the first modes, its last value for all others), or `damping = { rayleigh = { alpha = "2
-    1/s", beta = "1e-5 s" } }` (adds `alpha M + beta K` of the whole machine), or both; for `[analyses.contouring]` `cutting_force = true`
-    (also along `[analyses.path]`), `regeneration = true` (each tooth cuts the surface left by the previous ones), `coriolis = true` (on
-    mechanisms, also along `[analyses.path]`); `gravity_stiffening = true` (geometric stiffness of the forces that hold the machine's
-    weight); `drive_control = true` puts the motors of `[drives]` under control, `screw_inertia = true` and `friction = true` add to it;
-    default: all off"""
+    """effects by name, each `true` or `false`, or a list of names, see [effects](effects.md); `gravity` may be an acceleration; `damping`
+    may be a table: `{ modal = 0.02 }` adds this damping ratio to every mode (a list is for the first modes, its last value for all others),
+    `{ rayleigh = { alpha = "2 1/s", beta = "1e-5 s" } }` adds `alpha M + beta K` of the whole machine; default: all off"""
     analyses: AnalysesTable = AnalysesTable()
     """what is computed"""
     orientation: OrientationTable = OrientationTable()
