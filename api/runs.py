@@ -27,9 +27,8 @@ from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.plan import Plan, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.planning.reductions import add_compiling
-from headstock.pipeline.preview.doubts import doubt_machine, free_motion_warnings
+from headstock.pipeline.preview.doubts import check_scene
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
     REPORT_FILE,
@@ -41,7 +40,6 @@ from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.outputs import claim_output, remove_outputs, replace_outputs
-from headstock.pipeline.storage.part_files import find_missing_patches
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice, trace_content
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import build_scene, load_scene, prepare_sweep
@@ -122,18 +120,7 @@ def check(machine: Source) -> tuple[str, ...]:
     Raises:
         SceneError: Anything is wrong.
     """
-    scene = _machine(machine, "check").scene
-    problems, remarks = find_missing_patches(scene)
-    coarse, perhaps = find_coarse_rails(scene)
-    if problems := problems + coarse:
-        raise SceneError(problems)
-    lacking = [
-        f"analysis {name}: {problem.place}: {problem.key}: {problem.message}"
-        for name, problems in scene.deferred.items()
-        for problem in problems
-    ]
-    doubts = doubt_machine(scene)
-    return (*scene.warnings, *lacking, *free_motion_warnings(scene), *doubts, *perhaps, *remarks)
+    return tuple(check_scene(_machine(machine, "check").scene))
 
 
 def plan(machine: Source) -> Plan:

@@ -24,12 +24,9 @@ from headstock.app.terminal.progress import show_progress
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.planning.reductions import add_compiling
-from headstock.pipeline.preview.doubts import doubt_machine, free_motion_warnings
-from headstock.pipeline.preview.watched_numbers import find_unknown_numbers
+from headstock.pipeline.preview.doubts import check_scene
 from headstock.pipeline.storage.json_texts import dump_json, dump_summary
-from headstock.pipeline.storage.part_files import find_missing_patches
 from headstock.pipeline.storage.provenance import SceneChoice
 from headstock.scene.analyses.lobes import require_feed_of_run
 from headstock.scene.building.loader import load_scene
@@ -47,10 +44,7 @@ def check_command(options: CheckOptions) -> int:
     """
     try:
         scene = load_chosen(options.chosen)
-        problems, remarks = find_missing_patches(scene)
-        coarse, perhaps = find_coarse_rails(scene)
-        if problems := problems + coarse + find_unknown_numbers(scene):
-            raise SceneError(problems)
+        warnings = check_scene(scene)
     except SceneError as error:
         _write(options, problems=[dataclasses.asdict(problem) for problem in error.problems])
         raise
@@ -60,19 +54,6 @@ def check_command(options: CheckOptions) -> int:
     parts += [counted(len(machine.axes), "axis", "axes"), counted(len(machine.points), "point")]
     console.print(f"{options.scene}: ok: {scene.name}: {', '.join(parts)}", markup=False)
     print_assumptions(scene.assumptions)
-    lacking = [
-        f"with --analysis {name}: {problem.place}: {problem.key}: {problem.message}"
-        for name, problems in scene.deferred.items()
-        for problem in problems
-    ]
-    warnings = [
-        *scene.warnings,
-        *lacking,
-        *free_motion_warnings(scene),
-        *doubt_machine(scene),
-        *perhaps,
-        *remarks,
-    ]
     print_remarks(warnings)
     _write(options, warnings=warnings, assumptions=scene.assumptions)
     return DONE

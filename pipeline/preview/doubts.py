@@ -19,7 +19,9 @@ from headstock.geometry.parts.mass_properties import SolidProperties, closed_for
 from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.length_units import doubt_mesh_size
 from headstock.pipeline.planning.planner import choose_poses
-from headstock.pipeline.storage.part_files import describe_solid
+from headstock.pipeline.planning.rail_meshes import find_coarse_rails
+from headstock.pipeline.preview.watched_numbers import find_unknown_numbers
+from headstock.pipeline.storage.part_files import describe_solid, find_missing_patches
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.channels import GRAVITY
@@ -32,6 +34,7 @@ from headstock.reduction.motions.body_motions import (
 )
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.scene.analyses.static import StaticRequest
+from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import solve_balanced
@@ -270,6 +273,32 @@ def _hold(support: Support, machine: Machine) -> Joint | None:
         return None
     end = JointEnd(support.component, next(iter(interfaces)))
     return Joint(f"supports.{support.name}", (end, JointEnd()), "rigid", fixed=EVERY_DOF)
+
+
+def check_scene(scene: Scene) -> list[str]:
+    """Return what is allowed but looks wrong: bodies that move freely, odd numbers, what an analysis on
+    request lacks.
+
+    Raises:
+        SceneError: Patches without facets, rails too coarse, watched numbers that no run finds.
+    """
+    problems, remarks = find_missing_patches(scene)
+    coarse, perhaps = find_coarse_rails(scene)
+    if problems := problems + coarse + find_unknown_numbers(scene):
+        raise SceneError(problems)
+    lacking = [
+        f"with --analysis {name}: {problem.place}: {problem.key}: {problem.message}"
+        for name, deferred in scene.deferred.items()
+        for problem in deferred
+    ]
+    return [
+        *scene.warnings,
+        *lacking,
+        *free_motion_warnings(scene),
+        *doubt_machine(scene),
+        *perhaps,
+        *remarks,
+    ]
 
 
 def free_motion_warnings(scene: Scene) -> tuple[str, ...]:
