@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from headstock.app.charts.charts import INK, calm_axes, encode_figure, new_figure
+from headstock.app.charts.charts import INK, calm_axes, encode_figure, label_axes, new_figure
 from headstock.app.pictures.libraries import Axes
 from headstock.pipeline.results.views import COLORS
 from headstock.validation.machines.axis_kit_cases import (
@@ -35,7 +35,7 @@ def draw_axis_kit(rows: Sequence[ValidationRow]) -> dict[str, bytes]:
     panels = figure.subplots(1, len(FIDELITIES), sharey=True)
     for axes, fidelity in zip(panels, FIDELITIES, strict=True):
         _draw_bars(axes, found, fidelity)
-    panels[0].set_ylabel("deviation from the measured compliance [%]", fontsize=9, color=INK)
+    label_axes(panels[0], y="deviation from the measured compliance [%]")
     panels[-1].legend(fontsize=8, frameon=False, loc="upper left")
     return {FIGURE_NAME: encode_figure(figure)}
 

@@ -75,6 +75,17 @@ def line_style(number: int, colors: Sequence[str]) -> _LineStyle:
     }
 
 
+def label_axes(axes: Axes, *, x: str = "", y: str = "", title: str = "") -> None:
+    """Write titles at the axes of a chart and above it, as all charts have them."""
+    look: dict[str, Any] = {"fontsize": 9, "color": INK}
+    if x:
+        axes.set_xlabel(x, **look)
+    if y:
+        axes.set_ylabel(y, **look)
+    if title:
+        axes.set_title(title, loc="left", **look)
+
+
 def calm_axes(axes: Axes, *, grid: Literal["x", "y", "both"] = "x") -> None:
     """Leave only what is read: no frame, a faint grid across an axis."""
     for side in ("top", "right", "left"):

@@ -14,6 +14,7 @@ from headstock.app.charts.charts import (
     add_legend,
     calm_axes,
     encode_figure,
+    label_axes,
     new_figure,
 )
 from headstock.app.charts.results import encode_drawings
@@ -91,8 +92,7 @@ def _draw_mac(summary: ComparisonSummary) -> bytes:
         for axis, count in ((axes.xaxis, table.shape[1]), (axes.yaxis, table.shape[0])):
             step = max(1, count // MOST_TICKS)
             axis.set_ticks(range(0, count, step), [str(i + 1) for i in range(0, count, step)])
-        axes.set_xlabel(f"mode of {name}", fontsize=9, color=INK)
-        axes.set_ylabel(f"mode of {summary['reference']}", fontsize=9, color=INK)
+        label_axes(axes, x=f"mode of {name}", y=f"mode of {summary['reference']}")
         axes.tick_params(labelsize=7, colors=INK, length=0)
         if cell >= CELL_WITH_NUMBER:
             for (row, column), value in np.ndenumerate(table):
@@ -149,7 +149,7 @@ def _draw_levels(summary: ComparisonSummary) -> bytes:
     )
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.set_ylim(0.0, (1.0 + 1.5 * LABEL_INCHES / height) * axes.get_ylim()[1])
-    axes.set_ylabel("natural frequency [Hz]", fontsize=9, color=INK)
+    label_axes(axes, y="natural frequency [Hz]")
     calm_axes(axes, grid="y")
     gap = LABEL_INCHES / (height - 1.0) * axes.get_ylim()[1]
     for x, name in enumerate(names):
@@ -254,7 +254,7 @@ def _draw_compliances(summary: ComparisonSummary, points: list[str]) -> bytes:
                 bars, words, fontsize=6.5, color=INK, padding=2, rotation=90 if crowded else 0
             )
         axes.set_xticks(range(3), [f"d{d}/F{d}" for d in DIRECTIONS])
-        axes.set_title(f"compliance at {point} [µm/kN]", fontsize=9, color=INK, loc="left")
+        label_axes(axes, title=f"compliance at {point} [µm/kN]")
         calm_axes(axes, grid="y")
         axes.margins(y=0.15)
     handles, labels = figure.axes[0].get_legend_handles_labels()

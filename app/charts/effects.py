@@ -5,7 +5,15 @@ saves or takes.
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from headstock.app.charts.charts import FAINT, INK, add_legend, calm_axes, encode_figure, new_figure
+from headstock.app.charts.charts import (
+    FAINT,
+    INK,
+    add_legend,
+    calm_axes,
+    encode_figure,
+    label_axes,
+    new_figure,
+)
 from headstock.app.charts.study import COLORS
 from headstock.app.pictures.libraries import FuncFormatter, Line2D, MaxNLocator, NullLocator, Patch
 from headstock.studies.effects import EffectsSummary
@@ -65,7 +73,7 @@ def draw_worth(summary: EffectsSummary) -> bytes | None:
     worth.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100.0 * value:g} %"))
     worth.xaxis.set_minor_locator(NullLocator())
     worth.set_yticks(list(places), [row.words for row in rows])
-    worth.set_xlabel("worth: largest change of a number", fontsize=9, color=INK)
+    label_axes(worth, x="worth: largest change of a number")
     for limit in (summary["small_change"], summary["large_change"]):
         worth.axvline(limit, color=INK, linewidth=0.8, linestyle="--")
     price.barh(places, [100.0 * row.added for row in rows], color=shades, height=0.66)
@@ -74,7 +82,7 @@ def draw_worth(summary: EffectsSummary) -> bytes | None:
     price.xaxis.set_major_formatter(
         FuncFormatter(lambda value, _: f"{value:+g} %" if value else "0")
     )
-    price.set_xlabel("price: processor time against that as written", fontsize=9, color=INK)
+    label_axes(price, x="price: processor time against that as written")
     shown = [name for name in ACTIONS if colors[name] in shades]
     limits = " and ".join(
         f"{100.0 * limit:g} %" for limit in (summary["small_change"], summary["large_change"])

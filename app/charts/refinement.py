@@ -8,6 +8,7 @@ from headstock.app.charts.charts import (
     INK,
     calm_axes,
     encode_figure,
+    label_axes,
     label_decades,
     new_figure,
 )
@@ -116,13 +117,13 @@ def _draw_figure(panels: Sequence[RefinementSeries], number: int, over: Over) ->
     cells = [axes for place, axes in enumerate(grid.flat) if not (odd and place == 1)]
     for axes, series in zip(cells, panels, strict=True):
         _draw_panel(axes, series, names, over)
-        axes.set_title(KIND_LABELS[series.kinds[0]], fontsize=9, color=INK, loc="left")
+        label_axes(axes, title=KIND_LABELS[series.kinds[0]])
     for axes in cells:
         _shape_axes(axes, largest)
     for axes in grid[:, 0]:
-        axes.set_ylabel("deviation from analytic [%]", fontsize=9, color=INK)
+        label_axes(axes, y="deviation from analytic [%]")
     for axes in grid[-1]:
-        axes.set_xlabel(X_LABELS[over], fontsize=9, color=INK)
+        label_axes(axes, x=X_LABELS[over])
     return encode_figure(figure)
 
 
@@ -222,19 +223,17 @@ def _draw_overview(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> by
                 linewidth=1.3,
                 label=KIND_LABELS[kind],
             )
-        axes.set_title(
-            "static displacements" if group == "static" else "natural frequencies",
-            fontsize=9,
-            color=INK,
-            loc="left",
+        label_axes(
+            axes, title="static displacements" if group == "static" else "natural frequencies"
         )
         axes.set_yscale("log")
         axes.set_xscale("log")
         calm_axes(axes, grid="both")
         label_decades(axes)
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axes.set_xlabel("processor time, empty store [s]", fontsize=9, color=INK)
-        axes.set_ylabel("largest deviation from converged 3D [%]", fontsize=9, color=INK)
+        label_axes(
+            axes, x="processor time, empty store [s]", y="largest deviation from converged 3D [%]"
+        )
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize=8, frameon=False)
     return encode_figure(figure)

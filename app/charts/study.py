@@ -14,6 +14,7 @@ from headstock.app.charts.charts import (
     add_legend,
     calm_axes,
     encode_figure,
+    label_axes,
     label_decades,
     label_shares,
     line_style,
@@ -112,7 +113,7 @@ def draw_study(table: StudyTable) -> bytes | None:
         _draw_panel(axes, table, lines, column, axis)
         named = table.head_of(column)
         title = named if named != column else _describe_column(column, short[column])
-        axes.set_title(title, fontsize=9, color=INK, loc="left")
+        label_axes(axes, title=title)
         if number >= len(columns) - width:
             axes.set_xlabel(axis.label, fontsize=8, color=INK)
     if len(columns) < len(every):
@@ -271,8 +272,8 @@ def draw_costs(points: Sequence[CostPoint], labels: dict[str, str]) -> bytes | N
     panels = figure.subplots(1, len(TITLES), sharey=True)
     for axes, (cost, title) in zip(panels, TITLES.items(), strict=True):
         _draw_cost_panel(axes, shown, cost, labels)
-        axes.set_xlabel(title, fontsize=9, color=INK)
-    panels[0].set_ylabel("largest relative error", fontsize=9, color=INK)
+        label_axes(axes, x=title)
+    label_axes(panels[0], y="largest relative error")
     label_shares(panels[0])
     handles, names = figure.axes[0].get_legend_handles_labels()
     add_legend(figure, handles, names)
@@ -381,9 +382,9 @@ def draw_convergence(found: Convergence, need: MeshNeed) -> bytes | None:
     costs = found.costs
     _draw_errors(panels[0], costs.dofs, lines, need.dofs, need)
     _draw_errors(panels[1], costs.seconds, lines, need.seconds, need)
-    panels[0].set_xlabel("degrees of freedom", fontsize=9, color=INK)
-    panels[1].set_xlabel("wall-clock time from scene to results [s]", fontsize=9, color=INK)
-    panels[0].set_ylabel("distance from the limit", fontsize=9, color=INK)
+    label_axes(panels[0], x="degrees of freedom")
+    label_axes(panels[1], x="wall-clock time from scene to results [s]")
+    label_axes(panels[0], y="distance from the limit")
     label_shares(panels[0])
     handles = [Line2D([], [], **LINE, **line_style(number, COLORS)) for number in range(len(lines))]
     labels = [name for name, _ in lines]

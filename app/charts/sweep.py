@@ -5,7 +5,15 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from headstock.app.charts.charts import DPI, INK, calm_axes, encode_figure, line_style, new_figure
+from headstock.app.charts.charts import (
+    DPI,
+    INK,
+    calm_axes,
+    encode_figure,
+    label_axes,
+    line_style,
+    new_figure,
+)
 from headstock.app.pictures.libraries import Figure
 from headstock.app.tables.sweep_quantities import Quantity, list_swept
 from headstock.geometry.frames import FloatArray
@@ -96,9 +104,7 @@ def _draw_limits(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> bytes
                 linewidth=1.6,
                 label=f"best over all poses: {own['common_best_mm']:.3g} mm at {own['common_best_rpm']:.0f} rpm",
             )
-        frame.set_title(
-            f"Limit depth of cut [mm], travel {name}", fontsize=9, color=INK, loc="left"
-        )
+        label_axes(frame, title=f"Limit depth of cut [mm], travel {name}")
         frame.legend(
             fontsize=7,
             frameon=False,
@@ -107,8 +113,7 @@ def _draw_limits(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> bytes
             bbox_to_anchor=(1.0, 1.0),
             borderaxespad=0.0,
         )
-        frame.set_xlabel("speed of the spindle [rpm]", fontsize=9, color=INK)
-        frame.set_ylabel(label, fontsize=9, color=INK)
+        label_axes(frame, x="speed of the spindle [rpm]", y=label)
         frame.tick_params(labelsize=7)
     return encode_figure(figure)
 
@@ -126,9 +131,12 @@ def _draw_common(summary: SweepSummary) -> bytes:
             **line_style(number, COLORS),
         )
     frame.set_ylim(bottom=0.0)
-    frame.set_title("Depth of cut that is stable in every pose", fontsize=9, color=INK, loc="left")
-    frame.set_xlabel("speed of the spindle [rpm]", fontsize=9, color=INK)
-    frame.set_ylabel("[mm]", fontsize=9, color=INK)
+    label_axes(
+        frame,
+        title="Depth of cut that is stable in every pose",
+        x="speed of the spindle [rpm]",
+        y="[mm]",
+    )
     frame.legend(fontsize=7, frameon=False)
     calm_axes(frame)
     return encode_figure(figure)
@@ -180,12 +188,7 @@ def _draw_maps(summary: SweepSummary, quantities: list[Quantity], axes: list[int
         bar.ax.tick_params(labelsize=7)
         # the numbers themselves, no "+1.108" in a corner
         bar.ax.ticklabel_format(axis="y", useOffset=False)
-        frame.set_title(
-            f"{quantity.title}{f' [{quantity.unit}]' if quantity.unit else ''}",
-            fontsize=9,
-            color=INK,
-            loc="left",
-        )
+        label_axes(frame, title=f"{quantity.title}{f' [{quantity.unit}]' if quantity.unit else ''}")
         frame.set_xlabel(spans[0][1], fontsize=8)
         frame.set_ylabel(spans[1][1], fontsize=8)
         frame.tick_params(labelsize=7)
@@ -210,8 +213,7 @@ def _draw_curves(summary: SweepSummary, quantities: list[Quantity]) -> bytes:
             fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, ncols=columns
         )
         frame.ticklabel_format(axis="y", useOffset=False)
-        frame.set_xlabel(label, fontsize=9, color=INK)
-        frame.set_ylabel(f"[{unit}]" if unit else "", fontsize=9, color=INK)
+        label_axes(frame, x=label, y=f"[{unit}]" if unit else "")
         calm_axes(frame)
     return encode_figure(figure)
 
