@@ -406,7 +406,7 @@ def _with_response(solution: VariantSolution, state: RunState) -> VariantSolutio
     try:
         with measure() as cost:
             model = prepare_response(machine)
-            respond(machine, judged=False, model=model)
+            respond(machine, with_errors=False, model=model)
     except ModelError as error:
         failures = (*solution.failures, f"frequency response: {error}")
         return dataclasses.replace(solution, failures=failures)

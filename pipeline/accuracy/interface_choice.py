@@ -27,7 +27,7 @@ from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.numbers.estimates import show_share
 from headstock.pipeline.planning.interfaces import GluedJoint, find_glued_joints
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.estimates import doubt_compliances, doubt_frequencies
+from headstock.pipeline.stages.estimates import compliance_kind_errors, frequency_kind_errors
 from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.stages.run_state import RunState
 from headstock.scene.scene import Scene
@@ -255,7 +255,7 @@ def _bound_frequencies(state: RunState, answer: PoseModes) -> Iterator[tuple[str
     model = couple_pose(state.parts, answer.pose)
     modes = keep_lowest(model.all_modes, count=answer.below + len(answer.frequencies_hz))
     where = f" in pose {answer.pose.name}" if len(state.plan.poses) > 1 else ""
-    for end, bounds in doubt_frequencies(state.parts, model.coupled, modes).items():
+    for end, bounds in frequency_kind_errors(state.parts, model.coupled, modes).items():
         for mode in range(max(modes.rigid_count, answer.below), len(bounds)):
             hz = float(modes.frequencies_hz[mode])
             yield f"frequency {mode + 1} ({hz:.4g} Hz){where}", end, float(bounds[mode]) / hz
@@ -271,7 +271,7 @@ def _bound_compliances(state: RunState, answer: StaticAnswer) -> Iterator[tuple[
         if not resisted:
             continue
         motions = np.stack([model.push((name, DIRECTIONS[axis])) for axis in resisted], axis=1)
-        for end, bounds in doubt_compliances(state.parts, model.coupled, motions).items():
+        for end, bounds in compliance_kind_errors(state.parts, model.coupled, motions).items():
             for axis, bound in zip(resisted, bounds, strict=True):
                 number = f"{DIRECTIONS[axis]} compliance at {name}{where}"
                 yield number, end, float(bound / values[axis])

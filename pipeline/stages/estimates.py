@@ -56,7 +56,7 @@ def estimate_mode_errors(
         ``m`` estimates [Hz], half widths.
     """
     count = len(modes.frequencies_hz)
-    effects = doubt_frequencies(parts, coupled, modes)
+    effects = frequency_kind_errors(parts, coupled, modes)
     kinds = Estimate({}, _name_kinds(parts, effects, modes.frequencies_hz, unit="Hz", factor=1.0))
     unknown = [combine_estimates([name_what_is_left_out(parts), kinds])] * count
     meshes, faces = frequency_mesh_errors(coupled, modes), frequency_shape_errors(coupled, modes)
@@ -87,11 +87,11 @@ def estimate_compliance_errors(
     )
     faces = estimate_parts(CURVED_FACES, compliance_shape_errors(coupled, displacements), 6)
     features = estimate_parts(LEFT_OUT, compliance_feature_errors(coupled, displacements), 6)
-    doubts = doubt_compliances(parts, coupled, displacements[:, :3])
+    changes = compliance_kind_errors(parts, coupled, displacements[:, :3])
     soft = np.einsum(
         "im,ij,jm->m", displacements[:, :3], coupled.system.stiffness, displacements[:, :3]
     )
-    kinds = Estimate({}, _name_kinds(parts, doubts, soft, unit="µm/kN", factor=UM_PER_KN))
+    kinds = Estimate({}, _name_kinds(parts, changes, soft, unit="µm/kN", factor=UM_PER_KN))
     unknown = combine_estimates([name_what_is_left_out(parts), kinds])
     return {
         direction: combine_estimates([meshes[i], faces[i], features[i], unknown])
@@ -99,7 +99,7 @@ def estimate_compliance_errors(
     }
 
 
-def doubt_frequencies(
+def frequency_kind_errors(
     parts: MachineParts, coupled: CoupledMachine, modes: ModalResult
 ) -> dict[str, FloatArray]:
     """By how much the kind of each interface may change natural frequencies ``(m,)`` [Hz], by
@@ -107,7 +107,7 @@ def doubt_frequencies(
     """
     elastic = np.arange(len(modes.frequencies_hz)) >= modes.rigid_count
     squares = np.where(elastic, (2.0 * np.pi * modes.frequencies_hz) ** 2, 0.0)
-    doubts = interface_kind_energies(coupled, modes.shapes, squares, *_coupled_areas(parts))
+    energies = interface_kind_energies(coupled, modes.shapes, squares, *_coupled_areas(parts))
     return {
         name: np.divide(
             0.5 * modes.frequencies_hz * energy,
@@ -115,11 +115,11 @@ def doubt_frequencies(
             out=np.zeros_like(energy),
             where=squares > 0.0,
         )
-        for name, energy in doubts.items()
+        for name, energy in energies.items()
     }
 
 
-def doubt_compliances(
+def compliance_kind_errors(
     parts: MachineParts, coupled: CoupledMachine, displacements: FloatArray
 ) -> dict[str, FloatArray]:
     """By how much the kind of each interface may change compliances ``(m,)`` [m/N], by

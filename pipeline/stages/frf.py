@@ -31,7 +31,7 @@ from headstock.pipeline.stages.control import drive_machine, list_poles
 from headstock.pipeline.stages.estimates import estimate_parts, name_what_is_left_out
 from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.probes import (
-    judged_channels,
+    estimated_channels,
     material_factors,
     trace_probes,
     warn_of_singular,
@@ -395,12 +395,12 @@ def _frf_request(machine: PoseModel) -> FrfRequest:
 
 
 def respond(
-    machine: PoseModel, *, judged: bool = True, model: FrfModel | None = None
+    machine: PoseModel, *, with_errors: bool = True, model: FrfModel | None = None
 ) -> Solved[PoseResponse]:
     """Frequency response of a machine in a pose with the damping of its scene.
 
     Args:
-        judged: Name the modes of least dynamic stiffness, and estimate errors of a machine of
+        with_errors: Name the modes of least dynamic stiffness, and estimate errors of a machine of
             superelements.
         model: Of ``prepare_response``, where it is already known.
     """
@@ -409,13 +409,15 @@ def respond(
     poles = find_peaks(model, request.to_hz)
     response = evaluate_frf(model, frequency_grid(request, poles))
     bounded = peaks_have_tops(poles, request.to_hz)
-    probes = _place_probes(machine.parts, loaded, request.probes) if judged else {}
-    estimate = _estimate_lines(machine.parts, loaded, model, response, probes) if judged else None
+    probes = _place_probes(machine.parts, loaded, request.probes) if with_errors else {}
+    estimate = (
+        _estimate_lines(machine.parts, loaded, model, response, probes) if with_errors else None
+    )
     shares = {} if estimate is None else estimate.shares
-    modes_hz, names = _name_peaks(machine, model, judged=judged)
+    modes_hz, names = _name_peaks(machine, model, with_errors=with_errors)
     figures = find_stability_figures(model, response) if bounded else ()
     ports = _port_figures(request, model, figures, modes_hz=modes_hz, names=names)
-    peaks, levels = _find_heights(model, request) if judged else ((), ())
+    peaks, levels = _find_heights(model, request) if with_errors else ((), ())
     count, linked = len(response.outputs), True if model.linked is None else model.linked
     answer = PoseResponse(
         curves=ResponseCurves(
@@ -490,7 +492,7 @@ def _estimate_lines(
         dataclasses.replace(system, outputs=system.outputs | watched_rows(probes)),
         loaded.coupled,
         loaded.modes,
-        dataclasses.replace(response, outputs=(*response.outputs, *judged_channels(probes))),
+        dataclasses.replace(response, outputs=(*response.outputs, *estimated_channels(probes))),
         loaded.trains,
     )
 
@@ -570,18 +572,18 @@ def estimate_heights(machine: PoseModel, answer: PoseResponse) -> list[Estimate]
 
 
 def _name_peaks(
-    machine: PoseModel, model: FrfModel, *, judged: bool
+    machine: PoseModel, model: FrfModel, *, with_errors: bool
 ) -> tuple[FloatArray, tuple[str, ...]]:
     """Frequencies of the modes, or of the poles under control, around a response, and their names
     where they are wanted.
     """
     limit = NAMED_MARGIN * _frf_request(machine).to_hz
-    if judged and isinstance(model.form, ClosedResponse):
+    if with_errors and isinstance(model.form, ClosedResponse):
         driven = drive_machine(machine, lambda message: None)
         listed = list_poles(driven, model.form.found, limit)
         return np.array([pole.frequency_hz for pole in listed]), tuple(pole.name for pole in listed)
     near = keep_lowest(machine.all_modes, up_to_hz=limit)
-    if not judged:
+    if not with_errors:
         return near.frequencies_hz, ()
     # what moves freely has no resonance: which of its motions comes first means nothing
     free = ("",) * near.rigid_count

@@ -147,7 +147,7 @@ def watched_rows(probes: Mapping[str, PlacedProbe]) -> dict[Channel, FloatArray]
     }
 
 
-def judged_channels(probes: Iterable[str]) -> tuple[Channel, ...]:
+def estimated_channels(probes: Iterable[str]) -> tuple[Channel, ...]:
     """Channels whose errors are sought: what is seen, and what the modes left out add."""
     return tuple(
         (name, f"{kind} {number}")
@@ -174,7 +174,7 @@ def trace_probes(
 
     Args:
         response: At ``watched_rows``.
-        shares: Source of error to the sizes ``(n, 18 p, k)`` by which ``judged_channels`` may be
+        shares: Source of error to the sizes ``(n, 18 p, k)`` by which ``estimated_channels`` may be
             off; empty where none was sought.
     """
     return tuple(

@@ -63,7 +63,7 @@ NO_CHANGES = DeviationChanges({}, {}, {})
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
+class _EvaluatedPose:
     """Deviation of a point in a pose, and what is known of its errors.
 
     Attributes:
@@ -89,7 +89,7 @@ def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
     ).reshape(-1, len(shape))
     deviate = _place_deviations(state, request)
     names = [name for name, _ in request.axes]
-    solved: dict[int, dict[str, _Judged]] = {}
+    solved: dict[int, dict[str, _EvaluatedPose]] = {}
     faults: list[str] = []
     for number, row in enumerate(grid):
         pose = Pose("", {**request.fixed, **dict(zip(names, map(float, row), strict=True))})
@@ -109,7 +109,11 @@ def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
             request,
             state.scene.machine,
             name,
-            _Grid(shape, np.array(list(solved)), tuple(judged[name] for judged in solved.values())),
+            _Grid(
+                shape,
+                np.array(list(solved)),
+                tuple(evaluated[name] for evaluated in solved.values()),
+            ),
         )
         for name in request.at
     )
@@ -123,31 +127,34 @@ def run_volumetric_stage(state: RunState, stage: Stage) -> Outcome:
 
 def _place_deviations(
     state: RunState, request: VolumetricRequest
-) -> Callable[[Pose], dict[str, _Judged]]:
+) -> Callable[[Pose], dict[str, _EvaluatedPose]]:
     """What finds the errors at every point in a pose."""
     machine, parts = state.scene.machine, state.parts
     superelements = parts.superelements
     if state.scene.is_lumped:
         model = build_lumped_model(parts, superelements)
 
-        def place(pose: Pose) -> dict[str, _Judged]:
+        def place(pose: Pose) -> dict[str, _EvaluatedPose]:
             placed = place_pose(parts, pose, model, superelements)
             return {
-                name: _Judged(placed.deviate(name), left_out=LUMPED.left_out) for name in request.at
+                name: _EvaluatedPose(placed.deviate(name), left_out=LUMPED.left_out)
+                for name in request.at
             }
 
         return place
     memo = CouplingMemo(set(request.at))
 
-    def join(pose: Pose) -> dict[str, _Judged]:
+    def join(pose: Pose) -> dict[str, _EvaluatedPose]:
         gravity = state.plan.gravity
         coupled = couple(superelements, machine, pose, gravity=gravity, memo=memo)
-        left_out, judged = name_what_is_left_out(parts).left_out, {}
+        left_out, evaluated = name_what_is_left_out(parts).left_out, {}
         for name in request.at:
             own = solve_deviation(coupled, machine, name)
             changes = estimate_deviation(coupled, machine, gravity, own)
-            judged[name] = _Judged(ToolDeviation(own.sources, own.parts), changes, left_out)
-        return judged
+            evaluated[name] = _EvaluatedPose(
+                ToolDeviation(own.sources, own.parts), changes, left_out
+            )
+        return evaluated
 
     return join
 
@@ -163,12 +170,12 @@ class _Grid:
 
     Attributes:
         poses: ``(n,)`` numbers of its poses in which the machine could be solved for.
-        judged: ``n`` deviations there.
+        evaluated: ``n`` deviations there.
     """
 
     shape: tuple[int, ...]
     poses: NDArray[np.intp]
-    judged: tuple[_Judged, ...]
+    evaluated: tuple[_EvaluatedPose, ...]
 
     def spread(self, values: Sequence[FloatArray]) -> FloatArray:
         """Return values ``(6,)`` of these poses as a grid ``(..., 6)``; NaN in the others."""
@@ -178,7 +185,7 @@ class _Grid:
 
     def spread_changes(self, source: str) -> dict[str, dict[str, FloatArray]]:
         """Return source of error to component to the change of a source of deviation over the grid."""
-        changes = [each.changes.get(source, NO_CHANGES) for each in self.judged]
+        changes = [each.changes.get(source, NO_CHANGES) for each in self.evaluated]
         kinds = {
             DISCRETISATION: [change.meshes for change in changes],
             CURVED_FACES: [change.faces for change in changes],
@@ -200,9 +207,9 @@ class _Grid:
         """
         return {
             f"{'errors of' if source == GEOMETRY else f'{source} on'} {part}": np.array(
-                [each.deviation.parts[source][part][dof] for each in self.judged]
+                [each.deviation.parts[source][part][dof] for each in self.evaluated]
             )
-            for source, parts in self.judged[0].deviation.parts.items()
+            for source, parts in self.evaluated[0].deviation.parts.items()
             for part in parts
         }
 
@@ -244,9 +251,9 @@ class _Lines:
 def _assemble(
     request: VolumetricRequest, machine: Machine, point: str, grid: _Grid
 ) -> VolumetricAnswer:
-    first = grid.judged[0]
+    first = grid.evaluated[0]
     sources = {
-        source: grid.spread([each.deviation.sources[source] for each in grid.judged])
+        source: grid.spread([each.deviation.sources[source] for each in grid.evaluated])
         for source in first.deviation.sources
     }
     total = np.asarray(np.sum(list(sources.values()), axis=0))
@@ -290,7 +297,7 @@ def _assemble(
         squareness=tuple(squareness),
         grid_errors=_size(every, total),
         errors=errors,
-        failed=math.prod(grid.shape) - len(grid.judged),
+        failed=math.prod(grid.shape) - len(grid.evaluated),
     )
 
 

@@ -181,7 +181,7 @@ def _add_figures(model: PoseModel, found: PoseResult) -> PoseResult:
     """Add what the frequency response in a pose says about cutting, ``(ports, f)`` as ``FIGURES``
     names it, NaN where it says nothing.
     """
-    channels = respond(model, judged=False).answer.figures
+    channels = respond(model, with_errors=False).answer.figures
     rows = [[getattr(channel, name) for name in FIGURES] for channel in channels]
     return replace(found, figures=np.array(rows, dtype=float))
 
