@@ -9,7 +9,7 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.static import UM_PER_KN
-from headstock.pipeline.numbers.estimates import Estimate, FrequencyErrors, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, scale_shares
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.json_texts import check_finite, null_open
 from headstock.pipeline.storage.provenance import ProvenanceSummary
@@ -122,7 +122,7 @@ class OtherSummary(TypedDict):
     unit: str
 
 
-class VariantSummary(FrequencyErrors):
+class VariantSummary(TypedDict):
     """A column of a comparison; lists have an item per mode that was asked for. ``mac`` is that of
     the reference's wanted modes (rows) with all modes of the variant; empty of the reference.
     ``others`` are numbers of other analyses, by kind and name.
@@ -135,7 +135,10 @@ class VariantSummary(FrequencyErrors):
     reduced_dofs: int
     coupled_dofs: int
     frequencies_hz: list[float]
+    rigid_count: int
     error_hz: list[float | None]
+    error_share: list[dict[str, float | None]]
+    error_left_out: list[str]
     mode_names: list[str]
     strain_share: list[dict[str, float]]
     mac: list[list[float]]

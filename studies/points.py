@@ -193,7 +193,9 @@ def compute_changes[Name, Result](
         list(planned), try_run, comm=comm, folder=folder, plan=planned.__getitem__, store=store
     )
     tried = dict(zip(planned, done, strict=False))  # on other ranks there are none
-    return {name: run if isinstance(run, str) else tried[name] for name, run in runs.items() if done}
+    return {
+        name: run if isinstance(run, str) else tried[name] for name, run in runs.items() if done
+    }
 
 
 def repeat_quick[T](

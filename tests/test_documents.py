@@ -11,7 +11,8 @@ import pytest
 from common import run_process
 from headstock.app.actions.cataloguing import _render_catalogue, _render_cutting
 from headstock.app.actions.schemas import _render_reference, _render_units, plain_schema, rules_in
-from headstock.pipeline.results.files import read_mesh, read_summary
+from headstock.pipeline.numbers.folders import read_summary
+from headstock.pipeline.results.files import read_mesh
 from headstock.scene.expansion.catalogue import read_catalogue, read_cutting_materials
 from headstock.scene.reading.units import measure_unit
 from headstock.scene.schema.types import MEANING

@@ -22,8 +22,8 @@ from headstock.app.terminal.guard import DONE
 from headstock.app.terminal.progress import show_progress
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.numbers.estimates import show_share
+from headstock.pipeline.numbers.folders import read_summary
 from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.results.files import read_summary
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice
@@ -178,7 +178,11 @@ def _check_results(folder: Path, origin: Provenance | None) -> None:
         click.UsageError: They are of another scene.
     """
     known = read_summary(folder).get("provenance")
-    if origin is None or known is None or not is_same_scene(origin.summarise(), known):
+    if (
+        origin is None
+        or not isinstance(known, dict)
+        or not is_same_scene(origin.summarise(), known)
+    ):
         raise click.UsageError(
             f"--report: {folder} holds results of another scene, variant or --set; run this one with -o {folder}"
         )

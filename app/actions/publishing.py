@@ -4,7 +4,7 @@ figures and mode shapes.
 
 import importlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -23,24 +23,22 @@ from headstock.app.tables.table import encode_csv
 from headstock.app.terminal.console import print_remarks
 from headstock.app.terminal.guard import DONE
 from headstock.app.views.registry import list_tables
-from headstock.app.views.view import FinishedRun
 from headstock.meshing.process.strangers import SUMMARY, require_size
-from headstock.pipeline.numbers.folders import SUMMARY_FILE
+from headstock.pipeline.numbers.folders import RESULTS_FILE, read_summary
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
     REPORT_FILE,
     TABLES_FOLDER,
     open_results,
-    read_summary,
 )
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, write_mode_files
-from headstock.pipeline.results.summary import RunSummary
+from headstock.pipeline.results.results import Results
 from headstock.pipeline.storage.outputs import (
     UnusableOutputError,
     claim_output,
     replace_outputs,
 )
-from headstock.pipeline.storage.provenance import ProvenanceSummary
+from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.pipeline.storage.typed_json import find_fault
 
@@ -51,7 +49,7 @@ PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER, VOLUME_FOLDER)
 
 
 def publish_run(
-    folder: Path, run: FinishedRun, *, figures: bool = True, more: Sequence[Drawing] = ()
+    folder: Path, run: Results, *, figures: bool = True, more: Sequence[Drawing] = ()
 ) -> list[str]:
     """Write report, tables and modes, and pictures of the machine while that goes on; remarks for
     the user.
@@ -63,12 +61,12 @@ def publish_run(
     Raises:
         OutputError: A file cannot be written.
     """
-    store, view = Store(default_store_root()), run.machine
+    store, view = Store(default_store_root()), run.view
     with ThreadPoolExecutor(1) as pool:
         drawing = pool.submit(draw_machine, view, store) if figures else None
         remarks = [
             *_write_tables(folder, run),
-            *write_mode_files(folder, run.summary["modal"], view),
+            *write_mode_files(folder, run.modal, view),
         ]
         drawn = drawing.result() if drawing is not None else Drawing({})
     images = {name: image for part in (*more, drawn) for name, image in part.images.items()}
@@ -76,7 +74,7 @@ def publish_run(
         folder, FIGURES_FOLDER, {f"{name}.png": image for name, image in images.items()}
     )
     stills = Stills(stills_by_pose(view, drawn.images), drawn.remark)
-    write_report(folder, run, stills, _read_worth(folder, run.summary))
+    write_report(folder, run, stills, _read_worth(folder, run.provenance))
     return list(dict.fromkeys([*remarks, *(part.remark for part in (drawn, *more) if part.remark)]))
 
 
@@ -94,25 +92,25 @@ def renew_report(folder: Path) -> Path:
         UnusableOutputError: There is no summary, or not one that this version writes.
         OutputError: A file cannot be written.
     """
-    summary = read_summary(folder)
+    read_summary(folder)  # what is no folder of results is not claimed
     with claim_output(folder, (REPORT_FILE,), PARTS):
-        results = open_results(folder)
-        run = FinishedRun(summary, results.answers, results.view)
-        print_remarks(_publish_again(folder, run))
+        print_remarks(_publish_again(folder, open_results(folder)))
     return folder / REPORT_FILE
 
 
-def _read_worth(folder: Path, summary: RunSummary) -> Worth | None:
+def _read_worth(folder: Path, origin: Provenance | None) -> Worth | None:
     """What effects and models of the scene are worth, where ``effects.json`` of the same scene lies
     beside its results.
     """
     path = folder / EFFECTS_FILE
+    if origin is None:
+        return None
     try:
         require_size(path, SUMMARY, UnusableOutputError)
         content = json.loads(path.read_text(encoding="utf-8"))
         kind = importlib.import_module(EFFECTS_MODULE).EffectsSummary  # loads what studies need
         if find_fault(content, kind) or not is_same_scene(
-            content["provenance"], summary["provenance"]
+            content["provenance"], origin.summarise()
         ):
             return None
     except (OSError, UnusableOutputError, ValueError, LookupError, TypeError, RecursionError):
@@ -121,29 +119,26 @@ def _read_worth(folder: Path, summary: RunSummary) -> Worth | None:
     return Worth(content, charts.draw_worth(content))
 
 
-def is_same_scene(first: ProvenanceSummary, second: ProvenanceSummary) -> bool:
+def is_same_scene(first: Mapping[str, object], second: Mapping[str, object]) -> bool:
     """Compare the text, variant and overrides that two results come from."""
-    own, other = (
-        (each["scene_sha256"], each["variant"], each["overrides"]) for each in (first, second)
-    )
-    return own == other
+    keys = ("scene_sha256", "variant", "overrides")
+    return all(key in first and first[key] == second.get(key) for key in keys)
 
 
-def _publish_again(folder: Path, run: FinishedRun) -> list[str]:
+def _publish_again(folder: Path, run: Results) -> list[str]:
     """Report, tables, modes and pictures anew from the files of a run, with all modes and every
     chart; remarks for the user.
 
     Raises:
-        UnusableOutputError: The summary is not one that this version writes.
+        UnusableOutputError: The results are not those that this version writes.
         OutputError: A file cannot be written.
     """
     try:
         # before anything is overwritten: the numbers may contradict each other
-        plain = FinishedRun(run.summary, machine=run.machine)
-        list_tables(plain)
-        render_report(plain)
+        list_tables(run, long=False)
+        render_report(run)
         with ThreadPoolExecutor(1) as pool:
-            modes = pool.submit(draw_modes, run.summary, run.machine)
+            modes = pool.submit(draw_modes, run)
             more = (draw_charts(folder), modes.result())
         return publish_run(folder, run, more=more)
     except (
@@ -155,11 +150,11 @@ def _publish_again(folder: Path, run: FinishedRun) -> list[str]:
         jinja2.TemplateError,
     ) as error:
         raise UnusableOutputError(
-            f"{folder / SUMMARY_FILE} holds something else than this version writes ({type(error).__name__}: {error}); run the scene again"
+            f"{folder / RESULTS_FILE} holds something else than this version writes ({type(error).__name__}: {error}); run the scene again"
         ) from error
 
 
-def _write_tables(folder: Path, run: FinishedRun) -> list[str]:
+def _write_tables(folder: Path, run: Results) -> list[str]:
     """Write every table as ``tables/NAME.csv``, and remove those of an earlier run; remarks for the
     user.
 

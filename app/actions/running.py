@@ -17,7 +17,6 @@ from headstock.app.terminal.console import counted, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.progress import show_progress
 from headstock.app.terminal.summary import print_header, print_stage, print_summary
-from headstock.app.views.view import FinishedRun
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.budgets import BASE_MB
@@ -70,14 +69,12 @@ def run_command(options: RunOptions, comm: MPI.Comm) -> int:
             print_remarks(said)
         results = _run_with_progress(scene, output, comm, volume=options.volume, origin=origin)
         if comm.rank == 0:
-            summary = summarise(results)
-            run = FinishedRun(summary, results.answers, results.view)
             with show_progress() as progress:
                 progress.begin("report", 0.0 if options.no_figures else DRAWING_SECONDS)
-                remarks = publish_run(output, run, figures=not options.no_figures)
-            options.write_json(dump_summary(summary))
+                remarks = publish_run(output, results, figures=not options.no_figures)
+            options.write_json(dump_summary(summarise(results)))
             print_remarks(remarks)
-            print_summary(summary, seconds=time.perf_counter() - start, folder=output, said=said)
+            print_summary(results, seconds=time.perf_counter() - start, folder=output, said=said)
     return int(share_from_root(comm, FAILED if results.failures else DONE))
 
 

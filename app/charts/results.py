@@ -13,13 +13,13 @@ from headstock.app.charts.charts import DPI, INK, encode_figure
 from headstock.app.drawings.figures import draw_budget, draw_frequencies
 from headstock.app.drawings.frf import draw_overlay, draw_response
 from headstock.app.pictures.libraries import Axes, Figure
-from headstock.app.tables.static import longest_share, static_by_pose
+from headstock.app.tables.static import longest_share
 from headstock.app.texts.curves import overlaid_responses
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves
-from headstock.pipeline.results.files import open_results, read_summary
+from headstock.pipeline.results.files import open_results
 from headstock.pipeline.results.mode_files import file_stem
-from headstock.pipeline.results.summary import RunSummary
+from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.views import component_colors
 
 UNITS, POINTS = 96.0, 72.0  # of a drawing, and of widths here, per inch
@@ -32,23 +32,24 @@ NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 def draw_folder(folder: Path) -> dict[str, bytes]:
     """Every chart of a folder of results: name to a PNG file."""
     results = open_results(folder)
-    charts = _draw_summary(read_summary(folder), component_colors(results.view))
-    return charts | _draw_responses([response.curves for response in results.frf.values()])
+    responses = [response.curves for response in results.frf.values()]
+    return _draw_budgets(results, component_colors(results.view)) | _draw_responses(responses)
 
 
-def _draw_summary(summary: RunSummary, colors: Mapping[str, str]) -> dict[str, bytes]:
+def _draw_budgets(results: Results, colors: Mapping[str, str]) -> dict[str, bytes]:
+    """Budgets of points and natural frequencies: name to a PNG file."""
     found = {}
-    for pose, points in static_by_pose(summary).items():
+    for pose, points in results.static.items():
         for name, point in points.items():
-            budget = point["budget"]
+            budget = point.budget
             drawn = [
                 draw_budget(shares, colors, "budget", longest_share(budget))
                 for shares in budget.values()
             ]
             titles = [f"{direction}: share of the compliance" for direction in budget]
             found[f"budget_{file_stem(pose)}_{file_stem(name)}"] = encode_drawings(drawn, titles)
-    if any(modes["frequencies_hz"] for modes in summary["modal"]):
-        drawn = [draw_frequencies(summary["modal"], "frequencies")]
+    if any(len(modes.frequencies_hz) for modes in results.modal):
+        drawn = [draw_frequencies(results.modal, "frequencies")]
         found["frequencies"] = encode_drawings(drawn, ["natural frequencies [Hz]"])
     return found
 
@@ -56,7 +57,7 @@ def _draw_summary(summary: RunSummary, colors: Mapping[str, str]) -> dict[str, b
 def _draw_responses(responses: Sequence[ResponseCurves]) -> dict[str, bytes]:
     """A grid of Bode plots per pose, and one of all poses: name to a PNG file."""
     drawn = {f"frf_{file_stem(curves.pose)}": draw_response(curves, "frf") for curves in responses}
-    together = overlaid_responses({curves.pose: curves for curves in responses})
+    together = overlaid_responses(responses)
     if together:
         drawn["frf_all_poses"] = draw_overlay(together, "frf")
     return {name: encode_drawings([drawing]) for name, drawing in drawn.items()}

@@ -14,11 +14,10 @@ from PIL import Image
 
 from headstock.app.drawings import svg
 from headstock.app.tables.static import sort_shares
-from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import show_position
-from headstock.pipeline.answers.control import ControlSummary
-from headstock.pipeline.answers.map import GridSummary
-from headstock.pipeline.answers.modal import ModesSummary
+from headstock.pipeline.answers.control import ControlAnswer
+from headstock.pipeline.answers.map import PoseGrid
+from headstock.pipeline.answers.modal import PoseModes
 
 SHOWN_SHARE = 0.005
 SMALLEST_PERCENT = 0.0005  # what is shown as 0.0 %, without a sign
@@ -80,14 +79,10 @@ def draw_budget(
     return svg.picture(parts, identity=identity, kind="budget", width=BAR_WIDTH, height=height)
 
 
-def draw_frequencies(modal: Sequence[ModesSummary], identity: str) -> Markup:
+def draw_frequencies(modal: Sequence[PoseModes], identity: str) -> Markup:
     """A stick per elastic natural frequency, one row per pose, from zero to the highest."""
-    highest = (
-        max(
-            (modes["frequencies_hz"][-1] for modes in modal if modes["frequencies_hz"]), default=1.0
-        )
-        or 1.0
-    )
+    last = (float(modes.frequencies_hz[-1]) for modes in modal if len(modes.frequencies_hz))
+    highest = max(last, default=1.0) or 1.0
     scale = (STICK_WIDTH - STICK_LEFT - 40) / highest
     parts = []
     for row, modes in enumerate(modal):
@@ -95,7 +90,7 @@ def draw_frequencies(modal: Sequence[ModesSummary], identity: str) -> Markup:
         base = y + STICK_HEIGHT - 16
         parts.append(
             Markup('<text x="0" y="{}" font-size="13" fill="currentColor">{}</text>').format(
-                base - 4, _shorten(modes["pose_name"], 18)
+                base - 4, _shorten(modes.pose.name, 18)
             )
         )
         parts.append(svg.line(STICK_LEFT, base, STICK_WIDTH - 20, base, opacity=0.3))
@@ -133,9 +128,9 @@ def _shorten(text: str, length: int = 38) -> str:
     return text if len(text) <= length else f"{text[: length - 1]}…"
 
 
-def _sticks(modes: ModesSummary, scale: float, base: int) -> Markup:
+def _sticks(modes: PoseModes, scale: float, base: int) -> Markup:
     parts, free_from = [], 0.0
-    for frequency in modes["frequencies_hz"][modes["rigid_count"] :]:
+    for frequency in map(float, modes.frequencies_hz[modes.rigid_count :]):
         x = STICK_LEFT + scale * frequency
         parts.append(
             Markup(
@@ -151,11 +146,11 @@ def _sticks(modes: ModesSummary, scale: float, base: int) -> Markup:
     return Markup("").join(parts)
 
 
-def draw_poles(control: ControlSummary, identity: str) -> Markup:
+def draw_poles(control: ControlAnswer, identity: str) -> Markup:
     """Every pole as a dot in the colour of its drive; those that grow stand below the axis, in
     red.
     """
-    names = list(control["drives"])
+    names = [drive.train.name for drive in control.drives]
     parts = []
     for level, label in LEVELS:
         y = _height(level)
@@ -164,19 +159,17 @@ def draw_poles(control: ControlSummary, identity: str) -> Markup:
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):
         x = LEFT + share * (WIDTH - LEFT - RIGHT)
         parts.append(svg.line(x, TOP, x, HEIGHT - BOTTOM, opacity=0.1))
-        words = f"{share * control['up_to_hz']:g}{' Hz' if share == 1.0 else ''}"
+        words = f"{share * control.up_to_hz:g}{' Hz' if share == 1.0 else ''}"
         parts.append(svg.text(x, HEIGHT - BOTTOM + 22, words, anchor="middle"))
     dot = Markup(
         '<circle cx="{:.1f}" cy="{:.1f}" r="5" fill="{}" opacity="0.85"><title>{}</title></circle>'
     )
-    for pole in control["poles"]:
-        grows = pole["real"] > 0.0
-        color = GROWING if grows else COLORS[names.index(pole["drive"]) % len(COLORS)]
-        y = HEIGHT - BOTTOM + 8 if grows else _height(pole["damping_ratio"])
-        title = (
-            f"{pole['frequency_hz']:.4g} Hz, {100.0 * pole['damping_ratio']:.3g} %: {pole['name']}"
-        )
-        x = LEFT + min(1.0, pole["frequency_hz"] / control["up_to_hz"]) * (WIDTH - LEFT - RIGHT)
+    for pole in control.poles:
+        grows = pole.pole.real > 0.0
+        color = GROWING if grows else COLORS[names.index(pole.drive) % len(COLORS)]
+        y = HEIGHT - BOTTOM + 8 if grows else _height(pole.damping_ratio)
+        title = f"{pole.frequency_hz:.4g} Hz, {100.0 * pole.damping_ratio:.3g} %: {pole.name}"
+        x = LEFT + min(1.0, pole.frequency_hz / control.up_to_hz) * (WIDTH - LEFT - RIGHT)
         parts.append(dot.format(x, y, color, title))
     for number, name in enumerate(names):
         parts.append(
@@ -194,12 +187,6 @@ def _height(ratio: float) -> float:
     return TOP + (HEIGHT - TOP - BOTTOM) * math.log(MOST / shown) / math.log(MOST / LEAST)
 
 
-def _map_values(found: GridSummary, name: str) -> FloatArray:
-    """Values ``(n0, n1)`` of a quantity, of a volume ``(n0, n1, n2)``, NaN where there is none."""
-    # None becomes NaN
-    return np.array(found["quantities"][name], dtype=float)
-
-
 class _MapLayer(NamedTuple):
     """A plane to draw: its place along the third axis of a volume, and what it stands at; of a
     plane it is the map itself.
@@ -209,20 +196,20 @@ class _MapLayer(NamedTuple):
     title: str = ""
 
 
-def map_layers(found: GridSummary) -> list[_MapLayer]:
+def map_layers(found: PoseGrid) -> list[_MapLayer]:
     """The map itself, or the lowest, middle and highest layer of a volume."""
-    if len(found["axes"]) == 2:
+    if len(found.axes) == 2:
         return [_MapLayer()]
-    levels, axis = found["positions"][2], found["axes"][2]
+    levels, axis = found.positions[2], found.axes[2]
     places = sorted({0, (len(levels) - 1) // 2, len(levels) - 1})
     return [
-        _MapLayer(place, f"{axis} = {show_position(levels[place], found['units'][axis])}")
+        _MapLayer(place, f"{axis} = {show_position(levels[place], found.axis_units[axis])}")
         for place in places
     ]
 
 
 def draw_map(
-    found: GridSummary, name: str, layer: int | None = None, *, title: str = "", stem: str = ""
+    found: PoseGrid, name: str, layer: int | None = None, *, title: str = "", stem: str = ""
 ) -> Markup:
     """One quantity over a plane: first axis to the right, second upwards; grey where the pose
     cannot be taken.
@@ -232,7 +219,7 @@ def draw_map(
         title: Above it, before its range; by default what the quantity is called.
         stem: Of its ``id`` in the page; by default the quantity.
     """
-    whole = _map_values(found, name)
+    whole = found.quantities[name]
     values = whole if layer is None else whole[:, :, layer]
     known = whole[np.isfinite(whole)]
     low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
@@ -247,25 +234,25 @@ def draw_map(
     file = io.BytesIO()
     Image.fromarray(np.ascontiguousarray(pixels.transpose(1, 0, 2)[::-1])).save(file, "png")
     picture = base64.b64encode(file.getvalue()).decode()
-    spans = [(float(positions[0]), float(positions[-1])) for positions in found["positions"][:2]]
+    spans = [(float(positions[0]), float(positions[-1])) for positions in found.positions[:2]]
     ratio = (spans[1][1] - spans[1][0]) / ((spans[0][1] - spans[0][0]) or 1.0)
     inside = MAP_WIDTH - MAP_LEFT - 8
     height = float(np.clip(inside * ratio, 60.0, 480.0))
     title = f"{title or TITLES.get(name, name)}: {low:.4g} to {high:.4g}"
     shown = [
-        [show_position(end, found["units"][axis]) for end in span]
-        for axis, span in zip(found["axes"], spans, strict=False)
+        [show_position(end, found.axis_units[axis]) for end in span]
+        for axis, span in zip(found.axes, spans, strict=False)
     ]
     words = [
         svg.text(MAP_LEFT, 14, title, size=12),
         svg.text(MAP_LEFT, MAP_TOP + height + 14, shown[0][0], size=10),
         svg.text(MAP_WIDTH - 8, MAP_TOP + height + 14, shown[0][1], anchor="end", size=10),
         svg.text(
-            MAP_LEFT + inside / 2, MAP_TOP + height + 14, found["axes"][0], anchor="middle", size=10
+            MAP_LEFT + inside / 2, MAP_TOP + height + 14, found.axes[0], anchor="middle", size=10
         ),
         svg.text(MAP_LEFT - 4, MAP_TOP + height, shown[1][0], anchor="end", size=10),
         svg.text(MAP_LEFT - 4, MAP_TOP + 9, shown[1][1], anchor="end", size=10),
-        svg.text(MAP_LEFT - 4, MAP_TOP + height / 2, found["axes"][1], anchor="end", size=10),
+        svg.text(MAP_LEFT - 4, MAP_TOP + height / 2, found.axes[1], anchor="end", size=10),
     ]
     image = Markup(
         '<image x="{}" y="{}" width="{}" height="{:.1f}" preserveAspectRatio="none" style="image-rendering:pixelated"'

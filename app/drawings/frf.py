@@ -161,7 +161,17 @@ def _lay_out_probes(curves: ResponseCurves) -> tuple[list[_Cell], int]:
         error = None if probe.von_mises_error is None else probe.von_mises_error[:, column]
         size = probe.von_mises[:, column]
         cells.append(
-            _make_cell(title, (unit, per * MEGA), CURVE, size, phase, error, (place, len(inputs)))
+            _make_cell(
+                title,
+                unit,
+                CURVE,
+                size,
+                phase,
+                error,
+                factor=per * MEGA,
+                number=place,
+                columns=len(inputs),
+            )
         )
     return cells, len(inputs)
 
@@ -182,15 +192,18 @@ def _lay_out(curves: ResponseCurves, entries: Sequence[_Entry] = ()) -> tuple[li
         place = (..., curves.outputs.index(output), curves.inputs.index(given))
         value = curves.values[place]
         error = None if curves.value_errors is None else curves.value_errors[place]
+        unit, factor = response_unit(curves.motion, output, given)
         cells.append(
             _make_cell(
                 name_entry(output, given),
-                response_unit(curves.motion, output, given),
+                unit,
                 DIRECT if output == given else CURVE,
                 np.abs(value),
                 broken_phase(value),
                 error,
-                (number, columns),
+                factor=factor,
+                number=number,
+                columns=columns,
             )
         )
     return cells, columns
@@ -198,21 +211,25 @@ def _lay_out(curves: ResponseCurves, entries: Sequence[_Entry] = ()) -> tuple[li
 
 def _make_cell(
     title: str,
-    shown: tuple[str, float],
+    unit: str,
     color: str,
     size: FloatArray,
     phase: FloatArray,
     error: FloatArray | None,
-    place: tuple[int, int],
+    *,
+    factor: float,
+    number: int,
+    columns: int,
 ) -> _Cell:
     """A plot of magnitudes and phases.
 
     Args:
+        size: Magnitudes in SI.
         error: Of the magnitudes; None where there is none.
-        place: Number of the plot, and how many are beside each other.
+        factor: From SI to the unit.
+        number: Of the plot.
+        columns: Plots beside each other.
     """
-    unit, factor = shown
-    number, columns = place
     size = np.asarray(factor * size, dtype=float)
     own = np.full(size.shape, np.nan) if error is None else np.asarray(factor * error, dtype=float)
     width = min(LARGEST_CELL, max(SMALLEST_CELL, PAGE_WIDTH / columns))

@@ -15,9 +15,10 @@ from markupsafe import Markup
 from headstock.app.drawings import svg
 from headstock.app.texts.bounded_values import show_best_depth, show_bound, show_bounded
 from headstock.app.texts.curves import even_ticks
-from headstock.geometry.frames import BoolArray, FloatArray
-from headstock.pipeline.answers.lobes import DirectionSummary
-from headstock.pipeline.answers.milled_faces import MilledFaceSummary
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.lobes import HZ, MM, DirectionLobes, PoseLobes
+from headstock.pipeline.answers.milled_faces import UM, MilledFace
+from headstock.pipeline.numbers.estimates import scale_total
 
 WIDTH, LEFT, RIGHT, TITLE, HEIGHT, LINE = 600, 34, 14, 28, 230, 19
 WIDEST = 780.0  # on the page [px]
@@ -33,16 +34,14 @@ Scale = Callable[[float], float]
 Sign = Callable[[float, float, str], Markup]
 
 
-def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Markup:
+def draw_lobes(found: PoseLobes, direction: DirectionLobes, identity: str) -> Markup:
     """The lobes of a direction of travel in a pose: green below the border, hatched where nothing is
     known of it.
 
     Args:
         identity: ``id`` in the page.
-        confirmed: Whether multipliers found the limits.
     """
-    series = found["series"]
-    speeds, depths = np.array(series["rpm"]), np.array(series["limit_depth_mm"], dtype=float)
+    speeds, depths, confirmed = found.rpm, MM * direction.depths, found.confirmed
     known = np.isfinite(depths)
     ends = (depths[known].min(), depths[known].max()) if known.any() else (1.0, 1.0)
     highest = HEADROOM * float(min(ends[1], MOST_OVER_LOWEST * max(ends[0], 1e-6)))
@@ -56,7 +55,7 @@ def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Ma
 
     parts = [
         svg.heading(
-            4, TITLE - 12, f"Travel {found['name']}: limit depth of cut [mm]", size=SIZE + 1.0
+            4, TITLE - 12, f"Travel {direction.name}: limit depth of cut [mm]", size=SIZE + 1.0
         ),
         svg.hatching(f"{identity}_hatch", UNKNOWN),
     ]
@@ -71,18 +70,18 @@ def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Ma
         parts.append(svg.line(across(value), base, across(value), base + 4.0, opacity=0.5))
         middle = min(across(value), WIDTH - 0.6 * LETTER * len(words))
         parts.append(svg.text(middle, base + 18, words, anchor="middle", size=SIZE))
-    modes = list(dict.fromkeys(lobe["mode"] for lobe in found["lobes"]))
+    modes = list(dict.fromkeys(lobe.mode for lobe in direction.lobes))
     colors = dict(zip(modes, itertools.cycle(COLORS), strict=False))
     green = _Fill("#6a9a5b", 0.12) if confirmed else _Fill(f"url(#{identity}_hatch)", 1.0)
     hatch = _Fill(f"url(#{identity}_hatch)", 1.0)
     parts += _fill_below(speeds, depths, across, up, stable=green, unknown=hatch)
-    errors = np.array(series["error_mm"], dtype=float)
-    parts += _draw_band(speeds, depths, errors, across, up)
-    parts += _draw_border(found, colors, known, across, up, confirmed=confirmed)
-    parts += [_mark_lowest(found, across, up), _mark_best(found, across, up)]
-    dots = [("lowest limit, with its ±" if found["lowest_error_mm"] else "lowest limit", LOWEST)]
-    dots += [("best speeds", BEST)] if found["best_speeds"] else []
-    legend, y = _legend(found, colors, dots if found["lowest"] else [], base + 42.0)
+    parts += _draw_band(speeds, depths, MM * direction.errors, across, up)
+    parts += _draw_border(found, direction, colors, across, up)
+    parts += [_mark_lowest(found, direction, across, up), _mark_best(found, direction, across, up)]
+    bounded = direction.lowest_errors[0].total
+    dots = [("lowest limit, with its ±" if bounded else "lowest limit", LOWEST)]
+    dots += [("best speeds", BEST)] if direction.best else []
+    legend, y = _legend(direction, colors, dots if direction.lowest else [], base + 42.0)
     if not (confirmed and known.all()):
         what = (
             "hatched: nothing is known" if confirmed else "hatched: nothing confirms these limits"
@@ -95,7 +94,7 @@ def draw_lobes(found: DirectionSummary, identity: str, *, confirmed: bool) -> Ma
         kind="sticks",
         width=WIDTH,
         height=y + 8.0,
-        label=f"Limit depth of cut over the speed of the spindle, travel {found['name']}",
+        label=f"Limit depth of cut over the speed of the spindle, travel {direction.name}",
         widest=WIDEST,
     )
 
@@ -142,27 +141,21 @@ def _draw_band(
 
 
 def _draw_border(
-    found: DirectionSummary,
-    colors: dict[str, str],
-    known: BoolArray,
-    across: Scale,
-    up: Scale,
-    *,
-    confirmed: bool,
+    found: PoseLobes, direction: DirectionLobes, colors: dict[str, str], across: Scale, up: Scale
 ) -> Iterator[Markup]:
     """The border in the colours of its modes, and dots where speeds stand alone or are few."""
-    series = found["series"]
+    rpm, depths, known = found.rpm, MM * direction.depths, np.isfinite(direction.depths)
     looked = [int(place) for place in np.flatnonzero(known)]
-    places = [(across(series["rpm"][p]), up(series["limit_depth_mm"][p] or 0.0)) for p in looked]
-    for run in _runs([series["lobe"][place] for place in looked]):
-        lobe = series["lobe"][looked[run[0]]]
-        color = UNKNOWN if lobe is None else colors[found["lobes"][lobe]["mode"]]
+    places = [(across(float(rpm[p])), up(float(depths[p]))) for p in looked]
+    for run in _runs([int(direction.owner[place]) for place in looked]):
+        lobe = int(direction.owner[looked[run[0]]])
+        color = UNKNOWN if lobe < 0 else colors[direction.lobes[lobe].mode]
         for piece in _pieces(looked, places, run[0], run[-1] + 2):
             yield svg.polyline(piece, color, 1.8, joined=True)
     if len(looked) > MOST_DOTS and len(looked) == len(known):
         return
     for (x, y), place in zip(places, looked, strict=True):
-        if confirmed and not known[max(place - 1, 0) : place + 2].all():
+        if found.confirmed and not known[max(place - 1, 0) : place + 2].all():
             side = [(x - 1.0, up(0.0)), (x - 1.0, y), (x + 1.0, y), (x + 1.0, up(0.0))]
             yield svg.area(side, BEST, opacity=0.6)
         yield _circle(x, y, UNKNOWN, 2.0)
@@ -181,12 +174,12 @@ def _pieces(
 
 
 def _legend(
-    found: DirectionSummary, colors: dict[str, str], dots: list[tuple[str, str]], y: float
+    direction: DirectionLobes, colors: dict[str, str], dots: list[tuple[str, str]], y: float
 ) -> tuple[list[Markup], float]:
     """Lines of modes and dots with their words, and where the last row is."""
     entries: list[tuple[Sign, str, str]] = []
     for mode, color in colors.items():
-        hz = next(lobe["mode_hz"] for lobe in found["lobes"] if lobe["mode"] == mode)
+        hz = next(lobe.mode_hz for lobe in direction.lobes if lobe.mode == mode)
         entries.append((_stroke, mode + (f", {hz:.0f} Hz" if hz is not None else ""), color))
     entries += [(_circle, words, color) for words, color in dots]
     parts, x = [], float(LEFT)
@@ -199,14 +192,15 @@ def _legend(
     return parts, y
 
 
-def _mark_lowest(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
-    lowest = found["lowest"]
+def _mark_lowest(found: PoseLobes, direction: DirectionLobes, across: Scale, up: Scale) -> Markup:
+    lowest = direction.lowest
     if lowest is None:
         return Markup("")
-    depth, error = lowest["limit_depth_mm"], found["lowest_error_mm"]
-    x, y = across(lowest["rpm"]), up(depth)
+    depth_error, chatter_error = direction.lowest_errors
+    depth, error = float(MM * direction.depths[lowest.place]), scale_total(depth_error, MM)
+    x, y = across(float(found.rpm[lowest.place])), up(depth)
     limit = _show_value(depth, error)
-    chatter = _show_value(lowest["chatter_hz"], found["chatter_error_hz"])
+    chatter = _show_value(float(HZ * direction.chatter[lowest.place]), chatter_error.total)
     parts = [_circle(x, y, LOWEST)]
     if error is not None:
         ends = [up(depth + error), up(max(depth - error, 0.0))]
@@ -221,20 +215,22 @@ def _mark_lowest(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
     return Markup("").join(parts)
 
 
-def _mark_best(found: DirectionSummary, across: Scale, up: Scale) -> Markup:
+def _mark_best(found: PoseLobes, direction: DirectionLobes, across: Scale, up: Scale) -> Markup:
     parts = []
     taken: list[float] = []
-    series = zip(found["series"]["rpm"], found["series"]["limit_depth_mm"], strict=True)
-    line = [(speed, depth) for speed, depth in series if depth is not None]
-    for best in found["best_speeds"]:
-        x, y = across(best["rpm"]), up(best["limit_depth_mm"])
+    rpm, depths = found.rpm, MM * direction.depths
+    known = np.isfinite(depths)
+    line = [*zip(map(float, rpm[known]), map(float, depths[known]), strict=True)]
+    for place in direction.best:
+        depth = float(depths[place])
+        x, y = across(float(rpm[place])), up(depth)
         parts.append(_circle(x, y, BEST))
         if all(abs(x - other) > LABEL for other in taken):
             taken.append(x)
-            words = f"{show_best_depth(best)} mm at {best['rpm']:.0f} rpm"
+            words = f"{show_best_depth(direction, place)} mm at {rpm[place]:.0f} rpm"
             # on the side where the line falls, so that it does not cross the text
             beside = [d for s, d in line if 0.0 < across(s) - x < LABEL]
-            rises = max(beside, default=0.0) > best["limit_depth_mm"]
+            rises = max(beside, default=0.0) > depth
             anchor = "end" if x > WIDTH - LABEL or (rises and x > LEFT + LABEL) else "start"
             parts.append(
                 svg.text(x + (-7 if anchor == "end" else 7), y - 5, words, anchor=anchor, size=SIZE)
@@ -274,10 +270,10 @@ SEEN = (10.0, 90.0)  # percentiles that the axis spans: an entry does not flatte
 FACE_HEADROOM, MOST_ROUGH = 2.0, 1.25
 
 
-def draw_milled_faces(faces: Sequence[MilledFaceSummary]) -> Markup:
+def draw_milled_faces(faces: Sequence[MilledFace]) -> Markup:
     """The profiles of faces under each other, micrometres equally long in all of them."""
     half = max(_half_span(face) for face in faces)
-    rough = max(float(np.ptp(face["detail"]["height_um"])) for face in faces)
+    rough = max(float(np.ptp(UM * face.detail)) for face in faces)
     parts, top = list[Markup](), 0.0
     for face in faces:
         parts += [_draw_whole(face, top, half), _draw_piece(face, top, 0.5 * rough)]
@@ -292,33 +288,24 @@ def draw_milled_faces(faces: Sequence[MilledFaceSummary]) -> Markup:
     )
 
 
-def _half_span(face: MilledFaceSummary) -> float:
-    profile = face["profile"]
-    ends = np.concatenate([profile["lowest_um"], profile["highest_um"]]) - face["location_error_um"]
+def _half_span(face: MilledFace) -> float:
+    ends = UM * np.concatenate([face.lowest, face.highest]) - UM * face.parameters.location
     return float(np.abs(np.percentile(ends, SEEN)).max())
 
 
-def _draw_whole(face: MilledFaceSummary, top: float, half: float) -> Markup:
-    profile, middle = face["profile"], face["location_error_um"]
-    places, low, high, line = (
-        np.array(values)
-        for values in (
-            profile["at_mm"],
-            profile["lowest_um"],
-            profile["highest_um"],
-            profile["waviness_um"],
-        )
-    )
-    panel = _make_panel(WHOLE, (0.0, face["length_mm"]), top, middle, FACE_HEADROOM * half)
-    begin, end = panel.place(np.array(face["evaluated_mm"]))
+def _draw_whole(face: MilledFace, top: float, half: float) -> Markup:
+    middle, places = UM * face.parameters.location, MM * face.places
+    low, high, line = UM * face.lowest, UM * face.highest, UM * face.waviness
+    panel = _make_panel(WHOLE, (0.0, MM * face.length), top, middle, FACE_HEADROOM * half)
+    begin, end = panel.place(MM * np.array(face.evaluated))
     band = zip(
         panel.place(np.concatenate([places, places[::-1]])),
         panel.level(np.concatenate([low, high[::-1]])),
         strict=True,
     )
     title = (
-        f"Face {face['face']}, {face['at']}: height [µm] at {face['height_mm']:.3g} mm, mean line of"
-        f" {face['cut_off_mm']:.3g} mm; evaluated where shaded"
+        f"Face {face.number}, {face.at}: height [µm] at {MM * face.height:.3g} mm, mean line of"
+        f" {MM * face.cut_off:.3g} mm; evaluated where shaded"
     )
     return Markup("").join(
         [
@@ -326,8 +313,8 @@ def _draw_whole(face: MilledFaceSummary, top: float, half: float) -> Markup:
             *_grid(panel, middle, 0.95 * FACE_HEADROOM * half),
             Markup(
                 '<clipPath id="milled_face_{}"><rect x="{}" y="{}" width="{}" height="{}"/></clipPath>'
-            ).format(face["face"], panel.x, panel.y, panel.width, FACE_HEIGHT),
-            Markup('<g clip-path="url(#milled_face_{})">').format(face["face"]),
+            ).format(face.number, panel.x, panel.y, panel.width, FACE_HEIGHT),
+            Markup('<g clip-path="url(#milled_face_{})">').format(face.number),
             svg.area(band, BAND_COLOR, opacity=0.45),
             _draw_profile(panel, places, line),
             Markup("</g>"),
@@ -336,12 +323,12 @@ def _draw_whole(face: MilledFaceSummary, top: float, half: float) -> Markup:
     )
 
 
-def _draw_piece(face: MilledFaceSummary, top: float, half: float) -> Markup:
-    places, heights = np.array(face["detail"]["at_mm"]), np.array(face["detail"]["height_um"])
+def _draw_piece(face: MilledFace, top: float, half: float) -> Markup:
+    places, heights = MM * face.detail_places, UM * face.detail
     middle = 0.5 * float(heights.max() + heights.min())
     span = float(places[0]), float(places[-1])
     panel = _make_panel(PIECE, span, top, middle, MOST_ROUGH * half)
-    title = f"Marks of the teeth, {face['feed_per_tooth_mm']:.3g} mm apart if rigid"
+    title = f"Marks of the teeth, {MM * face.per_tooth:.3g} mm apart if rigid"
     return Markup("").join(
         [
             *_grid(panel, middle, half),

@@ -19,7 +19,7 @@ from headstock.app.drawings.svg import (
 )
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
-from headstock.pipeline.answers.contouring import ContourSummary
+from headstock.pipeline.answers.contouring import UM, ContourAnswer
 from headstock.pipeline.answers.path import PathCurves, deviation_unit
 from headstock.pipeline.answers.probes import MEGA
 from headstock.pipeline.answers.transient import TransientCurves
@@ -151,21 +151,19 @@ GAP_TITLE, FORCES_TITLE, STRESS_TITLE = (
 )
 
 
-def draw_contour(found: ContourSummary, picture: Literal["gap", "drives", "probes"]) -> Markup:
+def draw_contour(found: ContourAnswer, picture: Literal["gap", "drives", "probes"]) -> Markup:
     """One picture of a contour: a line per column over time."""
-    series = found["series"]
-    stresses = [probe["von_mises_mpa"] for probe in series["probes"].values()]
-    pictures: dict[str, tuple[list[str], str, list[list[float]]]] = {
-        "gap": (list(DIRECTIONS), GAP_TITLE, series["gap_um"]),
-        "drives": (found["drives"], FORCES_TITLE, series["drive_force_n"]),
-        "probes": (
-            list(series["probes"]),
-            STRESS_TITLE,
-            [list(row) for row in zip(*stresses, strict=True)],
-        ),
-    }
-    names, title, values = pictures[picture]
-    times, levels = np.array(series["time_s"]), np.array(values, dtype=float)
+    names: Sequence[str]
+    match picture:
+        case "gap":
+            names, title, levels = DIRECTIONS, GAP_TITLE, UM * found.gap
+        case "drives":
+            names, title, levels = found.drives, FORCES_TITLE, found.drive_forces
+        case "probes":
+            names, title = [*found.probes], STRESS_TITLE
+            stresses = [MEGA * probe.trace.von_mises for probe in found.probes.values()]
+            levels = np.stack(stresses, axis=1)
+    times = found.times
     low, high = float(levels.min()), float(levels.max())
     room = 0.05 * ((high - low) or 1.0)
     panel = Panel(
@@ -204,10 +202,10 @@ def draw_contour(found: ContourSummary, picture: Literal["gap", "drives", "probe
     )
 
 
-def _shade_faces(found: ContourSummary, panel: Panel) -> Markup:
+def _shade_faces(found: ContourAnswer, panel: Panel) -> Markup:
     parts = []
-    for place, face in enumerate(found["faces"]):
-        begins, ends = face["times_s"]
+    for place, face in enumerate(found.faces):
+        begins, ends = face.times
         start, end = panel.place(np.array([begins, min(ends, panel.across[1])]))
         faint = 0.0 if place % 2 else 0.07
         height = CONTOUR_HEIGHT - TOP - BOTTOM
@@ -216,7 +214,7 @@ def _shade_faces(found: ContourSummary, panel: Panel) -> Markup:
             svg.text(
                 float(start + end) / 2,
                 CONTOUR_HEIGHT - BOTTOM + 13,
-                f"face {face['face']}",
+                f"face {face.number}",
                 anchor="middle",
             )
         )

@@ -11,7 +11,8 @@ from headstock.app.drawings import svg
 from headstock.app.drawings.svg import Panel, draw_curve, draw_panel_axes, show_range
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
-from headstock.pipeline.answers.volumetric import SYMBOLS, AxisMotionsSummary, VolumetricSummary
+from headstock.pipeline.answers.volumetric import MICRO, SYMBOLS, VolumetricAnswer, name_travel
+from headstock.solvers.linear.volumetric import AxisMotions, measure_range
 
 WIDTH, LEFT, RIGHT, TITLE, FOOT, HEIGHT, BETWEEN = 1150, 52, 14, 24, 26, 150, 60
 COLORS = ("#c0392b", "#2a8f3c", "#2b62d9")
@@ -25,15 +26,15 @@ SOURCE_TITLES = {
 LEAST_RANGE = 1e-3  # [um or urad]: what varies less is not drawn
 
 
-def draw_motions(found: VolumetricSummary, identity: str) -> Markup:
+def draw_motions(found: VolumetricAnswer, identity: str) -> Markup:
     """The six error motions along each axis: translations on the left, rotations on the right.
 
     Args:
         identity: ``id`` in the page.
     """
     parts, top = [], 0.0
-    for axis, line in found["lines"].items():
-        parts.append(_draw_line(axis, line, top))
+    for line in found.lines:
+        parts.append(_draw_line(line, found.axis_units[line.axis], top))
         top += TITLE + HEIGHT + FOOT
     label = "Error motions of the tool along each axis"
     return svg.picture(
@@ -41,13 +42,13 @@ def draw_motions(found: VolumetricSummary, identity: str) -> Markup:
     )
 
 
-def _draw_line(axis: str, line: AxisMotionsSummary, top: float) -> Markup:
-    factor, unit = SCENE_UNITS[line["unit"]]
-    places = factor * np.array(line["positions"])
+def _draw_line(line: AxisMotions, axis_unit: str, top: float) -> Markup:
+    factor, unit = SCENE_UNITS[axis_unit]
+    places = factor * line.positions
     room = (WIDTH - LEFT - RIGHT - BETWEEN) / 2
     parts = []
     for number, (first, last, amount) in enumerate(FIELDS):
-        curves = [np.array(line["motions"][symbol]) for symbol in SYMBOLS[first:last]]
+        curves = list(MICRO * line.motions[:, first:last].T)
         panel = Panel(
             LEFT + number * (room + BETWEEN),
             top + TITLE,
@@ -56,7 +57,7 @@ def _draw_line(axis: str, line: AxisMotionsSummary, top: float) -> Markup:
             (float(places[0]), float(places[-1])),
             show_range(curves),
         )
-        parts.append(svg.heading(panel.x, panel.y - 10, f"Axis {axis} [{amount}]"))
+        parts.append(svg.heading(panel.x, panel.y - 10, f"Axis {line.axis} [{amount}]"))
         parts.append(draw_panel_axes(panel, unit, ""))
         for place, (symbol, curve) in enumerate(zip(SYMBOLS[first:last], curves, strict=True)):
             parts.append(draw_curve(panel, places, curve, COLORS[place], 1.5))
@@ -65,7 +66,7 @@ def _draw_line(axis: str, line: AxisMotionsSummary, top: float) -> Markup:
                 svg.text(
                     beside,
                     panel.y - 10,
-                    f"{symbol}{axis}",
+                    f"{symbol}{line.axis}",
                     anchor="end",
                     size=10.5,
                     color=COLORS[place],
@@ -81,12 +82,13 @@ class _MapChoice(NamedTuple):
     title: str
 
 
-def list_maps(found: VolumetricSummary) -> dict[str, list[_MapChoice]]:
+def list_maps(found: VolumetricAnswer) -> dict[str, list[_MapChoice]]:
     """Maps that are drawn, by the heading of what causes them: what varies over the volume."""
     shown: dict[str, list[_MapChoice]] = {}
-    for source, ranges in found["ranges"].items():
+    for source, values in found.grids.items():
+        ranges = MICRO * measure_range(values)
         # one source alone is all there is
-        if len(found["ranges"]) == 2 and source != "total":
+        if len(found.grids) == 2 and source != "total":
             continue
         dofs = range(6) if source == "total" else range(3)
         maps = [
@@ -95,7 +97,7 @@ def list_maps(found: VolumetricSummary) -> dict[str, list[_MapChoice]]:
                 f"{SYMBOLS[dof]} [{'µm' if dof < 3 else 'µrad'}]",
             )
             for dof in dofs
-            if ranges[SYMBOLS[dof]] > LEAST_RANGE
+            if ranges[dof] > LEAST_RANGE
         ]
         if maps:
             shown[SOURCE_TITLES.get(source, source)] = maps
@@ -107,7 +109,7 @@ GRID_SHARE = 0.06  # of the volume, as which the largest error is drawn
 VIEW = np.array([[-0.766, 0.643, 0.0], [-0.278, -0.331, 0.902]])  # from the front, above
 
 
-def draw_volume(found: VolumetricSummary, identity: str) -> Markup:
+def draw_volume(found: VolumetricAnswer, identity: str) -> Markup:
     """The edges and lines of the volume as the tool travels it, errors magnified, over the straight
     ones; empty where the axes of the map are not linear.
 
@@ -150,7 +152,7 @@ def draw_volume(found: VolumetricSummary, identity: str) -> Markup:
         ),
     ]
     corner = place_points(flat)[tuple(0 for _ in shape)]
-    for place, axis in enumerate(found["axes"]):
+    for place, axis in enumerate(found.axes):
         index = [0] * len(shape)
         index[place] = -1
         end = place_points(flat)[tuple(index)]
@@ -169,25 +171,22 @@ def draw_volume(found: VolumetricSummary, identity: str) -> Markup:
     )
 
 
-def _travel_volume(found: VolumetricSummary) -> tuple[FloatArray, FloatArray] | None:
+def _travel_volume(found: VolumetricAnswer) -> tuple[FloatArray, FloatArray] | None:
     """Return where the tool travels and its error there, ``(..., 3)`` over the grid of positions [m];
     None where the axes of the map are not linear.
     """
-    axes = [place for place, axis in enumerate(found["axes"]) if found["units"][axis] == "m"]
-    alongs = [found["lines"][found["axes"][place]]["along"] for place in axes]
+    lines = {line.axis: line for line in found.lines}
+    alongs = [name_travel(lines[axis]) for axis in found.axes if found.axis_units[axis] == "m"]
     directions = {along[-1] for along in alongs if along is not None}
-    if len(directions) != len(found["axes"]):
+    if len(directions) != len(found.axes):
         return None
-    shape = [len(positions) for positions in found["positions"]]
-    grid = np.meshgrid(*(np.array(values) for values in found["positions"]), indexing="ij")
+    shape = [len(positions) for positions in found.positions]
+    grid = np.meshgrid(*found.positions, indexing="ij")
     nominal = np.zeros((*shape, 3))
     for place, along in enumerate(alongs):
         sign = -1.0 if str(along).startswith("-") else 1.0
         nominal[..., "xyz".index(str(along)[-1])] = sign * grid[place]
-    error = 1e-6 * np.stack(
-        [np.array(found["quantities"][f"total_{symbol}"], dtype=float) for symbol in SYMBOLS[:3]],
-        axis=-1,
-    )
+    error = found.total[..., :3]
     # the middle stands where it should: what is constant is zeroed when a tool is measured
     error = error - error[tuple(size // 2 for size in shape)]
     return nominal, error

@@ -21,7 +21,7 @@ from headstock.app.pictures.scenes import list_machine_pictures, list_mode_pictu
 from headstock.geometry.loading import OWN_FOLDER
 from headstock.meshing.process.isolation import child_environment
 from headstock.pipeline.results.mode_files import file_stem
-from headstock.pipeline.results.summary import RunSummary
+from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.storage.store import Store, read_entry, write_entry
 
@@ -76,9 +76,9 @@ def draw_machine(view: MachineView, store: Store) -> Drawing:
     return drawing
 
 
-def draw_modes(summary: RunSummary, view: MachineView) -> Drawing:
+def draw_modes(run: Results) -> Drawing:
     """Draw the modes of each pose."""
-    return draw_pictures(list_mode_pictures(summary, view), "pictures of modes")
+    return draw_pictures(list_mode_pictures(run.modal, run.view), "pictures of modes")
 
 
 def draw_charts(folder: Path) -> Drawing:

@@ -1,5 +1,6 @@
 """What pictures show of a machine: it at rest and in its modes."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,13 +8,13 @@ import numpy as np
 from headstock.app.pictures.picture import Marks, Picture
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.skins import IntArray
+from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.results.mode_files import (
     SHOWN_SHARE,
     file_stem,
     largest_shift,
     machine_size,
 )
-from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.results.views import MachineView, PoseView, component_colors
 
 # small to large displacement, the same stops as in the viewer
@@ -47,19 +48,19 @@ def list_machine_pictures(view: MachineView) -> list[Picture]:
     ]
 
 
-def list_mode_pictures(summary: RunSummary, view: MachineView) -> list[Picture]:
+def list_mode_pictures(modal: Iterable[PoseModes], view: MachineView) -> list[Picture]:
     """The modes of each pose."""
     return [
         _mode_picture(
-            f"mode_{file_stem(modes['pose_name'])}_{modes.get('modes_below', 0) + index + 1:02d}",
+            f"mode_{file_stem(modes.pose.name)}_{modes.below + index + 1:02d}",
             view,
-            view.poses[modes["pose_name"]],
+            view.poses[modes.pose.name],
             index,
             MODE_SIZE,
         )
-        for modes in summary["modal"]
-        if view.poses[modes["pose_name"]].shifts
-        for index in range(min(len(modes["frequencies_hz"]), MODES_DRAWN))
+        for modes in modal
+        if view.poses[modes.pose.name].shifts
+        for index in range(min(len(modes.frequencies_hz), MODES_DRAWN))
     ]
 
 

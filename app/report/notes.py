@@ -3,38 +3,43 @@
 from dataclasses import dataclass
 
 from headstock.app.texts.bounded_values import accuracy_words, model_words
-from headstock.pipeline.numbers.estimates import known_part
-from headstock.pipeline.results.summary import RunSummary
+from headstock.pipeline.answers.accuracy import AccuracyAnswer, ModelErrorsAnswer
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.static import StaticAnswer
+from headstock.pipeline.results.results import Results
 
 
 @dataclass(frozen=True)
 class Note:
-    """A judgement: about what, and what is to be said."""
+    """A remark: about what, and what is to be said."""
 
     subject: str
     text: str
 
 
-def judge_numbers(summary: RunSummary) -> list[Note]:
-    """Notes on the results that a summary holds, and only on those."""
-    fidelities = {facts["fidelity"] for facts in summary["components"].values()}
+NAMES_OF_MODES = Note(
+    "Names of modes",
+    "X, Y, Z are translations and A, B, C rotations about the machine axes; a component is said to bend or twist when it holds"
+    " a good part of the strain energy.",
+)
+
+
+def list_notes(run: Results) -> list[Note]:
+    """Return notes on what a run found, and only on that."""
     notes = []
-    if "accuracy" in summary:
-        notes.append(
-            Note(
-                "Accuracy", ". ".join(accuracy_words(summary["accuracy"], summary.get("frf"))) + "."
-            )
-        )
-    if "model_errors" in summary:
-        words = f"Rigid and segmented bodies compared with elastic ones: {model_words(summary['model_errors'])}."
+    for accuracy in run.find(AccuracyAnswer)[-1:]:
+        words = ". ".join(accuracy_words(accuracy, run.find(PoseResponse))) + "."
+        notes.append(Note("Accuracy", words))
+    for models in run.find(ModelErrorsAnswer)[-1:]:
+        words = f"Rigid and segmented bodies compared with elastic ones: {model_words(models)}."
         notes.append(Note("Models of bodies", words))
-    if summary["static"]:
-        notes.append(_judge_compliance(summary))
-    if summary["modal"]:
-        notes += [_judge_frequencies(summary), _judge_names()]
-    if summary.get("frf"):
-        notes.append(_judge_response(summary))
-    if summary["static"]:
+    if run.static:
+        notes.append(_describe_compliance(run))
+    if run.modal:
+        notes += [_describe_frequencies(run), NAMES_OF_MODES]
+    if run.frf:
+        notes.append(_describe_response(run))
+    if run.static:
         notes.append(
             Note(
                 "Budget",
@@ -42,22 +47,14 @@ def judge_numbers(summary: RunSummary) -> list[Note]:
                 " large share is the weak link: stiffening it pays most.",
             )
         )
-    if "rigid" in fidelities:
-        names = ", ".join(
-            name for name, facts in summary["components"].items() if facts["fidelity"] == "rigid"
-        )
+    if names := _name_components(run, "rigid"):
         notes.append(
             Note(
                 "Rigid components",
                 f"{names}: modelled without deformation. The real machine is more compliant by their deformation.",
             )
         )
-    if "segmented" in fidelities:
-        names = ", ".join(
-            name
-            for name, facts in summary["components"].items()
-            if facts["fidelity"] == "segmented"
-        )
+    if names := _name_components(run, "segmented"):
         notes.append(
             Note(
                 "Segmented components",
@@ -71,32 +68,37 @@ def judge_numbers(summary: RunSummary) -> list[Note]:
             "Taken from the scene as written: no result is better than these values.",
         )
     )
-    if assumed := summary.get("assumptions"):
-        notes.append(Note("From the catalogue", "; ".join(assumed) + "."))
+    if run.assumptions:
+        notes.append(Note("From the catalogue", "; ".join(run.assumptions) + "."))
     return notes
 
 
-def _judge_compliance(summary: RunSummary) -> Note:
+def _name_components(run: Results, fidelity: str) -> str:
+    return ", ".join(name for name, facts in run.components.items() if facts.fidelity == fidelity)
+
+
+def _describe_compliance(run: Results) -> Note:
     text = "Reduction adds no error to the static compliance: the response to forces at interfaces is that of the finite element model. "
+    first = run.find(StaticAnswer)[0]
     if any(
-        error is not None
-        for point in summary["static"].values()
-        for error in point.get("error_um_per_kN", {}).values()
+        error.total is not None
+        for point in first.points
+        for error in first.list_errors(point).values()
     ):
         text += (
-            f"{_say_what_meshes_do(summary, 'underestimate it by about the ± value')}. It is estimated by comparing computed with"
+            f"{_describe_meshes(run, 'underestimate it by about the ± value')}. It is estimated by comparing computed with"
             " smoothed stresses (Zienkiewicz-Zhu) and covers the error in 95 % of cases."
         )
-    elif any(facts["fidelity"] == "elastic" for facts in summary["components"].values()):
+    elif _name_components(run, "elastic"):
         text += "An error estimate for the mesh was not made; run again with a smaller mesh size and compare."
     return Note("Compliance", text.strip())
 
 
-def _say_what_meshes_do(summary: RunSummary, uncorrected: str) -> str:
+def _describe_meshes(run: Results, uncorrected: str) -> str:
     meshed = {
-        name: facts.get("mesh_corrected", False)
-        for name, facts in summary["components"].items()
-        if facts["fidelity"] == "elastic"
+        name: facts.corrected
+        for name, facts in run.components.items()
+        if facts.fidelity == "elastic"
     }
     if not any(meshed.values()):
         return f"Finite meshes {uncorrected}"
@@ -105,15 +107,16 @@ def _say_what_meshes_do(summary: RunSummary, uncorrected: str) -> str:
     return f"{left}; those of {', '.join(plain)} {uncorrected}" if plain else left
 
 
-def _judge_frequencies(summary: RunSummary) -> Note:
-    if any(error is not None for modes in summary["modal"] for error in modes["error_hz"]):
+def _describe_frequencies(run: Results) -> Note:
+    errors = [error for modes in run.modal for error in modes.list_errors()]
+    if any(error.total is not None for error in errors):
         return Note(
             "Natural frequencies",
             "The column “± Hz” covers the error of each frequency in 95 % of cases; the line below the table names its sources."
-            f" The reduction makes frequencies too high, not too low. {_say_what_meshes_do(summary, 'make them too high, too')}."
+            f" The reduction makes frequencies too high, not too low. {_describe_meshes(run, 'make them too high, too')}."
             " These modes are undamped.",
         )
-    if any(known_part(share) for modes in summary["modal"] for share in modes["error_share"]):
+    if any(error.known for error in errors):
         return Note(
             "Natural frequencies",
             "No error is known from every source: the column “± Hz” holds what is known, and + ? stands for the sources"
@@ -126,23 +129,15 @@ def _judge_frequencies(summary: RunSummary) -> Note:
     )
 
 
-def _judge_response(summary: RunSummary) -> Note:
+def _describe_response(run: Results) -> Note:
     text = (
         "All modes of the reduced machine are summed, so the curve equals the static compliance at 0 Hz. The height of peaks"
         " depends on the scene's damping, which is seldom known to better than a factor of two. "
     )
-    if any(not response["damped"] for response in summary["frf"].values()):
+    if not all(response.damped for response in run.find(PoseResponse)):
         text += "This machine is undamped: peaks are unbounded. "
     text += (
         "Structural damping acts as a loss factor at every frequency above 0 Hz; where damping ratios of modes are given, a mode's loss"
         " factor counts as twice its damping ratio."
     )
     return Note("Frequency response", text)
-
-
-def _judge_names() -> Note:
-    return Note(
-        "Names of modes",
-        "X, Y, Z are translations and A, B, C rotations about the machine axes; a component is said to bend or twist when it holds"
-        " a good part of the strain energy.",
-    )

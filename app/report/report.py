@@ -1,5 +1,5 @@
-"""The report: one HTML file that works offline, made from a summary and from what there is to
-draw.
+"""The report: one HTML file that works offline, made from what a run found and from what there
+is to draw.
 """
 
 import base64
@@ -22,22 +22,23 @@ from headstock.app.drawings.markup import (
     write_bounded,
     write_data,
 )
-from headstock.app.report.notes import judge_numbers
+from headstock.app.report.notes import list_notes
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
-from headstock.app.tables.static import shared_budget, static_by_pose, top_shares
+from headstock.app.tables.static import PointRow, list_point_rows, shared_budget, top_shares
 from headstock.app.tables.table import PlainTable, encode_csv
 from headstock.app.texts.bounded_values import show_damping
 from headstock.app.texts.remarks import fold_remarks
 from headstock.app.views.registry import COMPONENT_COLUMNS, find_views, list_tables
-from headstock.app.views.view import FinishedRun, Section
+from headstock.app.views.view import Section
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.machine import show_position
-from headstock.pipeline.answers.static import PointSummary
+from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.numbers.estimates import known_part, show_share
 from headstock.pipeline.results.files import REPORT_FILE
 from headstock.pipeline.results.mode_files import file_stem
-from headstock.pipeline.results.summary import RunSummary
-from headstock.pipeline.results.views import MachineView, component_colors
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.results.summary import sum_up, summarise_stage
+from headstock.pipeline.results.views import component_colors
 from headstock.pipeline.storage.outputs import write_output
 from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
 
@@ -67,7 +68,7 @@ class Worth:
 
 
 def write_report(
-    folder: Path, run: FinishedRun, stills: Stills | None = None, worth: Worth | None = None
+    folder: Path, run: Results, stills: Stills | None = None, worth: Worth | None = None
 ) -> Path:
     """Write ``report.html`` into a folder of results.
 
@@ -84,9 +85,7 @@ def write_report(
     return path
 
 
-def render_report(
-    run: FinishedRun, stills: Stills | None = None, worth: Worth | None = None
-) -> str:
+def render_report(run: Results, stills: Stills | None = None, worth: Worth | None = None) -> str:
     """Return the report as HTML text that refers to nothing outside itself.
 
     Every number from the summary is in a ``data`` element, or an SVG text, with its unrounded value
@@ -97,13 +96,13 @@ def render_report(
         stills: Pictures of the machine, for browsers without WebGL and for paper.
         worth: Of effects and models, where that is known.
     """
-    summary, stills = run.summary, stills or Stills()
-    machine = encode_machine(run.machine, _captions(summary, run.machine))
+    stills = stills or Stills()
+    machine = encode_machine(run.view, _captions(run))
     tables = {table.name: table for table in list_tables(run, long=False)}
     names = {
-        "s": summary,
-        "poses": list(run.machine.poses),
-        "colors": component_colors(run.machine),
+        "run": run,
+        "poses": list(run.view.poses),
+        "colors": component_colors(run.view),
         "tables": tables,
         "save": functools.partial(_offer_table, tables),
         "encode": lambda name: _encode_table(tables[name]),
@@ -114,7 +113,10 @@ def render_report(
         .get_template(TEMPLATE)
         .render(
             names,
-            keys=_key_figures(summary),
+            keys=_key_figures(run),
+            totals=sum_up(run),
+            stages=[*map(summarise_stage, run.stages)],
+            origin=run.provenance and run.provenance.summarise(),
             sections=sections,
             machine=None if machine is None else Markup(machine.text),
             omissions=_omissions(machine),
@@ -122,7 +124,7 @@ def render_report(
                 pose: base64.b64encode(image).decode() for pose, image in stills.images.items()
             },
             still_remark=stills.remark,
-            notes=judge_numbers(summary),
+            notes=list_notes(run),
             columns=COMPONENT_COLUMNS,
             worth=None if worth is None else worth.summary,
             chart=None if worth is None else worth.chart,
@@ -136,7 +138,7 @@ def render_report(
     )
 
 
-def _write_sections(run: FinishedRun, names: Mapping[str, Any]) -> list[tuple[Section, Markup]]:
+def _write_sections(run: Results, names: Mapping[str, Any]) -> list[tuple[Section, Markup]]:
     """Return every section, and what its template writes below its lead and its tables.
 
     Args:
@@ -186,31 +188,26 @@ class _KeyFigures:
     first: tuple[float, float | None, str] | None = None
 
 
-def _key_figures(summary: RunSummary) -> _KeyFigures:
+def _key_figures(run: Results) -> _KeyFigures:
     """Return the compliance of the first point in the first pose, and the first mode in which
     something deforms.
     """
     first = None
-    for modes in summary["modal"][:1]:
-        named = list(
-            zip(modes["frequencies_hz"], modes["error_hz"], modes["mode_names"], strict=True)
-        )[modes["rigid_count"] :]
+    for modes in run.modal[:1]:
+        rows = zip(map(float, modes.frequencies_hz), modes.error_hz, modes.mode_names, strict=True)
+        named = list(rows)[modes.rigid_count :]
         first = next((mode for mode in named if WHOLE_MACHINE not in mode[-1]), None)
-    for points in static_by_pose(summary).values():
-        for name, point in points.items():
-            return _KeyFigures(name, _list_compliances(point), point["text"], first)
+    for row in list_point_rows(run.find(StaticAnswer)):
+        return _KeyFigures(row.name, _list_compliances(row), row.point.text, first)
     return _KeyFigures(first=first)
 
 
-def _list_compliances(
-    point: PointSummary,
-) -> list[tuple[str, float | None, float | None, str]]:
-    matrix, budget = point["compliance_um_per_kN"], shared_budget(point)
-    found = []
+def _list_compliances(row: PointRow) -> list[tuple[str, float | None, float | None, str]]:
+    budget, found = shared_budget(row.point), []
     for number, direction in enumerate(DIRECTIONS):
         top = top_shares(budget.get(direction, {}), 1, SMALLEST_NAMED)
-        error = point["error_um_per_kN"].get(direction)
-        found.append((direction, matrix[number][number], error, top[0][0] if top else ""))
+        error = row.errors.get(direction)
+        found.append((direction, row.matrix[number][number], error, top[0][0] if top else ""))
     return found
 
 
@@ -233,27 +230,27 @@ def _omissions(machine: EncodedMachine | None) -> list[str]:
     return found
 
 
-def _captions(summary: RunSummary, view: MachineView) -> dict[str, list[Caption]]:
+def _captions(run: Results) -> dict[str, list[Caption]]:
     """Forces first, then modes in which something deforms, last those in which the machine moves as
     a whole.
     """
-    static = static_by_pose(summary)
-    captions: dict[str, list[Caption]] = {name: [] for name in view.poses}
-    for name, pose in view.poses.items():
+    static = run.static
+    captions: dict[str, list[Caption]] = {name: [] for name in run.view.poses}
+    for name, pose in run.view.poses.items():
         for push in pose.pushes:
             point, _, direction = push.rpartition(" ")
             known = static.get(name, {}).get(point)
-            shares = {} if known is None else known["budget"].get(direction, {})
+            shares = {} if known is None else known.budget.get(direction, {})
             text = f"1 kN at {point}, static"
             captions[name].append(
                 Caption(f"push:{push}", f"Force in {direction}", text, "force", shares=shares)
             )
-    for modes in summary["modal"]:
+    for modes in run.modal:
         found = []
         for index, (hz, name) in enumerate(
-            zip(modes["frequencies_hz"], modes["mode_names"], strict=True)
+            zip(map(float, modes.frequencies_hz), modes.mode_names, strict=True)
         ):
-            free = index < modes["rigid_count"]
+            free = index < modes.rigid_count
             kind: Kind = "whole" if free or WHOLE_MACHINE in name else "mode"
             lead = "0 Hz" if free else f"{format_number(hz)} Hz"
             found.append(
@@ -263,10 +260,10 @@ def _captions(summary: RunSummary, view: MachineView) -> dict[str, list[Caption]
                     name,
                     kind,
                     0.0 if free else hz,
-                    modes["energy_share"][index],
+                    modes.energy_share[index],
                 )
             )
-        captions.setdefault(modes["pose_name"], []).extend(
+        captions.setdefault(modes.pose.name, []).extend(
             sorted(found, key=lambda caption: caption.kind == "whole")
         )
     return captions

@@ -11,9 +11,7 @@ from headstock.app.tables.table import Cell, PlainTable, encode_csv
 from headstock.app.texts.bounded_values import (
     bound_size,
     error_words,
-    largest_shares,
-    shares_begin,
-    show_error,
+    share_words,
 )
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.frf import ResponseCurves
@@ -59,12 +57,9 @@ def variant_error_words(summary: ComparisonSummary) -> list[str]:
     """
     owners: dict[str, list[str]] = {}
     for name, variant in summary["variants"].items():
-        sources = [
-            f"{source} up to {show_error(size)} Hz"
-            for source, size in largest_shares(variant).items()
-        ]
-        words = [f"{shares_begin(variant)} {', '.join(sources)}"] if sources else []
-        owners.setdefault("; ".join([*words, *error_words(variant)]), []).append(name)
+        shares = variant["error_share"][variant["rigid_count"] :]
+        words = [*share_words(shares), *error_words(shares, variant["error_left_out"])]
+        owners.setdefault("; ".join(words), []).append(name)
     return [f"{', '.join(names)}: {words}" for words, names in owners.items() if words]
 
 

@@ -1,6 +1,6 @@
 """Rows of frequency responses."""
 
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,103 +8,119 @@ from headstock.app.tables.table import Column, PlainTable, show_percent, tabulat
 from headstock.app.texts.bounded_values import show_digits
 from headstock.app.texts.curves import name_entry, response_unit_si
 from headstock.geometry.frames import FloatArray
-from headstock.pipeline.answers.frf import (
-    DrivePointSummary,
-    NumberSummary,
-    ResponseCurves,
-    ResponseSummary,
-)
+from headstock.pipeline.answers.frf import DrivePointFigures, PoseResponse, ResponseCurves
+from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
+from headstock.pipeline.numbers.estimates import scale_known, scale_total
 from headstock.pipeline.results.mode_files import file_stem
+from headstock.solvers.pairing.response_peaks import ResponseLevel
 
 
-def list_channels(response: ResponseSummary) -> list[DrivePointSummary]:
-    """Ports of forces: those of moments are in files only."""
-    return [channel for channel in response["drive_points"] if "static_um_per_kN" in channel]
+class _DrivePointRow(NamedTuple):
+    """What the response at a drive point says about cutting, and ± of its most negative real part."""
+
+    figures: DrivePointFigures
+    error: float | None
+
+
+def list_drive_points(response: PoseResponse) -> list[_DrivePointRow]:
+    """Drive points of forces: those of moments are in files only."""
+    return [
+        _DrivePointRow(
+            figures, scale_total(response.error_of(response.figure_key(figures.channel)), UM_PER_KN)
+        )
+        for figures in response.figures
+        if figures.channel[1] in "xyz"
+    ]
 
 
 def _show_four(value: float) -> str:
     return show_digits(value, 4)
 
 
-type PortKey = Literal[
-    "most_negative_real_hz",
-    "chatter_limit_N_per_um",
-    "minimum_dynamic_stiffness_N_per_um",
-    "minimum_dynamic_stiffness_hz",
-]
-
-
-def _of_port(key: PortKey, screen: str, report: str) -> Column[DrivePointSummary]:
-    return Column(lambda row: row[key], screen=screen, report=report, show=_show_four)
-
-
-DRIVE_POINT_COLUMNS: tuple[Column[DrivePointSummary], ...] = (
-    Column(lambda row: " ".join(row["dof"]), screen="force at", report="Force and motion"),
-    Column(
-        lambda row: row["static_um_per_kN"],
-        screen=">static µm/kN",
-        report="static [µm/kN]",
+def _of_figures(
+    name: str, screen: str, report: str, factor: float = 1.0, missing: str = ""
+) -> Column[_DrivePointRow]:
+    return Column(
+        lambda row: scale_known(getattr(row.figures, name), factor),
+        screen=screen,
+        report=report,
         show=_show_four,
-        missing="free",
-    ),
+        missing=missing,
+    )
+
+
+DRIVE_POINT_COLUMNS: tuple[Column[_DrivePointRow], ...] = (
+    Column(lambda row: " ".join(row.figures.channel), screen="force at", report="Force and motion"),
+    _of_figures("static", ">static µm/kN", "static [µm/kN]", UM_PER_KN, missing="free"),
     Column(
-        lambda row: row["most_negative_real_um_per_kN"],
+        lambda row: scale_known(row.figures.most_negative_real, UM_PER_KN),
         screen=">min. Re µm/kN",
         report="most negative real part [µm/kN]",
         show=_show_four,
-        error=lambda row: row.get("most_negative_real_error_um_per_kN"),
+        error=lambda row: row.error,
     ),
-    _of_port("most_negative_real_hz", ">at Hz", "at [Hz]"),
-    _of_port("chatter_limit_N_per_um", ">-1/(2 Re) N/µm", "chatter limit −1/(2 Re) [N/µm]"),
-    _of_port(
-        "minimum_dynamic_stiffness_N_per_um", ">min. N/µm", "minimum dynamic stiffness [N/µm]"
+    _of_figures("most_negative_real_hz", ">at Hz", "at [Hz]"),
+    _of_figures("chatter_limit", ">-1/(2 Re) N/µm", "chatter limit −1/(2 Re) [N/µm]", N_PER_UM),
+    _of_figures(
+        "minimum_dynamic_stiffness", ">min. N/µm", "minimum dynamic stiffness [N/µm]", N_PER_UM
     ),
-    _of_port("minimum_dynamic_stiffness_hz", ">at Hz", "at [Hz]"),
+    _of_figures("minimum_dynamic_stiffness_hz", ">at Hz", "at [Hz]"),
     Column(
-        lambda row: row["minimum_dynamic_stiffness_mode"], screen="near mode", report="near mode"
+        lambda row: row.figures.minimum_dynamic_stiffness_mode,
+        screen="near mode",
+        report="near mode",
     ),
     Column(
-        lambda row: row["truncation_share"], report="missed by a plain modal sum", show=show_percent
+        lambda row: row.figures.truncation_share,
+        report="missed by a plain modal sum",
+        show=show_percent,
     ),
 )
 
 
-def list_numbers(response: ResponseSummary) -> list[NumberSummary]:
+class _HeightRow(NamedTuple):
+    """A peak or level [um/kN] of an entry of a response, and its ±."""
+
+    name: str
+    hz: float
+    size: float
+    error: float | None
+
+
+def list_heights(response: PoseResponse) -> list[_HeightRow]:
     """Peaks and levels of forces and translations: others are in files only."""
-    return [number for number in response.get("peaks", []) if "size_um_per_kN" in number]
+    curves, rows = response.curves, []
+    for height in response.heights:
+        output, given = curves.outputs[height.output], curves.inputs[height.given]
+        if output[1] in "xyz" and given[1] in "xyz":
+            kind = "static" if isinstance(height, ResponseLevel) else "peak"
+            error = scale_total(response.error_of(response.key(height)), UM_PER_KN)
+            name = f"{kind} {name_entry(output, given)}"
+            rows.append(_HeightRow(name, height.hz, UM_PER_KN * height.height, error))
+    return rows
 
 
-def _name_number(row: NumberSummary) -> str:
-    kind = "static" if row["kind"] == "level" else "peak"
-    return f"{kind} {' '.join(row['output'])} / {' '.join(row['input'])}"
+def _share(row: _HeightRow) -> str:
+    return "?" if row.error is None else show_percent(row.error / row.size)
 
 
-def _share(row: NumberSummary) -> str:
-    error = row["error_um_per_kN"]
-    return "?" if error is None else show_percent(error / row["size_um_per_kN"])
-
-
-NUMBER_COLUMNS: tuple[Column[NumberSummary], ...] = (
-    Column(_name_number, screen="of", report="of"),
-    Column(lambda row: row["hz"], screen=">at Hz", report="at [Hz]", show=_show_four),
+HEIGHT_COLUMNS: tuple[Column[_HeightRow], ...] = (
+    Column(lambda row: row.name, screen="of", report="of"),
+    Column(lambda row: row.hz, screen=">at Hz", report="at [Hz]", show=_show_four),
     Column(
-        lambda row: row["size_um_per_kN"],
+        lambda row: row.size,
         screen=">µm/kN",
         report="size [µm/kN]",
         show=_show_four,
-        error=lambda row: row["error_um_per_kN"],
+        error=lambda row: row.error,
     ),
     Column(
-        lambda row: 1e3 / row["size_um_per_kN"],
+        lambda row: 1e3 / row.size,
         screen=">N/µm",
         report="dynamic stiffness [N/µm]",
         show=_show_four,
     ),
-    Column(
-        _share,
-        screen=">± of it",
-        report="± of it",
-    ),
+    Column(_share, screen=">± of it", report="± of it"),
 )
 
 

@@ -2,15 +2,15 @@
 and joints take while a machine moves.
 """
 
+import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from headstock.app.tables.table import (
-    Cell,
     Column,
     Listing,
     PlainTable,
@@ -19,59 +19,75 @@ from headstock.app.tables.table import (
     tabulate_curves,
 )
 from headstock.geometry.frames import DIRECTIONS, FloatArray
-from headstock.pipeline.answers.frf import ResponseCurves, ResponseSummary
-from headstock.pipeline.answers.motion_forces import (
-    DriveForceSummary,
-    JointForceSummary,
-    ProbeMotionSummary,
-    ProbeTrace,
-)
-from headstock.pipeline.answers.path import FeedSummary, PathCurves
+from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.pipeline.answers.motion_forces import DriveExtremes, ProbeMotion, ProbeTrace
+from headstock.pipeline.answers.path import PathCurves, PathRun
 from headstock.pipeline.answers.probes import (
     MEGA,
     MICRO,
+    ProbeAnswer,
     ProbeCurves,
-    ProbePeakSummary,
-    ProbeSummary,
+    ProbeResponse,
+    probe_keys,
     probe_units,
 )
-from headstock.pipeline.answers.transient import TransientCurves, TransientSummary
+from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves
+from headstock.pipeline.numbers.estimates import Estimate, scale_known, scale_shares, scale_total
+from headstock.pipeline.numbers.numbers import Key, make_key
 from headstock.pipeline.results.mode_files import file_stem
-from headstock.solvers.second_order import ComplexArray, name_channel
+from headstock.solvers.second_order import Channel, ComplexArray, name_channel
 from headstock.solvers.stresses import STRESS_NAMES
+from headstock.solvers.watched_outputs import Extreme
 
-type ProbeRow = tuple[str, ProbeSummary]
+
+class ProbeRow(NamedTuple):
+    """A probe under static loads, with the ± of its numbers in the order of their keys."""
+
+    name: str
+    probe: ProbeResponse
+    errors: Sequence[Estimate]
+
+
 type ProbeColumns = tuple[Column[ProbeRow], Column[ProbeRow]]
+
+
+def list_probes(answer: ProbeAnswer) -> list[ProbeRow]:
+    """Return the probes of a pose."""
+    return [
+        ProbeRow(name, probe, [answer.error_of(key) for key in probe_keys(answer.pose, name)])
+        for name, probe in answer.probes.items()
+    ]
 
 
 def _moved(axis: int) -> ProbeColumns:
     d = DIRECTIONS[axis]
     return bound_column(
-        lambda row: row[1]["displacement_um"][axis],
-        lambda row: row[1]["displacement_error_um"][axis],
+        lambda row: float(MICRO * row.probe.shown_displacement[axis]),
+        lambda row: scale_total(row.errors[axis], MICRO),
         f"displacement {d} [um]",
         f">{d} µm",
         f"{d} [µm]",
     )
 
 
-def _stressed(pair: str) -> ProbeColumns:
+def _stressed(place: int, pair: str) -> ProbeColumns:
     return bound_column(
-        lambda row: row[1]["stress_mpa"][pair],
-        lambda row: row[1]["stress_error_mpa"][pair],
+        lambda row: float(MEGA * row.probe.shown_stress[place]),
+        lambda row: scale_total(row.errors[3 + place], MEGA),
         f"stress {pair} [MPa]",
         report=f"{pair} [MPa]",
     )
 
 
 _NAMES: tuple[Column[ProbeRow], ...] = (
-    Column(lambda row: row[0], "probe", "probe", "Probe"),
-    Column(lambda row: row[1]["component"], "component", "in", "Component"),
+    Column(lambda row: row.name, "probe", "probe", "Probe"),
+    Column(lambda row: row.probe.component, "component", "in", "Component"),
 )
-_MOVED, _STRESSED = [_moved(axis) for axis in range(3)], [_stressed(pair) for pair in STRESS_NAMES]
+_MOVED = [_moved(axis) for axis in range(3)]
+_STRESSED = [_stressed(place, pair) for place, pair in enumerate(STRESS_NAMES)]
 _MISES: ProbeColumns = bound_column(
-    lambda row: row[1]["von_mises_mpa"],
-    lambda row: row[1]["von_mises_error_mpa"],
+    lambda row: MEGA * row.probe.von_mises,
+    lambda row: scale_total(row.errors[-1], MEGA),
     "von Mises [MPa]",
     ">von Mises MPa",
     "von Mises [MPa]",
@@ -84,75 +100,105 @@ PROBE_COLUMNS = (*_NAMES, *itertools.chain(*_MOVED, *_STRESSED, _MISES))
 
 @dataclass(frozen=True)
 class _ProbePeakRow:
-    """The largest equivalent stress at a probe under an input."""
+    """The largest equivalent stress at a probe under an input, in its unit there."""
 
-    probe: str
-    component: str
-    peak: ProbePeakSummary
+    probe: ProbeCurves
+    given: Channel
+    unit: str
+    static: float | None = None
+    largest: float | None = None
+    error: float | None = None
+    hz: float | None = None
 
 
-def list_probe_peaks(response: ResponseSummary) -> list[_ProbePeakRow]:
+def list_probe_peaks(curves: ResponseCurves) -> list[_ProbePeakRow]:
     """Every probe of a frequency response under every input."""
-    return [
-        _ProbePeakRow(name, probe["component"], peak)
-        for name, probe in response.get("probes", {}).items()
-        for peak in probe["inputs"]
-    ]
-
-
-def _of_peak(key: str, file: str, screen: str, report: str) -> Column[Any]:
-    return Column(lambda row: row.peak[key], file, screen, report)
+    rows = []
+    for probe in curves.probes:
+        for column, given in enumerate(probe.inputs):
+            unit, _, per = probe_units(given)
+            row, peak = _ProbePeakRow(probe, given, unit), probe.find_peak(column)
+            if peak is not None:
+                factor = per * MEGA
+                row = dataclasses.replace(
+                    row,
+                    static=scale_known(peak.static, factor),
+                    largest=factor * peak.size,
+                    error=Estimate(scale_shares(peak.error, factor)).total,
+                    hz=float(probe.frequencies_hz[peak.place]),
+                )
+            rows.append(row)
+    return rows
 
 
 PROBE_PEAK_COLUMNS: tuple[Column[_ProbePeakRow], ...] = (
-    Column(lambda row: row.probe, "probe", "probe", "Probe"),
-    Column(lambda row: row.component, "component", "in", "Component"),
-    Column(lambda row: " ".join(row.peak["input"]), "load", "load", "Load"),
-    _of_peak("static_von_mises", "von Mises at rest", ">von Mises at rest", "von Mises at rest"),
+    Column(lambda row: row.probe.name, "probe", "probe", "Probe"),
+    Column(lambda row: row.probe.component, "component", "in", "Component"),
+    Column(lambda row: " ".join(row.given), "load", "load", "Load"),
+    Column(lambda row: row.static, "von Mises at rest", ">von Mises at rest", "von Mises at rest"),
     *bound_column(
-        lambda row: row.peak["peak_von_mises"],
-        lambda row: row.peak["peak_von_mises_error"],
+        lambda row: row.largest,
+        lambda row: row.error,
         "largest von Mises",
         ">largest",
         "largest over a cycle",
     ),
-    _of_peak("peak_hz", "at [Hz]", ">at Hz", "at [Hz]"),
-    _of_peak("unit", "unit", "unit", "Unit"),
+    Column(lambda row: row.hz, "at [Hz]", ">at Hz", "at [Hz]"),
+    Column(lambda row: row.unit, "unit", "unit", "Unit"),
 )
 
 
-type ProbeMotionRow = tuple[str, ProbeMotionSummary]
+class _ProbeMotionRow(NamedTuple):
+    """What a probe saw at most, with the ± of stress and displacement."""
+
+    name: str
+    probe: ProbeMotion
+    stress_error: Estimate
+    displacement_error: Estimate
 
 
-def _at_ms(key: str, file: str, screen: str) -> Column[Any]:
-    return Column(lambda row: 1e3 * row[1][key], file, screen, "at [ms]")
+def list_probe_motions(
+    probes: Mapping[str, ProbeMotion], errors: Mapping[Key, Estimate] | None = None, **at: str
+) -> list[_ProbeMotionRow]:
+    """Return what probes saw at most.
+
+    Args:
+        errors: ± of their numbers; None for what the mesh around them leaves out.
+        at: Roles of the keys of their numbers.
+    """
+    return [
+        _ProbeMotionRow(name, probe, *probe.list_errors(errors, probe=name, **at))
+        for name, probe in probes.items()
+    ]
 
 
-PROBE_MOTION_PEAKS: tuple[Column[ProbeMotionRow], ...] = (
-    Column(lambda row: row[0], "probe", "probe", "Probe"),
-    Column(lambda row: row[1]["component"], "component", "in", "Component"),
+PROBE_MOTION_PEAKS: tuple[Column[_ProbeMotionRow], ...] = (
+    Column(lambda row: row.name, "probe", "probe", "Probe"),
+    Column(lambda row: row.probe.component, "component", "in", "Component"),
     *bound_column(
-        lambda row: row[1]["peak_von_mises_mpa"],
-        lambda row: row[1]["peak_von_mises_error_mpa"],
+        lambda row: MEGA * row.probe.von_mises.value,
+        lambda row: scale_total(row.stress_error, MEGA),
         "largest von Mises [MPa]",
         ">von Mises MPa",
         "von Mises [MPa]",
     ),
-    _at_ms("peak_von_mises_s", "von Mises at [ms]", ">at ms"),
+    Column(lambda row: 1e3 * row.probe.von_mises.time, "von Mises at [ms]", ">at ms", "at [ms]"),
     *bound_column(
-        lambda row: row[1]["peak_displacement_um"],
-        lambda row: row[1]["peak_displacement_error_um"],
+        lambda row: MICRO * row.probe.displacement.value,
+        lambda row: scale_total(row.displacement_error, MICRO),
         "largest displacement [um]",
         ">displacement µm",
         "Displacement [µm]",
     ),
-    _at_ms("peak_displacement_s", "displacement at [ms]", ">at ms "),
+    Column(
+        lambda row: 1e3 * row.probe.displacement.time, "displacement at [ms]", ">at ms ", "at [ms]"
+    ),
 )
 
 
 def list_motion_columns(curves: PathCurves | TransientCurves) -> list[tuple[str, FloatArray]]:
     """Headings and values ``(n,)`` of probes over time, and of what drives under control do."""
-    columns = [column for probe in curves.probes for column in _list_trace_columns(probe)]
+    columns = [column for probe in curves.probes for column in list_trace_columns(probe)]
     for number, name in enumerate(curves.drives):
         columns += [
             (f"torque of {name} [N m]", curves.torques[:, number]),
@@ -161,7 +207,8 @@ def list_motion_columns(curves: PathCurves | TransientCurves) -> list[tuple[str,
     return columns
 
 
-def _list_trace_columns(probe: ProbeTrace) -> list[tuple[str, FloatArray]]:
+def list_trace_columns(probe: ProbeTrace) -> list[tuple[str, FloatArray]]:
+    """Headings and values ``(n,)`` of stress and displacement at a probe over time."""
     return [
         (f"von Mises {probe.name} [MPa]", MEGA * probe.von_mises),
         *(
@@ -208,67 +255,82 @@ def _parts(values: ComplexArray) -> tuple[tuple[str, FloatArray], ...]:
     )
 
 
-type MotorRow = tuple[str, DriveForceSummary]
-type JointForces = Mapping[str, JointForceSummary]
-type JointRow = tuple[str, JointForces]
+class _MotorRow(NamedTuple):
+    """What a drive did at most, and ± of torque [N m] and position error [m]."""
 
-MOTOR_COLUMNS: tuple[Column[MotorRow], ...] = (
-    Column(lambda row: row[0], "drive", "drive", "Drive"),
+    name: str
+    drive: DriveExtremes
+    torque_error: float | None
+    position_error: float | None
+
+
+class _JointForce(NamedTuple):
+    """The largest force, or moment, of a joint in a direction, and how far it may be off."""
+
+    direction: str
+    force: Extreme
+    error: float | None
+
+    @property
+    def unit(self) -> str:
+        """N of a force, N m of a moment."""
+        return "N m" if self.direction.startswith("r") else "N"
+
+
+type JointRow = tuple[str, list[_JointForce]]
+
+MOTOR_COLUMNS: tuple[Column[_MotorRow], ...] = (
+    Column(lambda row: row.name, "drive", "drive", "Drive"),
     *bound_column(
-        lambda row: row[1]["torque_nm"],
-        lambda row: row[1]["torque_off_nm"],
+        lambda row: row.drive.torque.value,
+        lambda row: row.torque_error,
         "largest torque [N m]",
         ">torque N m",
         "Torque [N m]",
         error_file="± torque [N m]",
         open_errors=False,
     ),
-    _at_ms("torque_s", "torque at [ms]", ">at ms"),
+    Column(lambda row: 1e3 * row.drive.torque.time, "torque at [ms]", ">at ms", "at [ms]"),
     *bound_column(
-        lambda row: row[1]["position_error_um"],
-        lambda row: row[1]["position_error_off_um"],
+        lambda row: MICRO * row.drive.position_error.value,
+        lambda row: scale_known(row.position_error, MICRO),
         "largest position error [um]",
         ">position error µm",
         "Position error [µm]",
         error_file="± position error [um]",
         open_errors=False,
     ),
-    _at_ms("position_error_s", "position error at [ms]", ">at ms "),
+    Column(
+        lambda row: 1e3 * row.drive.position_error.time,
+        "position error at [ms]",
+        ">at ms ",
+        "at [ms]",
+    ),
 )
 
 
-def _largest(row: JointRow, unit: str) -> tuple[str, JointForceSummary] | None:
-    own = [(name, found) for name, found in row[1].items() if found["unit"] == unit]
-    return max(own, key=lambda item: abs(item[1]["force"]), default=None)
-
-
-def _read(row: JointRow, unit: str, what: Literal["direction", "force", "force_s"]) -> Cell:
-    largest = _largest(row, unit)
-    if largest is None:
-        return None
-    if what == "direction":
-        return largest[0]
-    return largest[1][what] * (1e3 if what == "force_s" else 1.0)
-
-
-def _find_error(row: JointRow, unit: str) -> float | None:
-    largest = _largest(row, unit)
-    return None if largest is None or not largest[1]["force"] else largest[1]["error"]
+def _find_largest(row: JointRow, unit: str) -> _JointForce | None:
+    """Return the largest force, or moment, of a joint."""
+    forces = [found for found in row[1] if found.unit == unit]
+    return max(forces, key=lambda found: abs(found.force.value), default=None)
 
 
 def _list_largest(unit: str, heading: str, at: str) -> tuple[Column[JointRow], ...]:
     """Return the columns of the largest force, or moment, of a joint; files have all directions."""
-    screen, report = f">{unit}", f"[{unit}]"
+
+    def read(pick: Callable[[_JointForce], Any]) -> Callable[[JointRow], Any]:
+        return lambda row: None if (found := _find_largest(row, unit)) is None else pick(found)
+
     return (
-        Column(lambda row: _read(row, unit, "direction"), "", heading, heading.capitalize()),
+        Column(read(lambda found: found.direction), "", heading, heading.capitalize()),
         Column(
-            lambda row: _read(row, unit, "force"),
+            read(lambda found: found.force.value),
             "",
-            screen,
-            report,
-            error=lambda row: _find_error(row, unit),
+            f">{unit}",
+            f"[{unit}]",
+            error=read(lambda found: found.error if found.force.value else None),
         ),
-        Column(lambda row: _read(row, unit, "force_s"), "", at, "at [ms]"),
+        Column(read(lambda found: 1e3 * found.force.time), "", at, "at [ms]"),
     )
 
 
@@ -277,6 +339,8 @@ JOINT_FORCE_COLUMNS: tuple[Column[JointRow], ...] = (
     *_list_largest("N", "force in", ">at ms"),
     *_list_largest("N m", "moment about", ">at ms "),
 )
+
+
 FORCE_COLUMNS = {  # as templates call them
     "probe_peaks_over_time": PROBE_MOTION_PEAKS,
     "motors": MOTOR_COLUMNS,
@@ -284,43 +348,80 @@ FORCE_COLUMNS = {  # as templates call them
 }
 
 
-def list_force_tables(
-    found: FeedSummary | TransientSummary, where: str, stress: str
-) -> Iterator[Listing[Any]]:
-    """Yield what probes, drives and joints took at most, as far as there are any.
+class Forces(NamedTuple):
+    """What probes, drives and joints took at most while the machine moved."""
+
+    probes: list[_ProbeMotionRow]
+    motors: list[_MotorRow]
+    joints: list[JointRow]
+
+
+def gather_forces(
+    found: PathRun | TransientAnswer, errors: Mapping[Key, Estimate] | None, **at: str
+) -> Forces:
+    """Return what a move took at most.
+
+    Args:
+        errors: ± of its numbers; None for what meshes around probes leave out.
+        at: Roles of the keys of its numbers: feed or pose.
+    """
+
+    def find(kind: str, **roles: str) -> float | None:
+        return scale_total((errors or {}).get(make_key(kind, **roles, **at)))
+
+    return Forces(
+        list_probe_motions(found.probes, errors, **at),
+        [
+            _MotorRow(
+                name, drive, find("motor_torque", drive=name), find("position_error", drive=name)
+            )
+            for name, drive in found.drives.items()
+        ],
+        [
+            (
+                joint,
+                [
+                    _JointForce(each, force, find("joint_force", joint=joint, direction=each))
+                    for each, force in directions.items()
+                ],
+            )
+            for joint, directions in found.joints.items()
+        ],
+    )
+
+
+def list_force_tables(forces: Forces, where: str, stress: str) -> Iterator[Listing[Any]]:
+    """Yield tables of forces, as far as there are any.
 
     Args:
         where: Ends the titles: at which feed or in which pose.
         stress: Begins the title of probes.
     """
-    if found["probes"]:
-        yield Listing(f"{stress} at probes {where}", PROBE_MOTION_PEAKS, found["probes"].items())
-    if found["drives"]:
-        yield Listing(f"Motors {where}", MOTOR_COLUMNS, found["drives"].items())
-    if found["joints"]:
-        title = f"Largest forces of joints {where}"
-        yield Listing(title, JOINT_FORCE_COLUMNS, found["joints"].items())
+    if forces.probes:
+        yield Listing(f"{stress} at probes {where}", PROBE_MOTION_PEAKS, forces.probes)
+    if forces.motors:
+        yield Listing(f"Motors {where}", MOTOR_COLUMNS, forces.motors)
+    if forces.joints:
+        yield Listing(f"Largest forces of joints {where}", JOINT_FORCE_COLUMNS, forces.joints)
 
 
-def tabulate_forces(
-    found: FeedSummary | TransientSummary, stem: str, probes: str
-) -> Iterator[PlainTable]:
+def tabulate_forces(forces: Forces, stem: str, probes: str) -> Iterator[PlainTable]:
     """Yield the same for files, joints with a row per direction.
 
     Args:
         stem: Ends the names of the files.
     """
-    if found["drives"]:
-        yield tabulate(f"motors_{stem}", MOTOR_COLUMNS, found["drives"].items())
-    if found["probes"]:
-        yield tabulate(f"{probes}_{stem}", PROBE_MOTION_PEAKS, found["probes"].items())
-    if found["joints"]:
+    if forces.motors:
+        yield tabulate(f"motors_{stem}", MOTOR_COLUMNS, forces.motors)
+    if forces.probes:
+        yield tabulate(f"{probes}_{stem}", PROBE_MOTION_PEAKS, forces.probes)
+    if forces.joints:
         yield PlainTable(
             f"joint_forces_{stem}",
             ("joint", "direction", "largest force on the first end", "±", "unit", "at [s]"),
             tuple(
-                (joint, direction, force["force"], force["error"], force["unit"], force["force_s"])
-                for joint, directions in found["joints"].items()
-                for direction, force in directions.items()
+                (joint, each.direction, each.force.value, each.error, each.unit, each.force.time)
+                for joint, directions in forces.joints
+                for each in directions
             ),
         )

@@ -1,24 +1,26 @@
 """Rows of compliances, displacements, probes and budgets."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from headstock.app.tables.table import Cell, Column, PlainTable, show_deviation
+from headstock.app.tables.table import Cell, Column, PlainTable, find_known, show_deviation
 from headstock.app.texts.bounded_values import bound_size
-from headstock.geometry.frames import DIRECTIONS
-from headstock.pipeline.answers.static import PointSummary
-from headstock.pipeline.results.summary import RunSummary
+from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.pipeline.answers.static import UM_PER_KN, PointCompliance, StaticAnswer
+from headstock.pipeline.numbers.estimates import known_part, scale_shares, scale_total
 from headstock.reduction.motions.body_motions import name_families
 
 
 @dataclass(frozen=True)
 class DeviationRow:
     """Displacement of a tool against the work: from what, and ``(6,)`` along and about the machine
-    axes [m, rad]; how far it may be off, NaN for ``± ?``, empty where nobody says.
+    axes [m, rad], NaN where it is undetermined; how far it may be off, NaN for ``± ?``, empty where
+    nobody says.
     """
 
     source: str
-    motion: Sequence[float | None]
+    motion: FloatArray
     errors: Sequence[float] = ()
 
 
@@ -27,13 +29,12 @@ def _moved_by(dof: int) -> Column[DeviationRow]:
     unit = "um" if dof < 3 else "urad"
 
     def value(row: DeviationRow) -> Cell:
-        moved = row.motion[dof]
-        return None if moved is None else 1e6 * moved
+        return find_known(1e6 * row.motion[dof])
 
     def error(row: DeviationRow) -> float | None:
-        moved = row.motion[dof]
+        moved = 1e6 * row.motion[dof]
         # a deviation that is written as zero has no digits that an error could end
-        still = moved is None or show_deviation(1e6 * moved) == "0"
+        still = math.isnan(moved) or show_deviation(moved) == "0"
         return None if still or not row.errors else 1e6 * row.errors[dof]
 
     shown = f"{name} [{'µm' if dof < 3 else 'µrad'}]"
@@ -54,26 +55,50 @@ DEVIATION_COLUMNS: tuple[Column[DeviationRow], ...] = (
 )
 
 
-def list_displacements(point: PointSummary) -> list[DeviationRow]:
+@dataclass(frozen=True)
+class PointRow:
+    """Compliance at a point in a pose, as it is shown [um/kN].
+
+    Attributes:
+        matrix: ``(3, 3)``, a column per force; None where a free motion leaves it undetermined.
+        errors: Direction to ± of the compliance along it; None where it is not known.
+        known: Direction to the part of ± that is known.
+    """
+
+    pose: str
+    name: str
+    point: PointCompliance
+    matrix: list[list[float | None]]
+    errors: dict[str, float | None]
+    known: dict[str, float | None]
+
+
+def list_point_rows(answers: Sequence[StaticAnswer]) -> list[PointRow]:
+    """Return every point of every pose."""
+    return [
+        PointRow(
+            answer.pose,
+            name,
+            point,
+            [[find_known(value) for value in row] for row in point.compliance[:3, :3] * UM_PER_KN],
+            {each: scale_total(error, UM_PER_KN) for each, error in errors.items()},
+            {each: known_part(scale_shares(error, UM_PER_KN)) for each, error in errors.items()},
+        )
+        for answer in answers
+        for name, point in answer.points.items()
+        for errors in [answer.list_errors(name)]
+    ]
+
+
+def list_displacements(point: PointCompliance) -> list[DeviationRow]:
     """List how a point is moved by each static load, errors of guides among them, and by all."""
-    if "displacement" not in point:
+    if point.displacement is None:
         return []
     rows = [
-        DeviationRow(load.replace("_", " "), moved)
-        for load, moved in point.get("displacements", {}).items()
+        DeviationRow(load.replace("_", " "), moved) for load, moved in point.displacements.items()
     ]
-    total = DeviationRow("all together", point["displacement"])
+    total = DeviationRow("all together", point.displacement)
     return [*rows, total] if len(rows) != 1 else rows
-
-
-def static_by_pose(summary: RunSummary) -> dict[str, dict[str, PointSummary]]:
-    """Pose to point to compliance; a summary of one pose names it nowhere but in its stages."""
-    if "static_poses" in summary:
-        return summary["static_poses"]
-    if not summary["static"]:
-        return {}
-    poses = [row["pose"] or "reference" for row in summary["stages"] if row["stage"] == "static"]
-    return {(poses or ["reference"])[0]: summary["static"]}
 
 
 def longest_share(budget: Mapping[str, Mapping[str, float]]) -> float:
@@ -83,10 +108,9 @@ def longest_share(budget: Mapping[str, Mapping[str, float]]) -> float:
     )
 
 
-def shared_budget(point: PointSummary) -> dict[str, dict[str, float]]:
+def shared_budget(point: PointCompliance) -> dict[str, dict[str, float]]:
     """The budget of a point; empty where one part alone gives way, which says nothing."""
-    budget = point["budget"]
-    return budget if any(len(shares) > 1 for shares in budget.values()) else {}
+    return point.budget if any(len(shares) > 1 for shares in point.budget.values()) else {}
 
 
 def sort_shares(shares: Mapping[str, float]) -> list[tuple[str, float]]:
@@ -112,10 +136,8 @@ def top_shares(shares: Mapping[str, float], count: int, least: float) -> list[tu
     return [item for item in sort_shares(shares)[:count] if item[1] >= least]
 
 
-def tabulate_compliance(name: str, point: PointSummary) -> PlainTable:
+def tabulate_compliance(name: str, row: PointRow) -> PlainTable:
     """Compliances at a point with their errors, directions by directions."""
-    matrix = point["compliance_um_per_kN"]
-    errors = point.get("error_um_per_kN", {})
     headings = (
         "force in",
         *(f"motion in {direction} [um/kN]" for direction in DIRECTIONS),
@@ -124,15 +146,15 @@ def tabulate_compliance(name: str, point: PointSummary) -> PlainTable:
     rows = (
         (
             d,
-            *(matrix[row][column] for row in range(3)),
-            bound_size(matrix[column][column], errors.get(d)),
+            *(moved[column] for moved in row.matrix),
+            bound_size(row.matrix[column][column], row.errors.get(d)),
         )
         for column, d in enumerate(DIRECTIONS)
     )
     return PlainTable(name, headings, tuple(rows))
 
 
-def tabulate_whole_compliance(name: str, point: PointSummary) -> PlainTable:
+def tabulate_whole_compliance(name: str, point: PointCompliance) -> PlainTable:
     """All six motions under all six loads, in SI."""
     loads = [*(f"1 N in {d}" for d in DIRECTIONS), *(f"1 N m about {d}" for d in DIRECTIONS)]
     headings = (
@@ -140,9 +162,9 @@ def tabulate_whole_compliance(name: str, point: PointSummary) -> PlainTable:
         *(f"motion in {d} [m]" for d in DIRECTIONS),
         *(f"rotation about {d} [rad]" for d in DIRECTIONS),
     )
-    columns = zip(*point["compliance_6x6"], strict=True)
+    rows = zip(loads, point.compliance.T, strict=True)
     return PlainTable(
-        name, headings, tuple((load, *column) for load, column in zip(loads, columns, strict=True))
+        name, headings, tuple((load, *map(find_known, column)) for load, column in rows)
     )
 
 

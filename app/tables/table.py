@@ -158,6 +158,11 @@ def drop_noise(value: float, scale: float) -> float:
     return 0.0 if abs(value) < NOISE * scale else value
 
 
+def find_known(value: float | None) -> float | None:
+    """Return a number for a cell; None where it is not known or not finite."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
 def show_percent(share: float) -> str:
     """A share in per cent, to a tenth."""
     return f"{100.0 * share:.1f} %"

@@ -21,9 +21,9 @@ from headstock.app.terminal.console import (
 )
 from headstock.app.texts.bounded_values import show_bound, show_bounded
 from headstock.app.views.registry import COMPONENT_COLUMNS, find_views
-from headstock.app.views.view import FinishedRun, Shares, TerminalPart
+from headstock.app.views.view import Shares, TerminalPart
 from headstock.pipeline.planning.plan import StageRecord
-from headstock.pipeline.results.summary import RunSummary
+from headstock.pipeline.results.results import Results
 from headstock.scene.scene import Scene
 
 CONTRIBUTORS_SHOWN = 5
@@ -53,27 +53,26 @@ def print_stage(record: StageRecord) -> None:
 
 
 def print_summary(
-    summary: RunSummary, *, seconds: float, folder: object, said: Sequence[str] = ()
+    run: Results, *, seconds: float, folder: object, said: Sequence[str] = ()
 ) -> None:
     """Print everything a run found, but warnings that were printed before.
 
     Args:
-        summary: Content of ``summary.json``.
         seconds: That the run took [s].
         said: Warnings that were printed before.
     """
-    console, run = make_console(), FinishedRun(summary)
+    console = make_console()
     console.print()
-    print_table(console, "Components", _tell_rows(COMPONENT_COLUMNS, summary["components"].items()))
+    print_table(console, "Components", _tell_rows(COMPONENT_COLUMNS, run.components.items()))
     for view in find_views(run):
         for part in view.terminal(run):
             _print_part(console, part)
-    print_assumptions(summary.get("assumptions", ()))
-    print_remarks([warning for warning in summary["warnings"] if warning not in said])
-    for failure in summary["failures"]:
+    print_assumptions(run.assumptions)
+    print_remarks([warning for warning in run.warnings if warning not in said])
+    for failure in run.failures:
         console.print(f"failed: {failure}", style="bold red", markup=False)
     console.print(
-        f"{summary['status']} in {seconds:.2f} s, results in {folder}", style="bold", markup=False
+        f"{run.status} in {seconds:.2f} s, results in {folder}", style="bold", markup=False
     )
 
 

@@ -11,17 +11,17 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_HALF_EVEN, Decimal
 
-from headstock.pipeline.answers.accuracy import AccuracySummary, ModelErrorsSummary
-from headstock.pipeline.answers.frf import ResponseSummary
-from headstock.pipeline.answers.lobes import BestSpeedSummary, LobesSummary
-from headstock.pipeline.answers.transient import TransientSummary
+from headstock.pipeline.answers.accuracy import AccuracyAnswer, ModelErrorsAnswer
+from headstock.pipeline.answers.frf import PoseResponse
+from headstock.pipeline.answers.lobes import MM, DirectionLobes, PoseLobes
+from headstock.pipeline.answers.transient import TransientAnswer, peak_key
 from headstock.pipeline.numbers.estimates import (
     DISCRETISATION,
     INTERFACE,
     MODEL,
     REDUCTION,
-    FrequencyErrors,
     known_part,
+    list_left_out,
     show_share,
 )
 
@@ -216,9 +216,11 @@ def show_span(span: Sequence[float] | None) -> str:
     return "-" if span is None else f"{span[0]:.4g} .. {span[1]:.4g}"
 
 
-def largest_shares(modes: FrequencyErrors) -> dict[str, float]:
+type Shares = Sequence[Mapping[str, float | None]]  # of ± of each number, by source
+
+
+def largest_shares(shares: Shares) -> dict[str, float]:
     """Return the largest part [Hz] of each source over the elastic modes of a pose where it is known."""
-    shares = modes.get("error_share", [])[modes["rigid_count"] :]
     return largest_parts((1.0, parts) for parts in shares)[0]
 
 
@@ -248,16 +250,22 @@ def show_parts(largest: Mapping[str, float]) -> str:
     return ", ".join(f"{source} up to {show_share(share)}" for source, share in largest.items())
 
 
-def shares_begin(modes: FrequencyErrors) -> str:
+def shares_begin(shares: Shares) -> str:
     """Return the words before the largest shares of a pose: what ± covers, unless none is complete."""
-    shares = modes.get("error_share", [])[modes["rigid_count"] :]
     complete = any(share and None not in share.values() for share in shares)
     return "± covers 95 % of errors, from" if complete else "known of ±, not all:"
 
 
-def error_words(modes: FrequencyErrors) -> list[str]:
-    """Say what is not in the errors of a pose's frequencies, and where there are none."""
-    shares = modes.get("error_share", [])[modes["rigid_count"] :]
+def share_words(shares: Shares) -> list[str]:
+    """Say how much of ± each source makes at most; nothing where none is known."""
+    found = ", ".join(
+        f"{source} up to {show_error(size)} Hz" for source, size in largest_shares(shares).items()
+    )
+    return [f"{shares_begin(shares)} {found}"] if found else []
+
+
+def error_words(shares: Shares, left_out: Sequence[str]) -> list[str]:
+    """Say what is not in the errors of frequencies of elastic modes, and where there are none."""
 
     def mark(source: str) -> str | None:
         """Mark modes whose error lacks a source; None where none does."""
@@ -267,17 +275,7 @@ def error_words(modes: FrequencyErrors) -> list[str]:
         marks = [NO_BOUND] * wholly + [f"± .. {AND_MORE}"] * partly
         return ", ".join(marks) or None
 
-    words = []
-    if below := modes.get("modes_below", 0):
-        words.append(
-            f"{below} mode{'s' if below > 1 else ''} below the window of frequencies: not listed"
-        )
-    if len(sources := modes.get("damping_from", [])) > 1:
-        words.append(f"damping ratios add up from {'; '.join(sources)}")
-    if modes.get("interface_spread_hz"):
-        words.append("interfaces: lowest and highest with every interface averaging or rigid")
-    if modes.get("error_left_out"):
-        words.append(f"not in ±: {'; '.join(modes['error_left_out'])}")
+    words = [f"not in ±: {'; '.join(left_out)}"] if left_out else []
     if marked := mark(REDUCTION):
         words.append(
             f"{marked} : beyond the cut-off of the modes kept, where there is no bound; see the warnings"
@@ -295,146 +293,138 @@ def error_words(modes: FrequencyErrors) -> list[str]:
     return words
 
 
-def response_error_words(response: ResponseSummary) -> list[str]:
+def response_error_words(response: PoseResponse) -> list[str]:
     """Say how far the lines of a frequency response may be off, by source, and what is not in it; empty
     where nothing is known.
     """
-    found, left_out = response.get("error"), response.get("error_left_out")
-    if not found:
-        return [f"{NO_BOUND} : nothing is known of {'; '.join(left_out)}"] if left_out else []
+    errors, left_out = response.curves.line_errors, "; ".join(response.error_left_out)
+    if errors is None:
+        return [f"{NO_BOUND} : nothing is known of {left_out}"] if left_out else []
     unknown = [
         WITHOUT_BOUND.get(source, f"nothing is known of {source}")
-        for source, shares in found.items()
+        for source, shares in errors.sources.items()
         if shares is None
     ]
     parts = [
-        f"{source} {100 * shares['median_share']:.2g} % of a line in the median, at most {100 * shares['largest_share']:.2g} % at "
-        f"{shares['largest_share_hz']:.4g} Hz"
-        for source, shares in found.items()
-        if isinstance(shares, dict)
+        f"{source} {100 * shares.median_share:.2g} % of a line in the median, at most {100 * shares.largest_share:.2g} % at "
+        f"{shares.largest_share_hz:.4g} Hz"
+        for source, shares in errors.sources.items()
+        if shares is not None
     ]
     words = [f"{NO_BOUND} : {'; '.join(unknown)}"] if unknown else []
     if parts:
-        words.append(f"± covers 95 % of errors, from {'; '.join(parts)}")
-    if unknown and parts:
-        words[-1] = f"known are {'; '.join(parts)}"
-    bounded_to = found["bounded_to_hz"]
-    if not unknown and isinstance(bounded_to, float) and bounded_to < response["to_hz"]:
-        words.append(f"no bound above {bounded_to:.4g} Hz")
+        begin = "known are" if unknown else "± covers 95 % of errors, from"
+        words.append(f"{begin} {'; '.join(parts)}")
+    if not unknown and errors.bounded_to_hz < response.curves.frequencies_hz[-1]:
+        words.append(f"no bound above {errors.bounded_to_hz:.4g} Hz")
     if left_out:
-        words.append(f"not in ±: {'; '.join(left_out)}")
+        words.append(f"not in ±: {left_out}")
     return words
 
 
-def limit_error_words(lobes: Mapping[str, LobesSummary]) -> list[str]:
+def limit_error_words(lobes: Sequence[PoseLobes]) -> list[str]:
     """Directions without a limit, where the errors of the lowest limits come from, and what is not in
     them.
     """
     words = [
-        f"pose {pose}, travel {own['name']}: no cut up to {found['deepest_mm']:g} mm chatters at a speed that was looked at"
-        for pose, found in lobes.items()
-        for own in found["directions"]
-        if own["lowest"] is None
+        f"pose {found.pose}, travel {own.name}: no cut up to {MM * found.deepest:g} mm chatters at a speed that was looked at"
+        for found in lobes
+        for own in found.directions
+        if own.lowest is None
     ]
-    directions = [own for found in lobes.values() for own in found["directions"]]
+    directions = [own for found in lobes for own in found.directions]
     largest, _ = largest_parts(
-        (own["lowest"]["limit_depth_mm"], own["lowest_error_share"])
+        (float(own.depths[own.lowest.place]), own.lowest_errors[0].shares)
         for own in directions
-        if own["lowest"] is not None
+        if own.lowest is not None
     )
     if largest:
         words.append(f"± of a lowest limit from {show_parts(largest)}")
-    left_out = dict.fromkeys(words for own in directions for words in own["error_left_out"])
+    left_out = dict.fromkeys(words for own in directions for words in own.left_out)
     if left_out:
         what = "not in ±" if largest else "no ± of the lowest limits"
         words.append(f"{what}: {'; '.join(left_out)}")
     return words
 
 
-def show_best_depth(best: BestSpeedSummary) -> str:
+def show_best_depth(direction: DirectionLobes, best: int) -> str:
     """Limit depth at a best speed [mm], with its ±; that it is above the deepest cut where there is
     none.
     """
-    depth, error = best["limit_depth_mm"], best["error_mm"]
-    if not best["limited"]:
+    depth, error = float(MM * direction.depths[best]), float(MM * direction.errors[best])
+    if not direction.limited[best]:
         return f"above {depth:.3g}"
-    return (
-        f"{depth:.3g}"
-        if error is None
-        else f"{show_bounded(depth, error)} {show_bound(depth, error)}"
-    )
+    if not math.isfinite(error):
+        return f"{depth:.3g}"
+    return f"{show_bounded(depth, error)} {show_bound(depth, error)}"
 
 
-def transient_words(transient: TransientSummary) -> list[str]:
+def transient_words(found: TransientAnswer) -> list[str]:
     """Say what a settling time means, where the errors of peaks come from, and how the energy adds up."""
-    words = [f"settled: within {100 * transient['settled_within']:g} % of the way, or of the peak"]
+    words = [f"settled: within {100 * found.settled:g} % of the way, or of the peak"]
     largest, unknown = largest_parts(
-        (output["peak"], output["error_share"]) for output in transient["outputs"].values()
+        (figures.peak, found.error_of(peak_key(found.curves.pose, channel)).shares)
+        for channel, figures in zip(found.curves.outputs, found.figures, strict=True)
     )
     known = {source: share for source, share in largest.items() if source not in unknown}
     if known:
         words.append(f"± of a peak, from {show_parts(known)}")
     if unknown:
         words.append(f"{NO_BOUND} : nothing is known of {', '.join(unknown)}")
-    if transient["error_left_out"]:
-        words.append(f"not in ±: {'; '.join(transient['error_left_out'])}")
-    energy = transient["energy"]
+    if left_out := list_left_out(found.errors.values()):
+        words.append(f"not in ±: {'; '.join(left_out)}")
+    energy = found.energy
     if energy is not None:
         words.append(
-            f"energy: {energy['initial']:.3g} J at the beginning, {energy['work']:.3g} J of work, {energy['dissipated']:.3g} J dissipated,"
-            f" {energy['final']:.3g} J left; the balance closes within {show_share(energy['error'])} of the largest"
+            f"energy: {energy.initial:.3g} J at the beginning, {energy.work:.3g} J of work, {energy.dissipated:.3g} J dissipated,"
+            f" {energy.final:.3g} J left; the balance closes within {show_share(energy.error)} of the largest"
         )
-    if not transient["damped"]:
+    if not found.damped:
         words.append("nothing is damped, so nothing settles")
     return words
 
 
-def model_words(models: ModelErrorsSummary) -> str:
+def model_words(models: ModelErrorsAnswer) -> str:
     """Say what all rigid and segmented bodies together leave out."""
     changes = {
-        name: abs(number["change"])
-        for name, number in models["numbers"].items()
-        if number["change"] is not None
+        str(key): abs(change) for key, change in models.changes.items() if change is not None
     }
     most = max(changes, key=lambda name: changes[name], default="")
-    lost = sum(number["change"] is None for number in models["numbers"].values())
+    lost = len(models.changes) - len(changes)
     words = f"together up to {show_share(changes.get(most, 0.0))}" + (f" of {most}" if most else "")
     if lost:
-        words += f"; {lost} of {len(models['numbers'])} numbers have no mode of their shape then"
+        words += f"; {lost} of {len(models.changes)} numbers have no mode of their shape then"
     return f"{words}; part of every ± as `{MODEL}`"
 
 
-def accuracy_words(
-    accuracy: AccuracySummary, responses: Mapping[str, ResponseSummary] | None = None
-) -> list[str]:
+def accuracy_words(found: AccuracyAnswer, responses: Iterable[PoseResponse] = ()) -> list[str]:
     """Say how settings were chosen for an accuracy: what was asked for, what is reached, with which
-    settings, and that lines of frequency responses by pose are further off, where they are.
+    settings, and that lines of frequency responses are further off, where they are.
     """
-    rounds, reached = accuracy["rounds"], accuracy["estimated"]
-    if not any("owner" in each for each in rounds):
+    rounds, asked = found.rounds, f"accuracy {100.0 * found.requested:g} %"
+    if not any(each.owner and each.owner[0] is not None for each in rounds):
         return [
-            f"accuracy {100.0 * accuracy['requested']:g} %: nothing to choose, since no number has an error of a mesh or of modes left out"
+            f"{asked}: nothing to choose, since no number has an error of a mesh or of modes left out"
         ]
-    last = rounds[-1]["quantity"]
-    settings = "; ".join(f"{name}: {words}" for name, words in accuracy["settings"].items())
-    state = "met" if accuracy["met"] else "not met"
+    settings = "; ".join(f"{name}: {words}" for name, words in found.settings.items())
+    state = "met" if found.met else "not met"
     count = f"{len(rounds)} round{'s' if len(rounds) != 1 else ''}"
-    words = f"accuracy {100.0 * accuracy['requested']:g} % {state} in {count}: {last} within {_show_reached(reached)}, the others closer"
-    if (own := accuracy.get("responses")) is not None:
+    words = f"{asked} {state} in {count}: {rounds[-1].quantity} within {_show_reached(found.estimated)}, the others closer"
+    if (own := found.responses) is not None:
         words += (
-            f"; peaks and static levels of frequency responses {'met' if own['met'] else 'did not meet'} it:"
-            f" {own['quantity']} within {_show_reached(own['error'])}"
+            f"; peaks and static levels of frequency responses {'met' if own.met else 'did not meet'} it:"
+            f" {own.quantity} within {_show_reached(own.error)}"
         )
-    share, at_hz, pose = max(_line_errors(responses or {}), default=(0.0, 0.0, ""))
-    if share > accuracy["requested"]:
+    share, at_hz, pose = max(_list_line_errors(responses), default=(0.0, 0.0, ""))
+    if share > found.requested:
         words += (
             f"; single lines of the frequency response are no part of it: up to {100.0 * share:.2g} % off"
             f" at {at_hz:.4g} Hz in pose {pose}"
         )
     lines = [
-        f"  {name}: {body['model']}; {body['why']}"
-        + (f". Next: {body['next']}" if body["next"] else "")
-        for name, body in accuracy.get("models", {}).items()
+        f"  {name}: {body.model}; {body.why}"
+        + (f". Next: {body.following}" if body.following else "")
+        for name, body in found.models.items()
     ]
     return [words, *(lines or filter(None, [settings]))]
 
@@ -443,11 +433,12 @@ def _show_reached(share: float | None) -> str:
     return "an unknown amount" if share is None else f"{100.0 * share:.2g} %"
 
 
-def _line_errors(responses: Mapping[str, ResponseSummary]) -> list[tuple[float, float, str]]:
+def _list_line_errors(responses: Iterable[PoseResponse]) -> list[tuple[float, float, str]]:
     """Largest share of a line by source, its frequency [Hz] and the pose."""
     return [
-        (shares["largest_share"], shares["largest_share_hz"], pose)
-        for pose, response in responses.items()
-        for shares in (response.get("error") or {}).values()
-        if isinstance(shares, dict)
+        (shares.largest_share, shares.largest_share_hz, response.curves.pose)
+        for response in responses
+        if (errors := response.curves.line_errors) is not None
+        for shares in errors.sources.values()
+        if shares is not None
     ]

@@ -4,7 +4,7 @@ can be seen.
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -103,17 +103,12 @@ def broken_phase(values: ComplexArray) -> FloatArray:
     return np.where(np.abs(np.diff(phase, prepend=phase[:1])) > 180.0, np.nan, phase)
 
 
-def overlaid_responses(responses: Mapping[str, ResponseCurves]) -> list[ResponseCurves]:
+def overlaid_responses(responses: Iterable[ResponseCurves]) -> list[ResponseCurves]:
     """The responses of all poses, where there are several and they are of the same entries; else
     none.
     """
-    found = [responses[pose] for pose in sorted(responses)]  # the order in which files hold them
-    first = found[0] if found else None
-    same = all(
-        (one.inputs, one.outputs, one.motion) == (first.inputs, first.outputs, first.motion)
-        for one in found
-        if first
-    )
+    found = sorted(responses, key=lambda one: one.pose)  # the order in which files hold them
+    same = len({(one.inputs, one.outputs, one.motion) for one in found}) == 1
     return found if len(found) > 1 and same else []
 
 

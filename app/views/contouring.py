@@ -1,97 +1,111 @@
 """Gaps, milled faces, forces and stresses along a contour."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, Literal, NamedTuple
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
 
 from headstock.app.drawings.lobes import draw_milled_faces
 from headstock.app.drawings.path import draw_contour
-from headstock.app.tables.probes import PROBE_MOTION_PEAKS
-from headstock.app.tables.table import Column, Listing, PlainTable
+from headstock.app.tables.probes import (
+    PROBE_MOTION_PEAKS,
+    list_probe_motions,
+    list_trace_columns,
+)
+from headstock.app.tables.table import Column, Listing, PlainTable, tabulate_curves
 from headstock.app.texts.bounded_values import NO_BOUND, show_bound, show_bounded
-from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
+from headstock.app.views.view import Section, TerminalPart, View
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.contouring import (
     LOCKED_MOTORS,
-    ContourSummary,
-    FaceSummary,
-    StabilitySummary,
+    UM,
+    ContourAnswer,
+    ContourFace,
+    FaceStability,
 )
-from headstock.pipeline.answers.milled_faces import MilledFaceSummary
-from headstock.pipeline.numbers.estimates import CUTTING
+from headstock.pipeline.answers.milled_faces import MM, MilledFace
+from headstock.pipeline.numbers.estimates import CUTTING, Estimate, scale_total
+from headstock.pipeline.numbers.numbers import Key, make_key
+from headstock.pipeline.results.results import Results
 
-type MilledKey = Literal[
-    "location_error_um", "ra_um", "rz_um", "wt_um", "pt_um", "mark_at_start_um", "mark_at_end_um"
-]
-
-LEAST_WAVE_UM = 1e-3  # that is told of a profile
+LEAST_WAVE_UM = 1e-3  # of a profile that is mentioned
 
 
 class _FaceRow(NamedTuple):
     """A face of a contour: the gap beside it, its profile and its limit of stability where it has
-    them.
+    them, and ± of numbers.
     """
 
     face: int
     at: str
-    gap: FaceSummary | None
-    milled: MilledFaceSummary | None
-    stability: StabilitySummary | None
+    gap: ContourFace | None
+    milled: MilledFace | None
+    stability: FaceStability | None
+    errors: Mapping[Key, Estimate]
+
+    def find_error(self, kind: str, figure: str, factor: float = UM, **at: str) -> float | None:
+        """Return ± of one of its numbers."""
+        key = make_key(kind, face=self.face, figure=figure, **at)
+        return scale_total(self.errors.get(key), factor)
 
 
-def _list_faces(found: ContourSummary) -> list[_FaceRow]:
+def _list_faces(found: ContourAnswer) -> list[_FaceRow]:
     """Faces of a contour in the order of the path."""
-    gaps = {face["face"]: face for face in found["faces"]}
-    milled = {face["face"]: face for face in found.get("milled_faces", [])}
-    stability = {face["face"]: face for face in found.get("stability", [])}
-    names = {number: face["at"] for number, face in (gaps | milled).items()}
+    gaps = {face.number: face for face in found.faces}
+    milled = {face.number: face for face in found.milled}
+    stability = {face.number: face for face in found.stability}
+    names = {number: face.at for number, face in (gaps | milled).items()}
     return [
-        _FaceRow(number, names[number], gaps.get(number), milled.get(number), stability.get(number))
+        _FaceRow(
+            number,
+            names[number],
+            gaps.get(number),
+            milled.get(number),
+            stability.get(number),
+            found.errors,
+        )
         for number in sorted(names)
     ]
 
 
-def _of_milled(key: MilledKey) -> Callable[[_FaceRow], float | None]:
-    return lambda row: None if row.milled is None else row.milled[key]
+def _of_profile(figure: str) -> Callable[[_FaceRow], float | None]:
+    return lambda row: None if row.milled is None else float(UM * row.milled.sizes[figure])
 
 
-def _profile_error(key: MilledKey) -> Callable[[_FaceRow], float | None]:
-    return lambda row: None if row.milled is None else row.milled["errors"][key]
+def _profile_error(figure: str) -> Callable[[_FaceRow], float | None]:
+    return lambda row: None if row.milled is None else row.find_error("profile", figure)
 
 
-def _tell_wave(row: _FaceRow) -> str | None:
-    if row.milled is None or row.milled["strongest_wave"]["amplitude_um"] < LEAST_WAVE_UM:
+def _describe_wave(row: _FaceRow) -> str | None:
+    found = None if row.milled is None else row.milled.parameters
+    if found is None or UM * found.wave < LEAST_WAVE_UM:
         return None
-    wave = row.milled["strongest_wave"]
-    return f"{wave['length_mm']:.3g} mm, {wave['amplitude_um']:.2g} µm"
+    return f"{MM * found.wavelength:.3g} mm, {UM * found.wave:.2g} µm"
 
 
 def _profile(
-    key: MilledKey, file: str, report: str, screen: str = "", digits: int = 3
+    figure: str, file: str, report: str, screen: str = "", digits: int = 3
 ) -> Column[_FaceRow]:
     """Return the column of a parameter of the profile of a face."""
-    return Column(_of_milled(key), file, screen, report, digits=digits, error=_profile_error(key))
+    error = _profile_error(figure)
+    return Column(_of_profile(figure), file, screen, report, digits=digits, error=error)
 
 
-def _gap(
-    key: Literal["outward_um", "outward_peak_to_peak_um"],
-) -> tuple[Callable[[_FaceRow], float | None], Callable[[_FaceRow], float | None]]:
-    """Return what reads a number of the gap beside a face, and its ±."""
-    return (
-        lambda row: None if row.gap is None else row.gap[key],
-        lambda row: None if row.gap is None else row.gap["errors"][key],
-    )
+def _of_gap(name: str) -> Callable[[_FaceRow], float | None]:
+    return lambda row: None if row.gap is None else float(UM * getattr(row.gap, name))
 
 
-(_mean_gap, _mean_gap_error), (_gap_span, _gap_span_error) = (
-    _gap("outward_um"),
-    _gap("outward_peak_to_peak_um"),
-)
+def _gap_error(figure: str) -> Callable[[_FaceRow], float | None]:
+    return lambda row: None if row.gap is None else row.find_error("outward_gap", figure)
+
+
+_mean_gap_error, _gap_span_error = _gap_error("mean"), _gap_error("span")
 FACE_COLUMNS: tuple[Column[_FaceRow], ...] = (
     Column(lambda row: row.face, "face", screen=">face", report="Face"),
     Column(lambda row: row.at, "at", screen="<at", report="At"),
-    Column(_mean_gap, "mean gap outward [um]", ">gap", "Mean gap [µm]", error=_mean_gap_error),
     Column(
-        _gap_span,
+        _of_gap("outward"), "mean gap outward [um]", ">gap", "Mean gap [µm]", error=_mean_gap_error
+    ),
+    Column(
+        _of_gap("outward_span"),
         "gap peak to peak [um]",
         ">ripple",
         "peak to peak [µm]",
@@ -100,148 +114,187 @@ FACE_COLUMNS: tuple[Column[_FaceRow], ...] = (
     ),
     Column(_mean_gap_error, "± mean gap [um]"),
     Column(_gap_span_error, "± gap peak to peak [um]"),
-    Column(_profile_error("location_error_um"), "± location error [um]"),
-    Column(_profile_error("ra_um"), "± Ra [um]"),
-    Column(_profile_error("rz_um"), "± Rz [um]"),
-    Column(_profile_error("wt_um"), "± Wt [um]"),
-    _profile(
-        "location_error_um", "location error [um]", "Location error [µm]", ">location", digits=4
-    ),
-    _profile("ra_um", "Ra [um]", "Ra [µm]", ">Ra"),  # by its name in ISO 21920
-    _profile("rz_um", "Rz [um]", "Rz [µm]", ">Rz"),
-    _profile("wt_um", "Wt [um]", "Wt [µm]", ">Wt"),
-    _profile("pt_um", "Pt [um]", "Pt [µm]"),
-    _profile("mark_at_start_um", "mark at the start [um]", "Mark at start [µm]", ">at start"),
-    _profile("mark_at_end_um", "mark at the end [um]", "at end [µm]", ">at end"),
-    Column(_tell_wave, "strongest wave", report="Strongest wave"),
+    Column(_profile_error("location_error"), "± location error [um]"),
+    Column(_profile_error("ra"), "± Ra [um]"),
+    Column(_profile_error("rz"), "± Rz [um]"),
+    Column(_profile_error("wt"), "± Wt [um]"),
+    _profile("location_error", "location error [um]", "Location error [µm]", ">location", digits=4),
+    _profile("ra", "Ra [um]", "Ra [µm]", ">Ra"),  # by its name in ISO 21920
+    _profile("rz", "Rz [um]", "Rz [µm]", ">Rz"),
+    _profile("wt", "Wt [um]", "Wt [µm]", ">Wt"),
+    _profile("pt", "Pt [um]", "Pt [µm]"),
+    _profile("mark_at_start", "mark at the start [um]", "Mark at start [µm]", ">at start"),
+    _profile("mark_at_end", "mark at the end [um]", "at end [µm]", ">at end"),
+    Column(_describe_wave, "strongest wave", report="Strongest wave"),
     Column(
-        lambda row: None if row.stability is None else row.stability["limit_depth_mm"],
+        lambda row: None if row.stability is None else 1e3 * row.stability.limit_depth,
         "limit depth of cut, motors locked [mm]",
     ),
 )
 
 
-def _contour_words(found: ContourSummary) -> str | None:
+_NAME: Column[_FaceRow] = Column(lambda row: f"{row.face}, {row.at}", report="Face")
+STABILITY_COLUMNS: tuple[Column[FaceStability], ...] = (
+    Column(lambda face: f"{face.number}, {face.at}", report="Face"),
+    Column(lambda face: face.multiplier, report="largest multiplier", digits=5),
+    Column(
+        lambda face: 1e3 * face.limit_depth,
+        report="depth of cut where chatter starts, motors locked [mm]",
+        digits=3,
+    ),
+    Column(lambda face: "stable" if face.stable else "unstable", report="the cut is"),
+)
+
+
+def _number_column(
+    kind: str, name: str, place: int, heading: str, *, digits: int, **at: str
+) -> Column[_FaceRow]:
+    """Return a column of the report: an item of ``NAME_mean`` or ``NAME_span`` of the gap beside a face.
+
+    Args:
+        heading: In the report; it ends with the unit.
+        at: Roles of the key of the number.
+    """
+    factor = UM if kind == "contour_gap" else 1.0
+
+    def value(row: _FaceRow) -> float | None:
+        values = getattr(row.gap, name)
+        return None if values is None else float(factor * values[place])
+
+    def error(row: _FaceRow) -> float | None:
+        return row.find_error(kind, name.rpartition("_")[2], factor, **at) if value(row) else None
+
+    return Column(value, heading, report=heading, digits=digits, error=error)
+
+
+def _list_gap_columns() -> list[Column[_FaceRow]]:
+    columns = [_NAME]
+    for name, words in (("gap_mean", "mean"), ("gap_span", "peak to peak")):
+        columns += [
+            _number_column("contour_gap", name, place, f"{words} {d} [µm]", digits=3, direction=d)
+            for place, d in enumerate(DIRECTIONS)
+        ]
+    return columns
+
+
+def _list_drive_columns(found: ContourAnswer) -> list[Column[_FaceRow]]:
+    columns = [_NAME]
+    for kind, name, words, unit in (
+        ("drive_force", "drive", "", "N"),
+        ("drive_torque", "torque", "motor of ", "N m"),
+    ):
+        for place, drive in enumerate(found.drives):
+            columns += [
+                _number_column(
+                    kind, f"{name}_mean", place, f"{words}{drive} [{unit}]", digits=4, drive=drive
+                ),
+                _number_column(
+                    kind, f"{name}_span", place, f"peak to peak [{unit}]", digits=3, drive=drive
+                ),
+            ]
+    return columns
+
+
+def _contour_words(found: ContourAnswer) -> str | None:
     """Say how the profiles were measured; None where there is none."""
-    if not found.get("milled_faces"):
+    if not found.milled:
         return None
-    face = found["milled_faces"][0]
-    low, high = face["evaluated_mm"]
-    by_height = [depth["location_error_um"] for depth in face["location_by_height"]]
+    face = found.milled[0]
+    low, high = (MM * end for end in face.evaluated)
+    by_height = [UM * location for _, location in face.by_height]
     return (
-        f"Profiles {face['height_mm']:.3g} mm above the end of the tool, ideal edges. Location error: mean, positive where material is left;"
-        f" {min(by_height):.4g} to {max(by_height):.4g} µm over the depth of face {face['face']}. Ra, Rz, Wt (ISO 21920) over {high - low:.3g} mm, line"
-        f" removed, Gaussian filter with a cut-off of {face['cut_off_mm']:.3g} mm. At start and end: mean line off the location error outside"
-        f" that length. Cusps of a rigid machine: {face['rigid_cusp_um']:.3g} µm."
+        f"Profiles {MM * face.height:.3g} mm above the end of the tool, ideal edges. Location error: mean, positive where material is left;"
+        f" {min(by_height):.4g} to {max(by_height):.4g} µm over the depth of face {face.number}. Ra, Rz, Wt (ISO 21920) over {high - low:.3g} mm, line"
+        f" removed, Gaussian filter with a cut-off of {MM * face.cut_off:.3g} mm. At start and end: mean line off the location error outside"
+        f" that length. Cusps of a rigid machine: {UM * face.cusp:.3g} µm."
     )
 
 
-def _contour_error_words(found: ContourSummary) -> str | None:
+def _contour_error_words(found: ContourAnswer) -> str | None:
     """Where the errors of a contour come from, and what is not in them; None where nothing is said."""
-    sources, left_out = found["error_sources"], "; ".join(found["error_left_out"])
-    if not sources:
+    left_out = "; ".join(found.left_out)
+    if not found.sources:
         return f"{NO_BOUND} : nothing is known of {left_out}." if left_out else None
     rest = f" Not in ±: {left_out}." if left_out else ""
     ways = [
         f"with {source} at the ends of their ranges" if source == CUTTING else f"without {source}"
-        for source in sources
+        for source in found.sources
     ]
     return f"± of gaps, forces, torques and profiles: the contour once more {' and '.join(ways)}.{rest}"
 
 
-def _limit_words(found: ContourSummary) -> str | None:
+def _limit_words(found: ContourAnswer) -> str | None:
     """At which depth of cut chatter starts on each face; None where nobody asked."""
-    faces = found.get("stability", [])
-    if not faces:
-        return None
-    depths = ", ".join(
-        f"{show_bounded(face['limit_depth_mm'], face['error_mm'])} {show_bound(face['limit_depth_mm'], face['error_mm'])} mm on face {face['face']}"
-        for face in faces
-    )
-    return f"Chatter starts at a depth of cut of {depths}; {LOCKED_MOTORS}."
+    depths = []
+    for face in found.stability:
+        limit = 1e3 * face.limit_depth
+        error = scale_total(found.errors.get(make_key("limit_depth", face=face.number)), 1e3)
+        shown = f"{show_bounded(limit, error)} {show_bound(limit, error)}"
+        depths.append(f"{shown} mm on face {face.number}")
+    words = f"Chatter starts at a depth of cut of {', '.join(depths)}; {LOCKED_MOTORS}."
+    return words if depths else None
 
 
-def _tabulate_profiles(face: MilledFaceSummary) -> list[PlainTable]:
+def _tabulate_profiles(face: MilledFace) -> list[PlainTable]:
     """Profile over the whole face in cells, and a short piece of it sample by sample."""
-    profile, detail = face["profile"], face["detail"]
     return [
-        PlainTable(
-            f"profile_face_{face['face']}",
-            ("along [mm]", "lowest [um]", "highest [um]", "mean line [um]"),
-            tuple(
-                zip(
-                    profile["at_mm"],
-                    profile["lowest_um"],
-                    profile["highest_um"],
-                    profile["waviness_um"],
-                    strict=True,
-                )
-            ),
+        tabulate_curves(
+            f"profile_face_{face.number}",
+            [
+                ("along [mm]", MM * face.places),
+                ("lowest [um]", UM * face.lowest),
+                ("highest [um]", UM * face.highest),
+                ("mean line [um]", UM * face.waviness),
+            ],
         ),
-        PlainTable(
-            f"profile_detail_face_{face['face']}",
-            ("along [mm]", "height [um]"),
-            tuple(zip(detail["at_mm"], detail["height_um"], strict=True)),
+        tabulate_curves(
+            f"profile_detail_face_{face.number}",
+            [("along [mm]", MM * face.detail_places), ("height [um]", UM * face.detail)],
         ),
     ]
 
 
-def _tabulate_contour(found: ContourSummary) -> PlainTable:
+def _tabulate_contour(found: ContourAnswer) -> PlainTable:
     """Gap, forces, torques and what probes see over time."""
-    series, drives = found["series"], found["drives"]
-    headings = [
-        "time [s]",
-        *(f"gap {d} [um]" for d in DIRECTIONS),
-        *(f"force of {name} [N]" for name in drives),
+    columns = [
+        ("time [s]", found.times),
+        *((f"gap {d} [um]", UM * found.gap[:, place]) for place, d in enumerate(DIRECTIONS)),
     ]
-    rows = [
-        (time, *gap, *forces)
-        for time, gap, forces in zip(
-            series["time_s"], series["gap_um"], series["drive_force_n"], strict=True
-        )
-    ]
-    if "motor_torque_nm" in series:
-        headings += [f"torque of the motor of {name} [Nm]" for name in drives]
-        rows = [
-            (*row, *torques) for row, torques in zip(rows, series["motor_torque_nm"], strict=True)
-        ]
-    for name, probe in series["probes"].items():
-        headings.append(f"von Mises {name} [MPa]")
-        headings += [f"stress {pair} {name} [MPa]" for pair in probe["stress_mpa"]]
-        headings += [f"displacement {along} {name} [um]" for along in DIRECTIONS]
-        rows = [
-            (*row, *own)
-            for row, *own in zip(
-                rows,
-                probe["von_mises_mpa"],
-                *probe["stress_mpa"].values(),
-                *zip(*probe["displacement_um"], strict=True),
-                strict=True,
-            )
-        ]
-    return PlainTable("contour", tuple(headings), tuple(rows))
+    for values, heading in (
+        (found.drive_forces, "force of {} [N]"),
+        (found.torques, "torque of the motor of {} [Nm]"),
+    ):
+        if values is not None:
+            columns += [
+                (heading.format(name), values[:, place]) for place, name in enumerate(found.drives)
+            ]
+    for probe in found.probes.values():
+        columns += list_trace_columns(probe.trace)
+    return tabulate_curves("contour", columns)
 
 
-def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
-    contour = run.summary["contouring"]
+def _list_tables(run: Results) -> Iterator[PlainTable]:
+    contour = run.find(ContourAnswer)[-1]
     yield _tabulate_contour(contour)
-    yield from (listing.tabulate() for listing in _list_listings(run))
-    for face in contour.get("milled_faces", []):
+    yield from (listing.tabulate() for listing in _list_listings(contour))
+    for face in contour.milled:
         yield from _tabulate_profiles(face)
 
 
-def _list_listings(run: FinishedRun) -> Iterator[Listing[Any]]:
-    contour = run.summary["contouring"]
+def _list_listings(contour: ContourAnswer) -> Iterator[Listing[Any]]:
     title = "Faces along the contour [µm]"
     yield Listing(title, FACE_COLUMNS, _list_faces(contour), "contour_faces")
-    if contour["probes"]:
-        title, rows = "Largest stress at probes along the contour", contour["probes"].items()
+    if contour.probes:
+        title, rows = (
+            "Largest stress at probes along the contour",
+            list_probe_motions(contour.probes),
+        )
         yield Listing(title, PROBE_MOTION_PEAKS, rows, "probes_contour")
 
 
-def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
-    contour = run.summary["contouring"]
-    faces, *probes = _list_listings(run)
+def _list_parts(run: Results) -> Iterator[TerminalPart]:
+    contour = run.find(ContourAnswer)[-1]
+    faces, *probes = _list_listings(contour)
     yield faces
     for words in (_contour_words(contour), _contour_error_words(contour), _limit_words(contour)):
         if words:
@@ -250,28 +303,32 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
     yield from probes
 
 
-def _find_largest(rows: Iterable[Mapping[str, Sequence[float]]], *keys: str) -> float:
-    """Return the largest magnitude in lists of the same unit: the scale of their roundoff."""
-    return max(
-        (abs(value) for row in rows for key in keys for value in row.get(key, ())), default=0.0
-    )
-
-
-VIEW = View(
-    tables=_list_tables,
-    terminal=_list_parts,
-    section=Section(
-        "contour",
-        "Contouring",
-        template="views/contouring.html",
-        names={
-            "columns": {"faces": FACE_COLUMNS, "probe_peaks_over_time": PROBE_MOTION_PEAKS},
-            "draw_contour": draw_contour,
-            "draw_milled_faces": draw_milled_faces,
-            "list_faces": _list_faces,
-            "contour_words": _contour_words,
-            "contour_error_words": _contour_error_words,
-            "largest": _find_largest,
+def _write_section(run: Results) -> Section:
+    contour = run.find(ContourAnswer)[-1]
+    rows = _list_faces(contour)
+    names = {
+        "contour": contour,
+        "columns": {
+            "faces": FACE_COLUMNS,
+            "gaps": _list_gap_columns(),
+            "drives": _list_drive_columns(contour),
+            "stability": STABILITY_COLUMNS,
+            "probes": PROBE_MOTION_PEAKS,
         },
-    ),
-)
+        "rows": rows,
+        "gap_rows": [row for row in rows if row.gap is not None],
+        "probes": list_probe_motions(contour.probes),
+        "draw_contour": draw_contour,
+        "draw_milled_faces": draw_milled_faces,
+        "contour_words": _contour_words(contour),
+        "error_words": _contour_error_words(contour),
+        "deflection": [
+            float(UM * values[0])
+            for values in (contour.least_gravity_deflection, contour.most_gravity_deflection)
+        ],
+        "largest_deflection": float(abs(UM * contour.most_gravity_deflection).max()),
+    }
+    return Section("contour", "Contouring", template="views/contouring.html", names=names)
+
+
+VIEW = View(tables=_list_tables, terminal=_list_parts, section=_write_section)

@@ -1,6 +1,6 @@
 """Natural modes of each pose, with their errors, damping and strain energy."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,6 +14,7 @@ from headstock.app.texts.bounded_values import (
     bound_size,
     error_words,
     largest_shares,
+    share_words,
     shares_begin,
     show_bound,
     show_bounded,
@@ -22,11 +23,12 @@ from headstock.app.texts.bounded_values import (
     show_error,
     show_span,
 )
-from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
+from headstock.app.views.view import Section, TerminalPart, View
 from headstock.geometry.machine.machine import show_position
-from headstock.pipeline.answers.modal import ModesSummary
-from headstock.pipeline.numbers.estimates import known_part
+from headstock.pipeline.answers.modal import DAMPED_FREQUENCY, DAMPING_RATIO, PoseModes
+from headstock.pipeline.numbers.estimates import list_left_out
 from headstock.pipeline.results.mode_files import file_stem
+from headstock.pipeline.results.results import Results
 
 
 @dataclass(frozen=True)
@@ -49,31 +51,30 @@ class ModeRow:
     spread_hz: tuple[float, float] | None
 
 
-def list_modes(modes: ModesSummary) -> list[ModeRow]:
+def list_modes(modes: PoseModes) -> list[ModeRow]:
     """The modes of a pose, from the lowest or from the first in a window of frequencies."""
-    below = modes.get("modes_below", 0)
-    shares = modes.get("error_share") or [{}] * len(modes["frequencies_hz"])
-    spreads = modes.get("interface_spread_hz") or [None] * len(modes["frequencies_hz"])
+    errors = modes.list_errors()
+    damped, ratios = modes.list_errors(DAMPED_FREQUENCY), modes.list_errors(DAMPING_RATIO)
     return [
         ModeRow(
-            number=below + place + 1,
-            rigid=place < modes["rigid_count"],
-            hz=hz,
-            error_hz=modes["error_hz"][place],
-            known_hz=known_part(shares[place]),
-            damped_hz=modes["damped_hz"][place],
-            damped_error_hz=modes["damped_error_hz"][place],
-            damping_ratio=modes["damping_ratio"][place],
-            damping_error=modes["damping_error"][place],
-            name=modes["mode_names"][place],
-            energy_share=modes["energy_share"][place],
-            spread_hz=spreads[place],
+            number=modes.below + place + 1,
+            rigid=place < modes.rigid_count,
+            hz=float(hz),
+            error_hz=errors[place].total,
+            known_hz=errors[place].known,
+            damped_hz=modes.damped_hz[place] if modes.damped_hz else None,
+            damped_error_hz=damped[place].total,
+            damping_ratio=modes.damping_ratio[place],
+            damping_error=ratios[place].total,
+            name=modes.mode_names[place],
+            energy_share=modes.energy_share[place],
+            spread_hz=modes.spread_hz[place] if modes.spread_hz else None,
         )
-        for place, hz in enumerate(modes["frequencies_hz"])
+        for place, hz in enumerate(modes.frequencies_hz)
     ]
 
 
-def _tabulate_modes(modes: ModesSummary) -> PlainTable:
+def _tabulate_modes(modes: PoseModes) -> PlainTable:
     """Frequencies, errors, damping, names and energy shares."""
     found = list_modes(modes)
     parts = sorted({part for row in found for part in row.energy_share})
@@ -102,33 +103,53 @@ def _tabulate_modes(modes: ModesSummary) -> PlainTable:
         )
         for row in found
     )
-    return PlainTable(f"modes_{file_stem(modes['pose_name'])}", headings, rows)
+    return PlainTable(f"modes_{file_stem(modes.pose.name)}", headings, rows)
 
 
 SHARES_SHOWN, SMALLEST_SHOWN = 3, 0.005  # on the terminal
 SHARES_NAMED, SMALLEST_NAMED = 3, 0.02  # in the report
 
 
-def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
-    for modes in run.summary["modal"]:
-        yield _list_modes(modes)
-        found = ", ".join(
-            f"{source} up to {show_error(size)} Hz"
-            for source, size in largest_shares(modes).items()
+def _list_shares(modes: PoseModes) -> list[Mapping[str, float | None]]:
+    """Return the parts of ± by source of every mode that is no rigid-body mode."""
+    return [error.shares for error in modes.list_errors()[modes.rigid_count :]]
+
+
+def _list_words(modes: PoseModes) -> list[str]:
+    """Say which modes are listed, where damping comes from, and what is not in ±."""
+    words = []
+    if below := modes.below:
+        words.append(
+            f"{below} mode{'s' if below > 1 else ''} below the window of frequencies: not listed"
         )
-        if found:
-            yield f"  {shares_begin(modes)} {found}"
-        yield from (f"  {words}" for words in error_words(modes))
+    if len(modes.damping_from) > 1:
+        words.append(f"damping ratios add up from {'; '.join(modes.damping_from)}")
+    if modes.spread_hz:
+        words.append("interfaces: lowest and highest with every interface averaging or rigid")
+    return words + error_words(_list_shares(modes), list_left_out(modes.list_errors()))
+
+
+def _list_parts(run: Results) -> Iterator[TerminalPart]:
+    for modes in run.modal:
+        yield _list_modes(modes)
+        yield from (f"  {words}" for words in share_words(_list_shares(modes)))
+        yield from (f"  {words}" for words in _list_words(modes))
         yield ""
 
 
-def _describe_position(modes: ModesSummary) -> str:
+def _list_positions(modes: PoseModes) -> list[tuple[str, float, str]]:
+    """Return where the axes are in the pose of some modes, with units."""
+    return [
+        (axis, position, modes.pose_units[axis])
+        for axis, position in modes.pose.positions.items()
+        if axis in modes.pose_units
+    ]
+
+
+def _describe_position(modes: PoseModes) -> str:
     """Describe where the axes are in the pose of some modes: ``Y = 30 mm``."""
-    units = modes["pose_units"]
     return ", ".join(
-        f"{axis} = {show_position(position, units[axis])}"
-        for axis, position in modes["pose"].items()
-        if axis in units
+        f"{axis} = {show_position(place, unit)}" for axis, place, unit in _list_positions(modes)
     )
 
 
@@ -165,7 +186,7 @@ DAMPED_COLUMNS = (
 )
 
 
-def _list_modes(modes: ModesSummary) -> Listing[ModeRow]:
+def _list_modes(modes: PoseModes) -> Listing[ModeRow]:
     rows = list_modes(modes)
     damped = any(row.damping_ratio is not None for row in rows)
     known = any(
@@ -182,13 +203,13 @@ def _list_modes(modes: ModesSummary) -> Listing[ModeRow]:
         columns.append(Column(_show_bound, screen="<± Hz"))
     if damped:
         columns += DAMPED_COLUMNS
-    if modes.get("interface_spread_hz"):
+    if modes.spread_hz:
         columns.append(Column(lambda row: show_span(row.spread_hz), screen="<interfaces Hz"))
     columns.append(Column(lambda row: row.name, screen="mode"))
     if any(len(row.energy_share) > 1 for row in rows):
         columns.append(Column(_show_parts, screen="strain energy in"))
     positions = _describe_position(modes)
-    pose = modes["pose_name"] + (f" ({positions})" if positions else "")
+    pose = modes.pose.name + (f" ({positions})" if positions else "")
     return Listing(f"Natural modes in pose {pose}", columns, rows)
 
 
@@ -215,14 +236,16 @@ def _write_damped(mode: ModeRow) -> tuple[Markup, Markup]:
 
 
 VIEW = View(
-    tables=lambda run: map(_tabulate_modes, run.summary["modal"]),
+    tables=lambda run: map(_tabulate_modes, run.modal),
     terminal=_list_parts,
-    section=Section(
+    section=lambda run: Section(
         "modes",
         "Natural modes",
         template="views/modal.html",
         names={
+            "modal": run.modal,
             "list_modes": list_modes,
+            "list_positions": _list_positions,
             "draw_frequencies": draw_frequencies,
             "draw_stack": draw_stack,
             "damped_cells": _write_damped,
@@ -233,7 +256,8 @@ VIEW = View(
             "top": lambda shares: top_shares(shares, SHARES_NAMED, SMALLEST_NAMED),
             "largest_shares": largest_shares,
             "shares_begin": shares_begin,
-            "error_words": error_words,
+            "list_shares": _list_shares,
+            "list_words": _list_words,
         },
     ),
 )

@@ -1,12 +1,16 @@
 """Deviation from a straight path at every feed, and what drives, joints and probes take."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Literal, NamedTuple
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
 
 from headstock.app.drawings.path import draw_path, draw_path_drives
 from headstock.app.tables.probes import (
     FORCE_COLUMNS,
+    Forces,
+    gather_forces,
     list_force_tables,
     list_motion_columns,
     tabulate_forces,
@@ -19,18 +23,21 @@ from headstock.app.tables.table import (
     tabulate_curves,
 )
 from headstock.app.texts.bounded_values import NO_BOUND, largest_parts, show_parts
-from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
+from headstock.app.views.view import Section, TerminalPart, View
 from headstock.geometry.machine.machine import SCENE_UNITS, show_position
 from headstock.pipeline.answers.path import (
-    CruiseSummary,
-    FeedSummary,
+    CRUISE,
+    SIZES,
+    ZONES,
     PathCurves,
     PathResult,
-    PathSummary,
-    ZoneSummary,
+    PathRun,
     deviation_unit,
 )
-from headstock.solvers.second_order import name_channel
+from headstock.pipeline.numbers.estimates import Estimate, scale_total
+from headstock.pipeline.results.results import Results
+from headstock.solvers.motion.deviation import CruiseFigures, ZoneFigures
+from headstock.solvers.second_order import Channel, name_channel
 
 PART_NAMES = {
     "total": "deviation",
@@ -40,125 +47,122 @@ PART_NAMES = {
 }
 
 
-class _ZoneRow(NamedTuple):
-    """What a path analysis says of an output while a ramp lasts; sizes in µm or µrad."""
+class _ZoneRow[Figures: (ZoneFigures, CruiseFigures)](NamedTuple):
+    """What a path analysis says of an output while a ramp lasts, or at constant feed."""
 
-    run: FeedSummary
-    channel: list[str]
+    found: PathResult
+    run: PathRun
+    channel: Channel
     zone: str
-    found: ZoneSummary
-    errors: ZoneSummary
-    parts: Mapping[str, float | None]  # of ± of its peak, by source
+    figures: Figures
+    frozen: Figures  # if the pose stayed that of the middle
 
-    def error(self, name: str) -> float | None:
-        """Return the error of one of its sizes; None where nobody says, or it is zero."""
-        key = f"{name}_{deviation_unit((self.channel[0], self.channel[1]))[0]}"
-        return _known_error(self.found[key], self.errors, key)
+    def find_error(self, figure: str) -> Estimate:
+        """Return ± of one of its figures."""
+        return self.found.find_error(self.run, self.channel, self.zone, figure)
 
-    def size(self, name: str) -> float | None:
-        """One of its sizes, by its name without the unit."""
-        return self.found[f"{name}_{deviation_unit((self.channel[0], self.channel[1]))[0]}"]
+    def shown(self, figure: str) -> float:
+        """Return one of its figures in the unit that is shown."""
+        return deviation_unit(self.channel)[1] * float(getattr(self.figures, figure))
+
+    def error(self, figure: str) -> float | None:
+        """± of a figure, NaN for ``± ?``; None where nothing is known of any, or the figure is roundoff."""
+        figures = CRUISE if self.zone == "cruising" else SIZES
+        if show_deviation(self.shown(figure)) == "0" or all(
+            self.find_error(each).total is None for each in figures
+        ):
+            return None
+        total = scale_total(self.find_error(figure), deviation_unit(self.channel)[1])
+        return math.nan if total is None else total
 
 
-def _list_zones(path: PathSummary, output: int | None = None) -> list[_ZoneRow]:
+type _RampRow = _ZoneRow[ZoneFigures]
+type _CruiseRow = _ZoneRow[CruiseFigures]
+
+
+def _list_zones(found: PathResult, output: int | None = None) -> list[_RampRow]:
     """Every feed, output and ramp of a path analysis; of one output where its number is given."""
     return [
-        _ZoneRow(run, shown["dof"], zone, found, shown["errors"][zone], shown["error_share"][zone])
-        for run in path["feeds"]
-        for number, shown in enumerate(run["outputs"])
-        if output in (None, number)
-        for zone, found in (
-            ("accelerating", shown["accelerating"]),
-            ("decelerating", shown["decelerating"]),
+        _ZoneRow(
+            found, run, channel, zone, run.figures[number][ramp], run.frozen_figures[number][ramp]
         )
+        for run in found.runs
+        for number, channel in enumerate(run.curves.outputs)
+        if output in (None, number)
+        for ramp, zone in enumerate(ZONES)
     ]
 
 
-def _known_error(
-    value: float | None, errors: Mapping[str, float | None], name: str
-) -> float | None:
-    """How far a number may be off, NaN for ``± ?``; None where nothing is known of any, or the number
-    is roundoff.
-    """
-    if value is None or show_deviation(value) == "0" or all(e is None for e in errors.values()):
-        return None
-    error = errors.get(name)
-    return math.nan if error is None else error
-
-
-def _sized(name: str, report: str, screen: str = "") -> Column[_ZoneRow]:
+def _sized(name: str, report: str, screen: str = "") -> Column[_RampRow]:
     return Column(
-        lambda row: row.size(name),
+        lambda row: row.shown(name),
         screen=screen,
         report=report,
         error=lambda row: row.error(name),
     )
 
 
-ZONE_COLUMNS: tuple[Column[_ZoneRow], ...] = (
-    Column(lambda row: row.run["name"], screen="feed", report="Feed"),
+ZONE_COLUMNS: tuple[Column[_RampRow], ...] = (
+    Column(lambda row: row.run.curves.name, screen="feed", report="Feed"),
     Column(lambda row: " ".join(row.channel), screen="<at"),
     Column(lambda row: row.zone, screen="<zone", report="Zone"),
-    Column(lambda row: row.run["acceleration"], report="Acceleration [m/s², rad/s²]", digits=3),
+    Column(
+        lambda row: float(np.abs(row.run.curves.accelerations).max()),
+        report="Acceleration [m/s², rad/s²]",
+        digits=3,
+    ),
     _sized("peak", "Peak", ">peak"),
-    Column(lambda row: row.found["peak_s"], screen=">at s", report="at [s]"),
+    Column(lambda row: row.figures.peak_time, screen=">at s", report="at [s]"),
     _sized("span", "Peak to peak", ">span"),
     _sized("quasi_static", "Quasi-static", ">static"),
     _sized("dynamic", PART_NAMES["dynamic"].capitalize(), ">vibration"),
     _sized("rms", "rms"),
     Column(
-        lambda row: row.found["settling_s"],
+        lambda row: row.figures.settling,
         screen=">settles",
         report="below 5 % after [s]",
         digits=3,
         missing="never",
     ),
-    Column(lambda row: row.size("frozen_peak"), screen=">frozen pose", report="Peak, frozen pose"),
+    Column(
+        lambda row: deviation_unit(row.channel)[1] * row.frozen.peak,
+        screen=">frozen pose",
+        report="Peak, frozen pose",
+    ),
 )
 
 
-class _CruiseRow(NamedTuple):
-    """An output of a path at constant feed."""
-
-    run: FeedSummary
-    channel: Sequence[str]
-    found: CruiseSummary
-    errors: ZoneSummary
-
-
-def _list_cruises(path: PathSummary, output: int | None = None) -> list[_CruiseRow]:
+def _list_cruises(found: PathResult, output: int | None = None) -> list[_CruiseRow]:
     """Every feed and output of a path on which errors of guides act; of one output where its number
     is given.
     """
     return [
-        _CruiseRow(run, shown["dof"], shown["cruising"], shown["errors"]["cruising"])
-        for run in path["feeds"]
-        for number, shown in enumerate(run["outputs"])
-        if output in (None, number) and "cruising" in shown
+        _ZoneRow(found, run, run.curves.outputs[number], "cruising", cruise, cruise)
+        for run in found.runs
+        for number, cruise in enumerate(run.cruises)
+        if output in (None, number) and cruise is not None
     ]
 
 
-def _varied(
-    name: Literal["variation_um", "straightness_um", "amplitude_um"], report: str, screen: str
-) -> Column[_CruiseRow]:
+def _varied(name: str, report: str, screen: str) -> Column[_CruiseRow]:
     return Column(
-        lambda row: row.found[name],
+        lambda row: row.shown(name),
         screen=screen,
         report=report,
         show=show_deviation,
-        error=lambda row: _known_error(row.found[name], row.errors, name),
+        error=lambda row: row.error(name),
     )
 
 
 CRUISE_COLUMNS: tuple[Column[_CruiseRow], ...] = (
-    Column(lambda row: row.run["name"], screen="feed", report="Feed"),
+    Column(lambda row: row.run.curves.name, screen="feed", report="Feed"),
     Column(lambda row: " ".join(row.channel), screen="<at"),
-    _varied("variation_um", "Variation", ">variation"),
-    _varied("straightness_um", "Straightness", ">straightness"),
-    _varied("amplitude_um", "Strongest wave", ">wave of"),
-    Column(lambda row: row.found["period_s"], screen=">period s", report="Period [s]", digits=3),
+    _varied("variation", "Variation", ">variation"),
+    _varied("straightness", "Straightness", ">straightness"),
+    _varied("amplitude", "Strongest wave", ">wave of"),
+    Column(lambda row: row.figures.period, screen=">period s", report="Period [s]", digits=3),
     Column(
-        lambda row: row.found.get("period_mm", row.found.get("period_deg")),
+        lambda row: SCENE_UNITS[row.run.curves.unit][0] * row.figures.distance,
         screen=">mm, deg",
         report="Period [mm, deg]",
         digits=3,
@@ -166,19 +170,19 @@ CRUISE_COLUMNS: tuple[Column[_CruiseRow], ...] = (
 )
 
 
-def _path_error_words(path: PathSummary) -> list[str]:
+def _path_error_words(found: PathResult) -> list[str]:
     """Where the errors of a path come from, and what is not in them."""
     largest, unknown = largest_parts(
-        (row.size("peak") or 0.0, row.parts) for row in _list_zones(path)
+        (row.figures.peak, row.find_error("peak").shares) for row in _list_zones(found)
     )
     words = []
     if largest:
         words.append(f"± of a peak, from {show_parts(largest)}; in the pose of the middle")
     if unknown:
         words.append(f"{NO_BOUND} : nothing is known of {', '.join(unknown)}")
-    if path["error_left_out"]:
+    if found.left_out:
         begin = "not in ±" if largest else f"{NO_BOUND} : nothing is known of"
-        words.append(f"{begin}{':' if largest else ''} {'; '.join(path['error_left_out'])}")
+        words.append(f"{begin}{':' if largest else ''} {'; '.join(found.left_out)}")
     return words
 
 
@@ -208,40 +212,49 @@ def _tabulate_path(curves: PathCurves) -> PlainTable:
     return tabulate_curves(_path_stem(curves.name), [*columns, *list_motion_columns(curves)])
 
 
-def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
-    for feed in run.summary["path"]["feeds"]:
-        yield from tabulate_forces(feed, _path_stem(feed["name"]), "probes")
+def _list_forces(found: PathResult, run: PathRun) -> Forces:
+    return gather_forces(run, found.errors, feed=run.curves.name)
 
 
-def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
-    path = run.summary["path"]
+def _list_tables(run: Results) -> Iterator[PlainTable]:
+    path = run.find(PathResult)[-1]
+    for feed in path.runs:
+        yield from tabulate_forces(_list_forces(path, feed), _path_stem(feed.curves.name), "probes")
+
+
+def _list_parts(run: Results) -> Iterator[TerminalPart]:
+    path = run.find(PathResult)[-1]
     yield Listing(_title(path), ZONE_COLUMNS, _list_zones(path))
     if cruises := _list_cruises(path):
         title = "At constant feed, with errors of guides [µm or µrad]"
         yield Listing(title, CRUISE_COLUMNS, cruises)
     yield from (f"  {words}" for words in _path_error_words(path))
     yield ""
-    for feed in path["feeds"]:
-        yield from list_force_tables(feed, f"at {feed['name']}", "Largest stress")
+    for feed in path.runs:
+        forces = _list_forces(path, feed)
+        yield from list_force_tables(forces, f"at {feed.curves.name}", "Largest stress")
 
 
-def _title(path: PathSummary) -> str:
-    moved = ", ".join(
-        axis for axis, place in path["end"].items() if place != path["start"].get(axis, 0.0)
-    )
-    low_pass = "" if path["lowpass_hz"] is None else f", below {path['lowpass_hz']:g} Hz"
-    return f"Deviation while {moved} moves {show_position(path['length'], path['unit'])}{low_pass} [µm or µrad, s]"
+def _list_moved(path: PathResult) -> list[str]:
+    """Return the axes that move."""
+    return [axis for axis, end in path.end.items() if end != path.start.get(axis, 0.0)]
 
 
-def _list_curves(run: FinishedRun) -> list[PathCurves]:
-    return [feed.curves for path in run.find_answers(PathResult) for feed in path.runs]
+def _title(path: PathResult) -> str:
+    moved = ", ".join(_list_moved(path))
+    low_pass = "" if path.lowpass_hz is None else f", below {path.lowpass_hz:g} Hz"
+    return f"Deviation while {moved} moves {show_position(path.length, path.unit)}{low_pass} [µm or µrad, s]"
 
 
-def _write_section(run: FinishedRun) -> Section | None:
-    paths = _list_curves(run)
+def _write_section(run: Results) -> Section:
+    path = run.find(PathResult)[-1]
+    curves = [feed.curves for feed in path.runs]
     names = {
-        "paths": paths,
-        "path_stems": [_path_stem(feed.name) for feed in paths],
+        "path": path,
+        "moved": _list_moved(path),
+        "curves": curves,
+        "stems": [_path_stem(each.name) for each in curves],
+        "forces": [_list_forces(path, feed) for feed in path.runs],
         "columns": {
             "zones": ZONE_COLUMNS,
             "cruises": CRUISE_COLUMNS,
@@ -251,17 +264,17 @@ def _write_section(run: FinishedRun) -> Section | None:
         "draw_path_drives": draw_path_drives,
         "list_zones": _list_zones,
         "list_cruises": _list_cruises,
-        "path_error_words": _path_error_words,
+        "error_words": _path_error_words(path),
+        "zip": zip,
     }
-    section = Section(
+    return Section(
         "path", "Deviation from the path", "Path", template="views/path.html", names=names
     )
-    return section if paths else None
 
 
 VIEW = View(
     tables=_list_tables,
-    long_tables=lambda run: map(_tabulate_path, _list_curves(run)),
+    long_tables=lambda run: (_tabulate_path(each.curves) for each in run.find(PathResult)[-1].runs),
     terminal=_list_parts,
     section=_write_section,
 )

@@ -4,9 +4,11 @@ run shows: its components and stages.
 
 import importlib
 
-from headstock.app.tables.table import Column, PlainTable, tabulate
-from headstock.app.views.view import FinishedRun, View
-from headstock.pipeline.results.summary import ComponentSummary, RunSummary
+from headstock.app.tables.table import Column, PlainTable, find_known, tabulate
+from headstock.app.views.view import View
+from headstock.pipeline.answers.answer import Entry
+from headstock.pipeline.results.results import ComponentFacts, Results
+from headstock.pipeline.results.summary import summarise_stage
 
 NAMES = (
     "static",
@@ -42,12 +44,13 @@ def load_view(name: str) -> View:
     return view
 
 
-def find_views(run: FinishedRun) -> list[View]:
+def find_views(run: Results) -> list[View]:
     """Return the views of the analyses that a run has."""
-    return [load_view(name) for name in NAMES if run.find_entry(name)]
+    found = {answer.entry for answer in run.answers}
+    return [load_view(name) for name in NAMES if name in found]
 
 
-def list_tables(run: FinishedRun, *, long: bool = True) -> list[PlainTable]:
+def list_tables(run: Results, *, long: bool = True) -> list[PlainTable]:
     """Return every table of a run.
 
     Args:
@@ -55,62 +58,41 @@ def list_tables(run: FinishedRun, *, long: bool = True) -> list[PlainTable]:
     """
     views = find_views(run)
     tables = [
-        tabulate("components", COMPONENT_COLUMNS, run.summary["components"].items()),
-        _tabulate_stages(run.summary),
+        tabulate("components", COMPONENT_COLUMNS, run.components.items()),
+        tabulate("stages", STAGE_COLUMNS, map(summarise_stage, run.stages)),
         *(table for view in views for table in view.tables(run)),
     ]
     return tables + [table for view in views for table in view.long_tables(run) if long]
 
 
-def _tabulate_stages(summary: RunSummary) -> PlainTable:
-    headings = (
-        "stage",
-        "component",
-        "pose",
-        "seconds",
-        "peak memory [MB]",
-        "from the store",
-        "reason",
-    )
-    rows = tuple(
-        (
-            row["stage"],
-            row["component"],
-            row["pose"],
-            row["seconds"],
-            row["peak_rss_mb"],
-            row["cached"],
-            row["reason"],
-        )
-        for row in summary["stages"]
-    )
-    return PlainTable("stages", headings, rows)
-
-
-COMPONENT_COLUMNS: tuple[Column[tuple[str, ComponentSummary]], ...] = (
+STAGE_COLUMNS: tuple[Column[Entry], ...] = (
+    Column(lambda row: row["stage"], "stage"),
+    Column(lambda row: row["component"], "component"),
+    Column(lambda row: row["pose"], "pose"),
+    Column(lambda row: row["seconds"], "seconds"),
+    Column(lambda row: row["peak_rss_mb"], "peak memory [MB]"),
+    Column(lambda row: row["cached"], "from the store"),
+    Column(lambda row: row["reason"], "reason"),
+)
+COMPONENT_COLUMNS: tuple[Column[tuple[str, ComponentFacts]], ...] = (
     Column(lambda row: row[0], "component", "component", "Component"),
-    Column(lambda row: row[1]["fidelity"], "fidelity", "fidelity", "Fidelity"),
-    Column(lambda row: row[1]["full_dofs"], "dofs", ">dofs", "Dofs"),
-    Column(lambda row: row[1]["reduced_dofs"], "reduced dofs", ">reduced", "reduced to"),
-    Column(lambda row: row[1]["mass_kg"], "mass [kg]", ">kg", "Mass [kg]"),
+    Column(lambda row: row[1].fidelity, "fidelity", "fidelity", "Fidelity"),
+    Column(lambda row: row[1].full_dofs, "dofs", ">dofs", "Dofs"),
+    Column(lambda row: row[1].reduced_dofs, "reduced dofs", ">reduced", "reduced to"),
+    Column(lambda row: row[1].mass_kg, "mass [kg]", ">kg", "Mass [kg]"),
     Column(
-        lambda row: row[1]["cutoff_hz"],
+        lambda row: find_known(row[1].cutoff_hz),
         file="modes complete to [Hz]",
         screen=">modes to Hz",
         report="Modes complete to [Hz]",
         show=lambda hz: f"{hz:.0f}" if hz else "-",
     ),
-    Column(lambda row: row[1]["residual"], "residual", report="Residual", digits=3),
+    Column(lambda row: row[1].residual, "residual", report="Residual", digits=3),
     Column(
-        lambda row: (
-            row[1]["mesh_quality"]["minimum_scaled_jacobian"] if "mesh_quality" in row[1] else None
-        ),
+        lambda row: row[1].quality and row[1].quality.minimum_scaled_jacobian,
         file="worst scaled Jacobian",
         report="Worst element (1 is ideal)",
         digits=2,
     ),
-    Column(
-        lambda row: row[1]["mesh_quality"]["repaired"] if "mesh_quality" in row[1] else None,
-        report="Repaired elements",
-    ),
+    Column(lambda row: row[1].quality and row[1].quality.repaired, report="Repaired elements"),
 )

@@ -8,73 +8,72 @@ from markupsafe import Markup
 
 from headstock.app.drawings.figures import draw_budget
 from headstock.app.drawings.markup import typeset, write_data
-from headstock.app.tables.probes import PROBE_COLUMNS, PROBE_MOTION_COLUMNS, PROBE_STRESS_COLUMNS
+from headstock.app.tables.probes import (
+    PROBE_COLUMNS,
+    PROBE_MOTION_COLUMNS,
+    PROBE_STRESS_COLUMNS,
+    ProbeRow,
+    list_probes,
+)
 from headstock.app.tables.static import (
     DEVIATION_COLUMNS,
+    PointRow,
     list_displacements,
+    list_point_rows,
     longest_share,
     shared_budget,
-    static_by_pose,
     tabulate_budget,
     tabulate_compliance,
     tabulate_whole_compliance,
 )
 from headstock.app.tables.table import Listing, PlainTable, list_text_columns, tabulate
 from headstock.app.texts.bounded_values import show_bound, show_compliances
-from headstock.app.views.view import FinishedRun, Section, Shares, TerminalPart, View
+from headstock.app.views.view import Section, Shares, TerminalPart, View
 from headstock.geometry.frames import DIRECTIONS
-from headstock.pipeline.answers.probes import ProbeSummary
-from headstock.pipeline.answers.static import PointSummary
-from headstock.pipeline.numbers.estimates import known_part
+from headstock.pipeline.answers.probes import ProbeAnswer
+from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.results.mode_files import file_stem
+from headstock.pipeline.results.results import Results
 
 
-def _list_points(run: FinishedRun) -> list[tuple[str, str, PointSummary]]:
-    """Return pose, name and compliance of every point."""
-    return [
-        (pose, name, point)
-        for pose, points in static_by_pose(run.summary).items()
-        for name, point in points.items()
-    ]
+def _list_tables(run: Results) -> Iterator[PlainTable]:
+    for row in list_point_rows(run.find(StaticAnswer)):
+        stem = f"{file_stem(row.pose)}_{file_stem(row.name)}"
+        yield tabulate_compliance(f"compliance_{stem}", row)
+        yield tabulate_whole_compliance(f"compliance_6x6_{stem}", row.point)
+        yield tabulate_budget(f"budget_{stem}", row.point.budget)
+        if moved := list_displacements(row.point):
+            yield tabulate(f"displacement_{stem}", DEVIATION_COLUMNS, moved)
 
 
-def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
-    for pose, name, point in _list_points(run):
-        stem = f"{file_stem(pose)}_{file_stem(name)}"
-        yield tabulate_compliance(f"compliance_{stem}", point)
-        yield tabulate_whole_compliance(f"compliance_6x6_{stem}", point)
-        yield tabulate_budget(f"budget_{stem}", point["budget"])
-        if rows := list_displacements(point):
-            yield tabulate(f"displacement_{stem}", DEVIATION_COLUMNS, rows)
-
-
-def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
-    several = "static_poses" in run.summary
-    for pose, name, point in _list_points(run):
-        place = f"{name} in pose {pose}" if several else name
-        yield _list_compliances(place, point)
-        for direction, shares in shared_budget(point).items():
+def _list_parts(run: Results) -> Iterator[TerminalPart]:
+    several = len(run.static) > 1
+    for row in list_point_rows(run.find(StaticAnswer)):
+        place = f"{row.name} in pose {row.pose}" if several else row.name
+        yield _list_compliances(place, row)
+        for direction, shares in shared_budget(row.point).items():
             yield Shares(direction, shares)
-        if point["text"]:
-            yield f"\n{point['text']}"
+        if row.point.text:
+            yield f"\n{row.point.text}"
         yield ""
-        if rows := list_displacements(point):
+        if moved := list_displacements(row.point):
             title = f"Displacement of {place} under the static loads"
-            yield Listing(title, DEVIATION_COLUMNS, rows)
+            yield Listing(title, DEVIATION_COLUMNS, moved)
 
 
-def _list_compliances(place: str, point: PointSummary) -> Listing[tuple[str, ...]]:
-    errors = point.get("error_um_per_kN", {})
-    parts = {name: known_part(share) for name, share in point.get("error_share", {}).items()}
-    known = any(error is not None for error in (*errors.values(), *parts.values()))
-    matrix = point["compliance_um_per_kN"]
+def _list_compliances(place: str, point: PointRow) -> Listing[tuple[str, ...]]:
+    known = any(error is not None for error in (*point.errors.values(), *point.known.values()))
     # row i of the matrix is the motion in i: a column per force is shown as a row, so that it reads
     # from cause to effect
     rows = [
         (
             direction,
-            *show_compliances(matrix, column, errors),
-            show_bound(matrix[column][column], errors.get(direction), parts.get(direction)),
+            *show_compliances(point.matrix, column, point.errors),
+            show_bound(
+                point.matrix[column][column],
+                point.errors.get(direction),
+                point.known.get(direction),
+            ),
         )
         for column, direction in enumerate(DIRECTIONS)
     ]
@@ -83,12 +82,10 @@ def _list_compliances(place: str, point: PointSummary) -> Listing[tuple[str, ...
     return Listing(f"Static compliance at {place} [µm/kN]", columns, rows)
 
 
-def _write_section(run: FinishedRun) -> Section:
-    pose, name, _ = _list_points(run)[0]
+def _write_section(run: Results) -> Section:
     names = {
-        "static": static_by_pose(run.summary),
-        "first": (pose, name),
-        "columns": {"deviations": DEVIATION_COLUMNS},
+        "points": list_point_rows(run.find(StaticAnswer)),
+        "columns": DEVIATION_COLUMNS,
         "list_displacements": list_displacements,
         "shared_budget": shared_budget,
         "draw_budget": draw_budget,
@@ -98,13 +95,10 @@ def _write_section(run: FinishedRun) -> Section:
     return Section("stiffness", "Static stiffness", template="views/static.html", names=names)
 
 
-def _write_moved(point: PointSummary, row: int, column: int) -> Markup:
+def _write_moved(point: PointRow, row: int, column: int) -> Markup:
     """Write an entry of the compliance matrix of a point, rounded with its errors."""
-    matrix = point["compliance_um_per_kN"]
-    value, text = (
-        matrix[row][column],
-        show_compliances(matrix, column, point["error_um_per_kN"])[row],
-    )
+    value = point.matrix[row][column]
+    text = show_compliances(point.matrix, column, point.errors)[row]
     return (
         Markup('<span class="missing">{}</span>').format(text)
         if value is None
@@ -115,24 +109,24 @@ def _write_moved(point: PointSummary, row: int, column: int) -> Markup:
 VIEW = View(tables=_list_tables, terminal=_list_parts, section=_write_section)
 
 
-def _list_probes(run: FinishedRun) -> Iterator[Listing[tuple[str, ProbeSummary]]]:
-    for pose, probes in run.summary["probes"].items():
-        title = f"Under the static loads in pose {pose}"
-        yield Listing(title, PROBE_COLUMNS, probes.items(), f"probes_{file_stem(pose)}")
+def _list_probes(run: Results) -> Iterator[Listing[ProbeRow]]:
+    for answer in run.find(ProbeAnswer):
+        title = f"Under the static loads in pose {answer.pose}"
+        yield Listing(title, PROBE_COLUMNS, list_probes(answer), f"probes_{file_stem(answer.pose)}")
 
 
 PROBES_VIEW = View(
     tables=lambda run: (listing.tabulate() for listing in _list_probes(run)),
     terminal=_list_probes,
-    section=Section(
+    section=lambda run: Section(
         "probes",
         "Probes",
         template="views/probes.html",
         names={
-            "columns": {
-                "probe_motions": PROBE_MOTION_COLUMNS,
-                "probe_stresses": PROBE_STRESS_COLUMNS,
-            }
+            "answers": run.find(ProbeAnswer),
+            "list_probes": list_probes,
+            "motions": PROBE_MOTION_COLUMNS,
+            "stresses": PROBE_STRESS_COLUMNS,
         },
     ),
 )

@@ -2,10 +2,13 @@
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 from headstock.app.drawings.path import draw_transient
 from headstock.app.tables.probes import (
     FORCE_COLUMNS,
+    Forces,
+    gather_forces,
     list_force_tables,
     list_motion_columns,
     tabulate_forces,
@@ -20,58 +23,74 @@ from headstock.app.tables.table import (
     tabulate_curves,
 )
 from headstock.app.texts.bounded_values import transient_words
-from headstock.app.views.view import FinishedRun, Section, TerminalPart, View
+from headstock.app.views.view import Section, TerminalPart, View
 from headstock.pipeline.answers.path import deviation_unit
-from headstock.pipeline.answers.transient import (
-    MovedOutputSummary,
-    TransientAnswer,
-    TransientCurves,
-    TransientSummary,
-)
+from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves, peak_key
+from headstock.pipeline.numbers.estimates import Estimate, scale_known, scale_total
 from headstock.pipeline.results.mode_files import file_stem
-from headstock.solvers.second_order import name_channel
-
-type MovedRow = tuple[str, MovedOutputSummary]
+from headstock.pipeline.results.results import Results
+from headstock.solvers.linear.transient import TransientFigures
+from headstock.solvers.second_order import Channel, name_channel
 
 MOVED_UNITS = {"um": "µm", "urad": "µrad"}
 
 
-def _list_moved(transient: TransientSummary) -> list[MovedRow]:
-    """Outputs of a transient analysis by name."""
-    return list(transient["outputs"].items())
+class _MovedRow(NamedTuple):
+    """How an output of a transient analysis moved, with ± of its peak."""
+
+    channel: Channel
+    figures: TransientFigures
+    estimate: Estimate
+
+    def scale(self, value: float | None) -> float | None:
+        """Return a displacement in the unit that is shown."""
+        return scale_known(value, deviation_unit(self.channel)[1])
+
+    @property
+    def error(self) -> float | None:
+        """± of the peak, in its unit."""
+        return scale_total(self.estimate, deviation_unit(self.channel)[1])
 
 
-def _settled(row: MovedRow) -> Cell:
-    found = row[1]
-    if found["settling_s"] is not None:
-        return 1e3 * found["settling_s"]
-    return "at rest" if found["peak"] == 0.0 else "never" if found["final"] is None else "later"
+def _list_moved(found: TransientAnswer) -> list[_MovedRow]:
+    """Outputs of a transient analysis."""
+    curves = found.curves
+    return [
+        _MovedRow(channel, figures, found.error_of(peak_key(curves.pose, channel)))
+        for channel, figures in zip(curves.outputs, found.figures, strict=True)
+    ]
 
 
-def _peak_error(row: MovedRow) -> float | None:
+def _settled(row: _MovedRow) -> Cell:
+    found = row.figures
+    if found.settling is not None:
+        return 1e3 * found.settling
+    return "at rest" if found.peak == 0.0 else "never" if found.final is None else "later"
+
+
+def _peak_error(row: _MovedRow) -> float | None:
     """NaN where errors were looked at and one of them is not known."""
-    found = row[1]
-    if not found["peak"]:
+    if not row.figures.peak:
         return None
-    return math.nan if found["error"] is None and found["error_share"] else found["error"]
+    return math.nan if row.error is None and row.estimate.shares else row.error
 
 
-MOVED_COLUMNS: tuple[Column[MovedRow], ...] = (
-    Column(lambda row: row[0], "at", "at", "At"),
-    Column(lambda row: MOVED_UNITS[row[1]["unit"]], "unit", "in", "In"),
+MOVED_COLUMNS: tuple[Column[_MovedRow], ...] = (
+    Column(lambda row: name_channel(row.channel), "at", "at", "At"),
+    Column(lambda row: MOVED_UNITS[deviation_unit(row.channel)[0]], "unit", "in", "In"),
     Column(
-        lambda row: row[1]["peak"],
+        lambda row: row.scale(row.figures.peak),
         "peak",
         ">peak",
         "Peak",
         error=_peak_error,
     ),
-    Column(lambda row: row[1]["error"], "± peak"),
-    Column(lambda row: 1e3 * row[1]["peak_s"], "at [ms]", ">at ms", "at [ms]"),
-    Column(lambda row: row[1]["start"], "from", report="From"),
-    Column(lambda row: row[1]["final"], "final", ">final", "Comes to rest at"),
+    Column(lambda row: row.error, "± peak"),
+    Column(lambda row: 1e3 * row.figures.peak_time, "at [ms]", ">at ms", "at [ms]"),
+    Column(lambda row: row.scale(row.figures.start), "from", report="From"),
+    Column(lambda row: row.scale(row.figures.final), "final", ">final", "Comes to rest at"),
     Column(
-        lambda row: row[1]["overshoot"], "overshoot", ">overshoot", "Overshoot", show=show_percent
+        lambda row: row.figures.overshoot, "overshoot", ">overshoot", "Overshoot", show=show_percent
     ),
     Column(_settled, "settled after [ms]", ">settled after ms", "Settled after [ms]"),
 )
@@ -97,49 +116,53 @@ def _tabulate_transient(curves: TransientCurves) -> PlainTable:
     return tabulate_curves(_transient_stem(curves), [*columns, *list_motion_columns(curves)])
 
 
-def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
-    for pose, transient in run.summary["transient"].items():
-        stem = file_stem(pose)
-        yield tabulate(f"peaks_{stem}", MOVED_COLUMNS, _list_moved(transient))
-        yield from tabulate_forces(transient, stem, "probes_over_time")
+def _list_forces(found: TransientAnswer) -> Forces:
+    return gather_forces(found, None, pose=found.curves.pose)
 
 
-def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
-    for pose, transient in run.summary["transient"].items():
-        controlled = ", drives under control" if transient["motors"] == "controlled" else ""
+def _list_tables(run: Results) -> Iterator[PlainTable]:
+    for found in run.find(TransientAnswer):
+        stem = file_stem(found.curves.pose)
+        yield tabulate(f"peaks_{stem}", MOVED_COLUMNS, _list_moved(found))
+        yield from tabulate_forces(_list_forces(found), stem, "probes_over_time")
+
+
+def _list_parts(run: Results) -> Iterator[TerminalPart]:
+    for found in run.find(TransientAnswer):
+        pose = found.curves.pose
+        controlled = ", drives under control" if found.motors == "controlled" else ""
         yield Listing(
-            f"Motion in {1e3 * transient['duration_s']:g} ms in pose {pose}, {transient['modes']} modes up to {transient['up_to_hz']:g} Hz{controlled}",
+            f"Motion in {1e3 * found.duration:g} ms in pose {pose}, {found.modes} modes up to {found.up_to_hz:g} Hz{controlled}",
             MOVED_COLUMNS,
-            _list_moved(transient),
+            _list_moved(found),
         )
-        yield from (f"  {words}" for words in transient_words(transient))
-        yield from list_force_tables(transient, f"in pose {pose}", "Largest stress over time")
+        yield from (f"  {words}" for words in transient_words(found))
+        forces = _list_forces(found)
+        yield from list_force_tables(forces, f"in pose {pose}", "Largest stress over time")
 
 
-def _list_curves(run: FinishedRun) -> list[TransientCurves]:
-    return [history.curves for history in run.find_answers(TransientAnswer)]
-
-
-def _write_section(run: FinishedRun) -> Section | None:
-    histories = _list_curves(run)
+def _write_section(run: Results) -> Section:
     names = {
-        "histories": {history.pose: history for history in histories},
+        "answers": run.find(TransientAnswer),
         "columns": {
             "moved": MOVED_COLUMNS,
             **FORCE_COLUMNS,
         },
         "draw_transient": draw_transient,
+        "list_forces": _list_forces,
         "list_moved": _list_moved,
         "transient_stem": _transient_stem,
         "transient_words": transient_words,
+        "zip": zip,
     }
-    section = Section("transient", "Motion over time", template="views/transient.html", names=names)
-    return section if histories else None
+    return Section("transient", "Motion over time", template="views/transient.html", names=names)
 
 
 VIEW = View(
     tables=_list_tables,
-    long_tables=lambda run: map(_tabulate_transient, _list_curves(run)),
+    long_tables=lambda run: (
+        _tabulate_transient(each.curves) for each in run.find(TransientAnswer)
+    ),
     terminal=_list_parts,
     section=_write_section,
 )

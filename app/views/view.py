@@ -5,32 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from headstock.app.tables.table import Listing, PlainTable
-from headstock.pipeline.answers.answer import Answer, find_answers
-from headstock.pipeline.results.summary import RunSummary
-from headstock.pipeline.results.views import MachineView
-
-
-@dataclass(frozen=True, eq=False)
-class FinishedRun:
-    """A run as views see it.
-
-    Attributes:
-        summary: Content of ``summary.json``.
-        answers: What was found, with curves; empty where the summary is enough.
-        machine: What there is to draw; empty without it.
-    """
-
-    summary: RunSummary
-    answers: Sequence[Answer] = ()
-    machine: MachineView = field(default_factory=MachineView)
-
-    def find_entry(self, name: str) -> Any:
-        """Return what an analysis has in the summary."""
-        return self.summary.get(name)
-
-    def find_answers[Kind: Answer](self, kind: type[Kind]) -> tuple[Kind, ...]:
-        """Return the answers of one kind, in the order of their stages."""
-        return find_answers(self.answers, kind)
+from headstock.pipeline.results.results import Results
 
 
 @dataclass(frozen=True)
@@ -70,14 +45,14 @@ class Section:
     part_of: str = ""
 
 
-def _show_nothing(_: FinishedRun) -> tuple[()]:
+def _show_nothing(_: Results) -> tuple[()]:
     """Return nothing to show."""
     return ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """What is shown of an analysis that a run has; each attribute takes the run.
+    """What is shown of an analysis that a run has; each attribute takes the results of the run.
 
     Attributes:
         tables: For files; the report offers them, too.
@@ -86,11 +61,11 @@ class View:
         section: Of the report, or what makes it of a run; None for none.
     """
 
-    tables: Callable[[FinishedRun], Iterable[PlainTable]] = _show_nothing
-    long_tables: Callable[[FinishedRun], Iterable[PlainTable]] = _show_nothing
-    terminal: Callable[[FinishedRun], Iterable[TerminalPart]] = _show_nothing
-    section: Section | Callable[[FinishedRun], Section | None] | None = None
+    tables: Callable[[Results], Iterable[PlainTable]] = _show_nothing
+    long_tables: Callable[[Results], Iterable[PlainTable]] = _show_nothing
+    terminal: Callable[[Results], Iterable[TerminalPart]] = _show_nothing
+    section: Section | Callable[[Results], Section | None] | None = None
 
-    def make_section(self, run: FinishedRun) -> Section | None:
+    def make_section(self, run: Results) -> Section | None:
         """Return the section of the report; None for none."""
         return self.section(run) if callable(self.section) else self.section

@@ -1,7 +1,7 @@
 """Position errors of points over a volume of poses, and quantities of a mechanism over its workspace."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from itertools import product
 from typing import NamedTuple
 
@@ -13,95 +13,113 @@ from headstock.app.tables.static import (
     merge_families,
     tabulate_budget,
 )
-from headstock.app.tables.table import Column, Listing, PlainTable, show_deviation, tabulate
+from headstock.app.tables.table import (
+    Column,
+    Listing,
+    PlainTable,
+    find_known,
+    show_deviation,
+    tabulate,
+)
 from headstock.app.texts.bounded_values import NO_BOUND, show_bound, show_bounded
-from headstock.app.views.view import FinishedRun, Section, Shares, TerminalPart, View
+from headstock.app.views.view import Section, Shares, TerminalPart, View
 from headstock.geometry.machine.machine import show_position
-from headstock.pipeline.answers.map import Grid, GridSummary
+from headstock.pipeline.answers.map import PoseGrid, WorkspaceMap
 from headstock.pipeline.answers.volumetric import (
+    MICRO,
     SYMBOLS,
     TOTAL,
-    AxisMotionsSummary,
-    SquarenessSummary,
-    VolumetricSummary,
+    VolumetricAnswer,
+    largest_key,
+    line_key,
+    range_key,
+    squareness_key,
 )
+from headstock.pipeline.numbers.estimates import scale_parts, scale_total
 from headstock.pipeline.results.mode_files import file_stem
+from headstock.pipeline.results.results import Results
+from headstock.solvers.linear.volumetric import Squareness, measure_range
 
 
-def _tabulate_map(stem: str, found: GridSummary) -> PlainTable:
+def _tabulate_map(stem: str, found: PoseGrid) -> PlainTable:
     """Tabulate a row per pose with every quantity."""
-    names = list(found["quantities"])
-    flat = [_flatten(found["quantities"][name]) for name in names]
-    rows = tuple(
-        (*place, *values)
-        for place, *values in zip(product(*found["positions"]), *flat, strict=True)
-    )
-    return PlainTable(stem, (*found["axes"], *names), rows)
-
-
-def _flatten(values: Grid) -> list[float | None]:
-    return [
-        value for item in values for value in (_flatten(item) if isinstance(item, list) else [item])
-    ]
+    columns = [map(find_known, values.ravel()) for values in found.quantities.values()]
+    places = product(*(map(float, positions) for positions in found.positions))
+    rows = tuple((*place, *values) for place, *values in zip(places, *columns, strict=True))
+    return PlainTable(stem, (*found.axes, *found.quantities), rows)
 
 
 MAP_VIEW = View(
-    tables=lambda run: [_tabulate_map("map", run.summary["map"])],
-    section=Section(
+    tables=lambda run: [_tabulate_map("map", run.find(WorkspaceMap)[-1])],
+    section=lambda run: Section(
         "map",
         "Workspace map",
         template="views/map.html",
-        names={"draw_map": draw_map, "map_layers": map_layers},
+        names={
+            "map": run.find(WorkspaceMap)[-1],
+            "draw_map": draw_map,
+            "map_layers": map_layers,
+        },
     ),
 )
 
 
-def _list_ranges(found: VolumetricSummary) -> list[DeviationRow]:
+def _list_ranges(found: VolumetricAnswer) -> list[DeviationRow]:
     """Ranges of the position error over a volume: of each source, then of all together."""
     rows = [
         DeviationRow(
             "all together" if source == TOTAL else source,
-            [1e-6 * ranges[symbol] for symbol in SYMBOLS],
-            _list_errors(found["range_errors"][source]),
+            measure_range(values),
+            _list_errors(
+                found.error_of(range_key(found.point, source, each)).total for each in SYMBOLS
+            ),
         )
-        for source, ranges in found["ranges"].items()
+        for source, values in found.grids.items()
     ]
     # one source alone is all there is
     return rows[1:] + rows[:1] if len(rows) > 2 else rows[1:]
 
 
-def _list_errors(errors: Mapping[str, float | None]) -> list[float]:
+def _list_errors(totals: Iterable[float | None]) -> list[float]:
     """How far numbers may be off, in the order of the symbols; empty where nothing is known."""
-    if all(error is None for error in errors.values()):
-        return []
-    return [math.nan if error is None else 1e-6 * error for error in errors.values()]
+    errors = [math.nan if total is None else total for total in totals]
+    return [] if all(map(math.isnan, errors)) else errors
 
 
 class _LineRow(NamedTuple):
-    """Deviations of the error motions along one axis."""
+    """Deviations of the error motions along one axis [um, urad], and their ±."""
 
     axis: str
-    line: AxisMotionsSummary
+    deviations: list[float]
+    errors: list[float | None]
 
 
-def _list_lines(found: VolumetricSummary) -> list[_LineRow]:
+def _list_lines(found: VolumetricAnswer) -> list[_LineRow]:
     """The axes of a volumetric map."""
-    return [_LineRow(axis, line) for axis, line in found["lines"].items()]
+    return [
+        _LineRow(
+            line.axis,
+            [MICRO * float(value) for value in line.deviations],
+            [
+                scale_total(found.error_of(line_key(found.point, line.axis, symbol)), MICRO)
+                for symbol in SYMBOLS
+            ],
+        )
+        for line in found.lines
+    ]
 
 
 def _line_column(dof: int) -> Column[_LineRow]:
-    symbol = SYMBOLS[dof]
     unit = "um" if dof < 3 else "urad"
-    shown = f"{symbol} [{'µm' if dof < 3 else 'µrad'}]"
+    shown = f"{SYMBOLS[dof]} [{'µm' if dof < 3 else 'µrad'}]"
 
     def error(row: _LineRow) -> float | None:
-        errors = _list_errors(row.line["errors"])
-        still = show_deviation(row.line["deviations"][symbol]) == "0"
-        return None if still or not errors else 1e6 * errors[dof]
+        errors = _list_errors(row.errors)
+        return errors[dof] if errors and show_deviation(row.deviations[dof]) != "0" else None
 
     return Column(
-        lambda row: row.line["deviations"][symbol],
-        f"{symbol} [{unit}]",
+        lambda row: row.deviations[dof],
+        f"{SYMBOLS[dof]} [{unit}]",
         f">{shown}",
         shown,
         show=show_deviation,
@@ -110,10 +128,8 @@ def _line_column(dof: int) -> Column[_LineRow]:
 
 
 def _line_error(dof: int) -> Column[_LineRow]:
-    symbol = SYMBOLS[dof]
-    return Column(
-        lambda row: row.line["errors"][symbol], f"± {symbol} [{'um' if dof < 3 else 'urad'}]"
-    )
+    unit = "um" if dof < 3 else "urad"
+    return Column(lambda row: row.errors[dof], f"± {SYMBOLS[dof]} [{unit}]")
 
 
 LINE_COLUMNS: tuple[Column[_LineRow], ...] = (
@@ -122,33 +138,55 @@ LINE_COLUMNS: tuple[Column[_LineRow], ...] = (
     *(_line_error(dof) for dof in range(6)),
 )
 
-SQUARENESS_COLUMNS: tuple[Column[SquarenessSummary], ...] = (
-    Column(lambda row: row["symbol"], "symbol", "symbol", "Symbol"),
+
+class _SquarenessRow(NamedTuple):
+    """Squareness of two axes [urad], and its ±."""
+
+    pair: Squareness
+    angle: float
+    error: float | None
+
+
+def _list_squareness(found: VolumetricAnswer) -> list[_SquarenessRow]:
+    return [
+        _SquarenessRow(
+            pair,
+            MICRO * pair.angle,
+            scale_total(found.error_of(squareness_key(found.point, pair)), MICRO),
+        )
+        for pair in found.squareness
+    ]
+
+
+SQUARENESS_COLUMNS: tuple[Column[_SquarenessRow], ...] = (
+    Column(lambda row: row.pair.symbol, "symbol", "symbol", "Symbol"),
     Column(
-        lambda row: f"{row['second']} to {row['first']}",
+        lambda row: f"{row.pair.second} to {row.pair.first}",
         "squareness of",
         "squareness of",
         "Squareness of",
     ),
     Column(
-        lambda row: row["angle_urad"],
+        lambda row: row.angle,
         "angle [urad]",
         ">angle [µrad]",
         "Angle [µrad]",
         show=show_deviation,
-        error=lambda row: row["error_urad"] if show_deviation(row["angle_urad"]) != "0" else None,
+        error=lambda row: row.error if show_deviation(row.angle) != "0" else None,
     ),
 )
 
 
-def _volumetric_words(found: VolumetricSummary) -> list[str]:
+def _volumetric_words(found: VolumetricAnswer) -> list[str]:
     """The largest error of a volume and where it is; where its ± comes from, and what is not in it."""
+    largest_error, largest_at = found.find_largest()
     place = ", ".join(
-        f"{axis} = {show_position(position, found['units'][axis])}"
-        for axis, position in found["largest_at"].items()
+        f"{axis} = {show_position(position, found.axis_units[axis])}"
+        for axis, position in largest_at.items()
     )
-    size, error = found["largest_um"], found["largest_error_um"]
-    left_out = "; ".join(found["error_left_out"])
+    estimate = found.error_of(largest_key(found.point))
+    size, error = MICRO * largest_error, scale_total(estimate, MICRO)
+    left_out = "; ".join(estimate.left_out)
     if error is None:
         words = f"largest position error {size:.4g} µm {NO_BOUND} at {place}"
         return [words, *([f"{NO_BOUND} : nothing is known of {left_out}"] if left_out else [])]
@@ -158,7 +196,8 @@ def _volumetric_words(found: VolumetricSummary) -> list[str]:
             ((own, name, source) for source, parts in each.items() for name, own in parts.items()),
             default=(0.0, "", ""),
         )
-        for symbol, each in found["error_parts"].items()
+        for symbol in SYMBOLS
+        for each in [scale_parts(found.error_of(range_key(found.point, TOTAL, symbol)), MICRO)]
     }
     most = max(largest, key=lambda symbol: largest[symbol][0])
     own, name, source = largest[most]
@@ -171,25 +210,25 @@ def _volumetric_words(found: VolumetricSummary) -> list[str]:
     return told + ([f"not in ±: {left_out}"] if left_out else [])
 
 
-def _list_tables(run: FinishedRun) -> Iterator[PlainTable]:
-    for point, volume in run.summary["volumetric"].items():
-        stem = file_stem(point)
+def _list_tables(run: Results) -> Iterator[PlainTable]:
+    for volume in run.find(VolumetricAnswer):
+        stem = file_stem(volume.point)
         yield _tabulate_map(f"volumetric_{stem}", volume)
         yield tabulate(f"error_motions_{stem}", LINE_COLUMNS, _list_lines(volume))
-        yield tabulate_budget(f"volumetric_budget_{stem}", volume["budget"])
+        yield tabulate_budget(f"volumetric_budget_{stem}", volume.budget)
 
 
-def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
-    for point, volume in run.summary["volumetric"].items():
-        title = f"Position error of {point} over {' × '.join(volume['axes'])}: range by source"
+def _list_parts(run: Results) -> Iterator[TerminalPart]:
+    for volume in run.find(VolumetricAnswer):
+        title = f"Position error of {volume.point} over {' × '.join(volume.axes)}: range by source"
         yield Listing(title, DEVIATION_COLUMNS, _list_ranges(volume))
         yield from (f"  {words}" for words in _volumetric_words(volume))
         yield ""
         title = "Error motions along each axis: straightness, positioning, angles"
         yield Listing(title, LINE_COLUMNS, _list_lines(volume))
-        if volume["squareness"]:
-            yield Listing("Squareness", SQUARENESS_COLUMNS, volume["squareness"])
-        for direction, shares in volume["budget"].items():
+        if volume.squareness:
+            yield Listing("Squareness", SQUARENESS_COLUMNS, _list_squareness(volume))
+        for direction, shares in volume.budget.items():
             yield Shares(direction, merge_families(shares))
         yield ""
 
@@ -197,11 +236,12 @@ def _list_parts(run: FinishedRun) -> Iterator[TerminalPart]:
 VIEW = View(
     tables=_list_tables,
     terminal=_list_parts,
-    section=Section(
+    section=lambda run: Section(
         "volumetric",
         "Volumetric errors",
         template="views/volumetric.html",
         names={
+            "answers": run.find(VolumetricAnswer),
             "columns": {
                 "deviations": DEVIATION_COLUMNS,
                 "lines": LINE_COLUMNS,
@@ -214,6 +254,7 @@ VIEW = View(
             "list_lines": _list_lines,
             "list_maps": list_maps,
             "list_ranges": _list_ranges,
+            "list_squareness": _list_squareness,
             "map_layers": map_layers,
             "merge_families": merge_families,
             "volumetric_words": _volumetric_words,

@@ -4,34 +4,10 @@ joints leave out, as results.
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any, ClassVar, NotRequired, TypedDict, cast
+from typing import Any, ClassVar
 
-from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.answer import Answer, Entry
 from headstock.pipeline.numbers.numbers import Key
-
-
-class _ResponseAccuracySummary(TypedDict):
-    """The entry of the peaks and levels of frequency responses: the one furthest off."""
-
-    quantity: str
-    error: float | None
-    met: bool
-
-
-class AccuracySummary(TypedDict):
-    """The entry ``accuracy``; ``models`` where bodies were chosen among models, ``responses`` where
-    peaks and levels of frequency responses are among the numbers.
-    """
-
-    requested: float
-    estimated: float | None
-    met: bool
-    reason: str
-    rounds: list[dict[str, Any]]
-    settings: dict[str, str]
-    values: dict[str, Any]
-    models: NotRequired[dict[str, dict[str, str]]]
-    responses: NotRequired[_ResponseAccuracySummary]
 
 
 @dataclass(frozen=True)
@@ -113,6 +89,8 @@ class AccuracyAnswer(Answer):
     models: Mapping[str, BodyChoice] = field(default_factory=dict)
     responses: ResponseAccuracy | None = None
     entry: ClassVar[str] = "accuracy"
+    keys: ClassVar[str] = """accuracy(requested estimated met reason rounds[].*.** settings.*
+        values.*.** models.*.* responses(quantity error met))"""
 
     @property
     def met(self) -> bool:
@@ -124,9 +102,9 @@ class AccuracyAnswer(Answer):
         """Relative error of the worst number in the last round."""
         return self.rounds[-1].error
 
-    def summarise(self) -> AccuracySummary:
+    def summarise(self) -> Entry:
         """As it stands in ``summary.json``."""
-        summary: AccuracySummary = {
+        summary: Entry = {
             "requested": self.requested,
             "estimated": self.estimated,
             "met": self.met,
@@ -141,35 +119,8 @@ class AccuracyAnswer(Answer):
                 for name, body in self.models.items()
             }
         if self.responses is not None:
-            summary["responses"] = cast(_ResponseAccuracySummary, asdict(self.responses))
+            summary["responses"] = asdict(self.responses)
         return summary
-
-
-class BodyModelSummary(TypedDict):
-    """The entry of a body; without a number that changes ``largest`` is 0 and ``number`` empty."""
-
-    fidelity: str
-    compared_with: str
-    largest: float
-    number: str
-
-
-class _NumberChangeSummary(TypedDict):
-    """The entry of a number by its name: its relative change, None where it has no partner, and
-    what each body alone changes of it.
-    """
-
-    change: float | None
-    bodies: dict[str, float | None]
-
-
-class ModelErrorsSummary(TypedDict):
-    """The entry ``model_errors``."""
-
-    bodies: dict[str, BodyModelSummary]
-    numbers: dict[str, _NumberChangeSummary]
-    missing: list[str]
-    left_out: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -196,6 +147,8 @@ class ModelErrorsAnswer(Answer):
     missing: tuple[str, ...] = ()
     left_out: dict[str, str] = field(default_factory=dict)
     entry: ClassVar[str] = "model_errors"
+    keys: ClassVar[str] = """model_errors(bodies.*(fidelity compared_with largest number)
+        numbers.*(change bodies.*) missing[] left_out.*)"""
 
     def largest(self, body: str) -> tuple[str, float]:
         """Return the number that a body alone changes most, and by how much of it."""
@@ -207,9 +160,9 @@ class ModelErrorsAnswer(Answer):
         number = max(found, key=lambda name: found[name], default="")
         return number, found.get(number, 0.0)
 
-    def summarise(self) -> ModelErrorsSummary:
+    def summarise(self) -> Entry:
         """As it stands in ``summary.json``."""
-        bodies: dict[str, BodyModelSummary] = {}
+        bodies: dict[str, Entry] = {}
         for name, body in self.bodies.items():
             number, largest = self.largest(name)
             bodies[name] = {
@@ -232,25 +185,6 @@ class ModelErrorsAnswer(Answer):
             "missing": list(self.missing),
             "left_out": self.left_out,
         }
-
-
-class JointShapesSummary(TypedDict):
-    """The entry of a joint; without a number that changes ``largest`` is 0 and ``number`` empty."""
-
-    between: str
-    shapes: int
-    compared_with: int
-    largest: float
-    number: str
-
-
-class InterfaceErrorsSummary(TypedDict):
-    """The entry ``interface_errors``."""
-
-    joints: dict[str, JointShapesSummary]
-    numbers: dict[str, dict[str, float]]
-    lines: dict[str, dict[str, float]]
-    left_out: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -278,6 +212,8 @@ class InterfaceErrorsAnswer(Answer):
     lines: Mapping[Key, Mapping[str, float]] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
     entry: ClassVar[str] = "interface_errors"
+    keys: ClassVar[str] = """interface_errors(joints.*(between shapes compared_with largest number)
+        numbers.*.* lines.*.* left_out.*)"""
 
     def largest(self, joint: str) -> tuple[Key | None, float]:
         """Return the number that a joint puts off most, and by how much of it; a line of a response only
@@ -289,9 +225,9 @@ class InterfaceErrorsAnswer(Answer):
         number = max(found, key=lambda key: found[key], default=None)
         return number, found.get(number, 0.0) if number is not None else 0.0
 
-    def summarise(self) -> InterfaceErrorsSummary:
+    def summarise(self) -> Entry:
         """As it stands in ``summary.json``."""
-        joints: dict[str, JointShapesSummary] = {}
+        joints: dict[str, Entry] = {}
         for name, joint in self.joints.items():
             number, largest = self.largest(name)
             joints[name] = {

@@ -4,11 +4,13 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.numbers.estimates import Estimate, combine_estimates
 from headstock.pipeline.numbers.numbers import Key, Number, Numbers, Series
+
+type Entry = dict[str, Any]  # a table of ``summary.json``
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,10 +20,12 @@ class Answer:
     Attributes:
         errors: ± of its numbers, beside them.
         entry: Its key in ``summary.json``.
+        keys: The keys there, for :func:`headstock.pipeline.results.summary_keys.parse_keys`.
         units: Pattern of the path of a data set in ``results.h5`` to its unit.
     """
 
     entry: ClassVar[str]
+    keys: ClassVar[str]
     units: ClassVar[dict[str, str]] = {}
     errors: Mapping[Key, Estimate] = field(default_factory=dict, kw_only=True)
 
@@ -31,12 +35,12 @@ class Answer:
         owner = getattr(self, "pose", "")
         return owner if isinstance(owner, str) else str(owner.name)
 
-    def summarise(self) -> Mapping[str, object]:
+    def summarise(self) -> Entry:
         """Return it as it stands in ``summary.json``."""
         raise NotImplementedError
 
     @classmethod
-    def gather(cls, answers: Sequence[Self]) -> dict[str, object]:
+    def gather(cls, answers: Sequence[Self]) -> Entry:
         """Return what a summary holds of all answers of the kind, by its keys."""
         if not answers:
             return {}

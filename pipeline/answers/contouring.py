@@ -4,14 +4,14 @@ thinned series.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, NotRequired, TypedDict
+from typing import ClassVar
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
-from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.milled_faces import MilledFace, MilledFaceSummary
+from headstock.pipeline.answers.answer import Answer, Entry
+from headstock.pipeline.answers.milled_faces import MILLED_KEYS, MilledFace
 from headstock.pipeline.answers.motion_forces import (
+    PROBE_KEYS,
     ProbeMotion,
-    ProbeMotionSummary,
     ProbeTrace,
     list_forces,
 )
@@ -26,90 +26,9 @@ UM = 1e6
 LOCKED_MOTORS = "limits of stability on faces are those of the machine with locked motors"
 
 
-class _FaceErrors(TypedDict):
-    """How far the numbers of a face may be off; null where nobody knows."""
-
-    outward_um: float | None
-    outward_peak_to_peak_um: float | None
-    mean_um: list[float | None]
-    peak_to_peak_um: list[float | None]
-    drive_force_mean_n: list[float | None]
-    drive_force_peak_to_peak_n: list[float | None]
-    motor_torque_mean_nm: NotRequired[list[float | None]]
-    motor_torque_peak_to_peak_nm: NotRequired[list[float | None]]
-
-
-class FaceSummary(TypedDict):
-    """The entry of a face; torques where they are known."""
-
-    face: int
-    at: str
-    times_s: list[float]
-    outward_um: float
-    outward_peak_to_peak_um: float
-    mean_um: list[float]
-    peak_to_peak_um: list[float]
-    drive_force_mean_n: list[float]
-    drive_force_peak_to_peak_n: list[float]
-    motor_torque_mean_nm: NotRequired[list[float]]
-    motor_torque_peak_to_peak_nm: NotRequired[list[float]]
-    errors: _FaceErrors
-
-
-class StabilitySummary(TypedDict):
-    """Stability of the cut on a face."""
-
-    face: int
-    at: str
-    multiplier: float
-    stable: bool
-    limit_depth_mm: float
-    error_mm: float | None
-
-
-class _ProbeSeriesSummary(TypedDict):
-    """What a probe saw, thinned out: stress by ``xx``, ``xy`` and so on."""
-
-    displacement_um: list[list[float]]
-    von_mises_mpa: list[float]
-    stress_mpa: dict[str, list[float]]
-
-
-class _SeriesSummary(TypedDict):
-    """The contour over time, thinned out."""
-
-    time_s: list[float]
-    gap_um: list[list[float]]
-    drive_force_n: list[list[float]]
-    motor_torque_nm: NotRequired[list[list[float]]]
-    probes: dict[str, _ProbeSeriesSummary]
-
-
-class ContourSummary(TypedDict):
-    """The entry ``contouring``."""
-
-    model: str
-    material: str | None
-    cutting_force: bool
-    regeneration: bool
-    coriolis: bool
-    drives: list[str]
-    faces: list[FaceSummary]
-    face_3_over_face_1: dict[str, float | None]
-    gravity_deflection_um: dict[str, list[float]]
-    force_mean_n: list[float]
-    force_peak_n: list[float]
-    share_above_twice_the_highest_mode: float
-    face_times_s: list[float]
-    assumptions: list[str]
-    series: _SeriesSummary
-    probes: dict[str, ProbeMotionSummary]
-    stability: NotRequired[list[StabilitySummary]]
-    milled_faces: NotRequired[list[MilledFaceSummary]]
-    force_share_faster_than_steps: NotRequired[float]
-    traces: NotRequired[dict[str, float]]
-    error_sources: list[str]
-    error_left_out: list[str]
+FACE_KEYS = """
+    outward_um outward_peak_to_peak_um mean_um[] peak_to_peak_um[] drive_force_mean_n[]
+    drive_force_peak_to_peak_n[] motor_torque_mean_nm[] motor_torque_peak_to_peak_nm[]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +88,7 @@ class ContourFace:
                     key = make_key(kind, face=face, drive=drive, figure=figure)
                     yield Number(key, float(value), unit)
 
-    def summarise(self, drives: Sequence[str], errors: Mapping[Key, Estimate]) -> FaceSummary:
+    def summarise(self, drives: Sequence[str], errors: Mapping[Key, Estimate]) -> Entry:
         """Return it as it stands in ``summary.json``, with torques where they are known.
 
         Raises:
@@ -183,7 +102,7 @@ class ContourFace:
             return [scale_total(errors.get(key), scale) for key in keys]
 
         what = f"contour on face {self.number}"
-        found: _FaceErrors = {
+        found: Entry = {
             "outward_um": find("outward_gap", "mean", "", [""])[0],
             "outward_peak_to_peak_um": find("outward_gap", "span", "", [""])[0],
             "mean_um": find("contour_gap", "mean", "direction", DIRECTIONS),
@@ -194,7 +113,7 @@ class ContourFace:
         if self.torque_mean is not None:
             found["motor_torque_mean_nm"] = find("drive_torque", "mean", "drive", drives)
             found["motor_torque_peak_to_peak_nm"] = find("drive_torque", "span", "drive", drives)
-        summary: FaceSummary = {
+        summary: Entry = {
             "errors": found,
             "face": self.number,
             "at": self.at,
@@ -212,7 +131,7 @@ class ContourFace:
         return summary
 
 
-def _show_trace(trace: ProbeTrace) -> _ProbeSeriesSummary:
+def _show_trace(trace: ProbeTrace) -> Entry:
     what = f"contour at probe {trace.name}"
     return {
         "displacement_um": [check_finite(what, row) for row in UM * trace.displacement],
@@ -244,7 +163,7 @@ class FaceStability:
         """The cut does not chatter."""
         return self.multiplier < 1.0
 
-    def summarise(self, error: Estimate) -> StabilitySummary:
+    def summarise(self, error: Estimate) -> Entry:
         """As it stands in ``summary.json``, with how far the limit may be off [m]."""
         return {
             "face": self.number,
@@ -312,6 +231,13 @@ class ContourAnswer(Answer):
     sources: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     entry: ClassVar[str] = "contouring"
+    keys: ClassVar[str] = f"""contouring(model material cutting_force regeneration coriolis drives[]
+        faces[](face at times_s[] {FACE_KEYS} errors({FACE_KEYS})) face_3_over_face_1.*
+        gravity_deflection_um.*[] force_mean_n[] force_peak_n[] share_above_twice_the_highest_mode
+        face_times_s[] assumptions[] series(time_s[] gap_um[][] drive_force_n[][] motor_torque_nm[][]
+        probes.*(displacement_um[][] von_mises_mpa[] stress_mpa.*[])) probes.*({PROBE_KEYS})
+        stability[](face at multiplier stable limit_depth_mm error_mm) milled_faces[]({MILLED_KEYS})
+        force_share_faster_than_steps traces.* error_sources[] error_left_out[])"""
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield the numbers of faces, cuts, profiles and probes."""
@@ -348,14 +274,14 @@ class ContourAnswer(Answer):
         for number, drive in enumerate(self.drives):
             yield Series(f"drive_force(drive={drive})", axes, self.drive_forces[:, number], "N")
 
-    def summarise(self) -> ContourSummary:
+    def summarise(self) -> Entry:
         """As it stands in ``summary.json``.
 
         Raises:
             AccuracyError: A result is not a finite number.
         """
         what = "contour"
-        series: _SeriesSummary = {
+        series: Entry = {
             "time_s": check_finite(what, self.times),
             "gap_um": [check_finite(what, row) for row in UM * self.gap],
             "drive_force_n": [check_finite(what, row) for row in self.drive_forces],
@@ -363,7 +289,7 @@ class ContourAnswer(Answer):
         }
         if self.torques is not None:
             series["motor_torque_nm"] = [check_finite(what, row) for row in self.torques]
-        summary: ContourSummary = {
+        summary: Entry = {
             "model": self.model,
             "material": self.material,
             "cutting_force": self.cutting,
@@ -371,7 +297,7 @@ class ContourAnswer(Answer):
             "coriolis": self.coriolis,
             "drives": list(self.drives),
             "faces": [face.summarise(self.drives, self.errors) for face in self.faces],
-            "face_3_over_face_1": self._face_ratio(),
+            "face_3_over_face_1": self.face_ratio,
             "gravity_deflection_um": {
                 "minimum": check_finite(what, UM * self.least_gravity_deflection),
                 "maximum": check_finite(what, UM * self.most_gravity_deflection),
@@ -380,7 +306,7 @@ class ContourAnswer(Answer):
             "force_peak_n": check_finite(what, self.force_peak),
             "share_above_twice_the_highest_mode": self.high_share,
             "face_times_s": check_finite(what, self.face_times),
-            "assumptions": [*self.assumed, *([LOCKED_MOTORS] if self.stability else [])],
+            "assumptions": self.assumptions,
             "series": series,
             "probes": {name: probe.summarise() for name, probe in self.probes.items()},
             "error_sources": list(self.sources),
@@ -402,7 +328,14 @@ class ContourAnswer(Answer):
             summary["force_share_faster_than_steps"] = self.force_loss
         return summary
 
-    def _face_ratio(self) -> dict[str, float | None]:
+    @property
+    def assumptions(self) -> list[str]:
+        """What was assumed, in plain words."""
+        return [*self.assumed, *([LOCKED_MOTORS] if self.stability else [])]
+
+    @property
+    def face_ratio(self) -> dict[str, float | None]:
+        """Mean gap in x of face 3 over that of face 1, where these are opposite."""
         if not self.compares_faces:
             return {}
         means = {face.number: float(face.gap_mean[0]) for face in self.faces}

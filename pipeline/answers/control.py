@@ -2,9 +2,9 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, NotRequired, TypedDict
+from typing import ClassVar
 
-from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.answer import Answer, Entry
 from headstock.pipeline.numbers.numbers import Number, make_key
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.margins import LoopMargins
@@ -25,43 +25,6 @@ MARGINS = (  # as ``LoopMargins`` has them
 )
 
 
-class PoleSummary(TypedDict):
-    """The entry of a pole."""
-
-    frequency_hz: float
-    damping_ratio: float
-    real: float
-    imag: float
-    drive: str
-    name: str
-
-
-class DriveSummary(TypedDict):
-    """The entry of a drive; without lag and margins in an unstable loop, where they mean
-    nothing.
-    """
-
-    axis: str
-    encoder: str
-    kv_per_s: float
-    velocity_gain_n_s_per_m: float
-    dead_time_s: float
-    motor_mass_kg: float
-    velocity_lag_um: float | None
-    margins: dict[str, float | None] | None
-
-
-class ControlSummary(TypedDict):
-    """The entry of a pose in ``control``."""
-
-    up_to_hz: float
-    speed_m_per_s: float
-    stable: bool
-    poles: list[PoleSummary]
-    drives: dict[str, DriveSummary]
-    verdict: NotRequired[str]
-
-
 @dataclass(frozen=True)
 class ClosedLoopPole:
     """A pole of the closed loops.
@@ -78,7 +41,7 @@ class ClosedLoopPole:
     drive: str
     name: str
 
-    def summarise(self) -> PoleSummary:
+    def summarise(self) -> Entry:
         """As it stands in ``summary.json``."""
         return {
             "frequency_hz": self.frequency_hz,
@@ -103,7 +66,12 @@ class ClosedLoopDrive:
     margins: LoopMargins
     velocity_lag: float
 
-    def summarise(self, *, stable: bool) -> DriveSummary:
+    @property
+    def motor_mass(self) -> float:
+        """Of motor and screw, as the table feels it [kg]."""
+        return self.train.motor_mass + self.train.screw_mass
+
+    def summarise(self, *, stable: bool) -> Entry:
         """As it stands in ``summary.json``; ``stable`` says that lag and margins mean something."""
         train, control = self.train, self.train.control
         return {
@@ -112,7 +80,7 @@ class ClosedLoopDrive:
             "kv_per_s": control.position_gain,
             "velocity_gain_n_s_per_m": control.velocity_gain,
             "dead_time_s": control.dead_time,
-            "motor_mass_kg": train.motor_mass + train.screw_mass,
+            "motor_mass_kg": self.motor_mass,
             "velocity_lag_um": self.velocity_lag * UM if stable else None,
             "margins": {name: getattr(self.margins, name) for name in MARGINS} if stable else None,
         }
@@ -135,6 +103,10 @@ class ControlAnswer(Answer):
     drives: tuple[ClosedLoopDrive, ...]
     verdict: str = ""
     entry: ClassVar[str] = "control"
+    keys: ClassVar[str] = """control.*(up_to_hz speed_m_per_s stable verdict
+        poles[](frequency_hz damping_ratio real imag drive name)
+        drives.*(axis encoder kv_per_s velocity_gain_n_s_per_m dead_time_s motor_mass_kg
+        velocity_lag_um margins.*))"""
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield the poles and, of stable loops, lag and margins of each drive."""
@@ -149,9 +121,9 @@ class ControlAnswer(Answer):
                 if (value := getattr(drive.margins, figure)) is not None:
                     yield Number(make_key("loop_margin", figure=figure, **at), value, unit)
 
-    def summarise(self) -> ControlSummary:
+    def summarise(self) -> Entry:
         """As it stands in ``summary.json``."""
-        summary: ControlSummary = {
+        summary: Entry = {
             "up_to_hz": self.up_to_hz,
             "speed_m_per_s": self.speed,
             "stable": not self.verdict,

@@ -4,16 +4,16 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, NotRequired, TypedDict
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
-from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.probes import ProbeCurves, ProbeCurvesSummary
+from headstock.pipeline.answers.answer import Answer, Entry
+from headstock.pipeline.answers.probes import CURVES_KEYS, ProbeCurves
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
-from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
+from headstock.pipeline.numbers.estimates import Estimate, scale_known, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.scene.scene import LOAD
 from headstock.solvers.linear.frequency_response import convert_receptance
@@ -25,70 +25,14 @@ NumberKind = Literal["peak", "level"]
 type Height = ResponsePeak | ResponseLevel
 
 
-class DrivePointSummary(TypedDict):
-    """The entry of a drive point; keys in SI are those of rotations. ``lines`` are sizes of the
-    receptance at even steps of the range, whatever the machine: they compare runs.
-    """
-
-    dof: list[str]
-    most_negative_real_hz: float | None
-    most_negative_real_error_share: dict[str, float | None]
-    minimum_dynamic_stiffness_hz: float | None
-    minimum_dynamic_stiffness_mode: str
-    truncation_share: float | None
-    lines_hz: list[float]
-    lines_um_per_kN: NotRequired[list[float | None]]
-    lines_SI: NotRequired[list[float | None]]
-    static_um_per_kN: NotRequired[float | None]
-    most_negative_real_um_per_kN: NotRequired[float | None]
-    most_negative_real_error_um_per_kN: NotRequired[float | None]
-    chatter_limit_N_per_um: NotRequired[float | None]
-    minimum_dynamic_stiffness_N_per_um: NotRequired[float | None]
-    static_SI: NotRequired[float | None]
-    most_negative_real_SI: NotRequired[float | None]
-    most_negative_real_error_SI: NotRequired[float | None]
-    chatter_limit_SI: NotRequired[float | None]
-    minimum_dynamic_stiffness_SI: NotRequired[float | None]
-
-
-class NumberSummary(TypedDict):
-    """The entry of a peak or of a static level; keys in SI are those of rotations and moments.
-    ``mode`` counts from 1, and is 0 for a level; ``error_share`` is by source.
-    """
-
-    kind: NumberKind
-    output: list[str]
-    input: list[str]
-    hz: float
-    mode: int
-    size_um_per_kN: NotRequired[float]
-    error_um_per_kN: NotRequired[float | None]
-    size_SI: NotRequired[float]
-    error_SI: NotRequired[float | None]
-    error_share: dict[str, float | None]
-
-
-class ResponseSummary(TypedDict):
-    """The entry of a pose in ``frf``; its ``error`` is by source ``median_share`` and ``largest_share`` over
-    the largest entry of the same line, the latter at ``largest_share_hz``, and ``bounded_to_hz`` says how
-    far up there is a bound.
-    """
-
-    inputs: list[list[str]]
-    outputs: list[list[str]]
-    from_hz: float
-    to_hz: float
-    points: int
-    motion: Motion
-    method: str
-    damped: bool
-    free_body: list[str]
-    singular_hz: list[float]
-    error: dict[str, dict[str, float] | float | None] | None
-    error_left_out: list[str]
-    drive_points: list[DrivePointSummary]
-    peaks: list[NumberSummary]
-    probes: NotRequired[dict[str, ProbeCurvesSummary]]
+# keys in SI are those of rotations and moments; lines are sizes of the receptance at even steps of
+# the range, whatever the machine: they compare runs
+DRIVE_POINT_KEYS = """
+    dof[] most_negative_real_hz most_negative_real_error_share.* minimum_dynamic_stiffness_hz
+    minimum_dynamic_stiffness_mode truncation_share lines_hz[] lines_um_per_kN[] lines_SI[]
+    static_um_per_kN most_negative_real_um_per_kN most_negative_real_error_um_per_kN
+    chatter_limit_N_per_um minimum_dynamic_stiffness_N_per_um static_SI most_negative_real_SI
+    most_negative_real_error_SI chatter_limit_SI minimum_dynamic_stiffness_SI"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +65,21 @@ class DrivePointFigures:
     truncation_share: float | None = None
     lines_hz: tuple[float, ...] = ()
     lines: tuple[float | None, ...] = ()
+
+
+class LineError(NamedTuple):
+    """Error of lines of a response by one source, over the largest entry of the same line."""
+
+    median_share: float
+    largest_share: float
+    largest_share_hz: float
+
+
+class LineErrors(NamedTuple):
+    """How far up there is a bound [Hz], and errors of lines by source; None where nothing is known."""
+
+    bounded_to_hz: float
+    sources: dict[str, LineError | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +115,26 @@ class ResponseCurves:
             if self.error_share
             else None
         )
+
+    @property
+    def line_errors(self) -> LineErrors | None:
+        """Errors of lines by source; None where none was sought."""
+        if self.error is None:
+            return None
+        seen = np.isfinite(self.receptance).all(axis=(1, 2))
+        bounded = seen & np.isfinite(self.error).all(axis=(1, 2))
+        lines = self.frequencies_hz[bounded]
+        sources: dict[str, LineError | None] = {}
+        for source, error in self.error_share.items():
+            # where another source has no bound anywhere, this one still says what it knows
+            known = bounded if bounded.any() else seen & np.isfinite(error).all(axis=(1, 2))
+            if not known.any():
+                sources[source] = None
+                continue
+            shares = error[known].max(axis=(1, 2)) / np.abs(self.receptance[known]).max(axis=(1, 2))
+            worst = float(self.frequencies_hz[known][int(np.argmax(shares))])
+            sources[source] = LineError(float(np.median(shares)), float(shares.max()), worst)
+        return LineErrors(float(lines[-1]) if len(lines) else 0.0, sources)
 
     @property
     def value_errors(self) -> FloatArray | None:
@@ -210,6 +189,10 @@ class PoseResponse(Answer):
         r"frf/.*/(receptance|error|error_share/.*)": "SI: m or rad per N, N m or whole load, by outputs and inputs",
     }
     entry: ClassVar[str] = "frf"
+    keys: ClassVar[str] = f"""frf.*(inputs[][] outputs[][] from_hz to_hz points motion method damped
+        free_body[] singular_hz[] error.*.** error_left_out[] drive_points[]({DRIVE_POINT_KEYS})
+        peaks[](kind output[] input[] hz mode size_um_per_kN error_um_per_kN size_SI error_SI error_share.*)
+        probes.*({CURVES_KEYS}))"""
 
     @property
     def place(self) -> str:
@@ -255,11 +238,11 @@ class PoseResponse(Answer):
                 key = make_key("dynamic_stiffness", pose=pose, output=" ".join(figures.channel))
                 yield Number(key, figures.minimum_dynamic_stiffness, stiff)
         for probe in self.curves.probes:
-            for given, size, error in probe.list_peaks():
-                at = {"pose": pose, "probe": probe.name, "input": " ".join(given)}
-                yield Number(
-                    make_key("peak_frequency_stress", **at), size, _per_load("Pa", given), error
-                )
+            for column, given in enumerate(probe.inputs):
+                if (peak := probe.find_peak(column)) is not None:
+                    at = {"pose": pose, "probe": probe.name, "input": " ".join(given)}
+                    key = make_key("peak_frequency_stress", **at)
+                    yield Number(key, peak.size, _per_load("Pa", given), peak.error)
 
     def list_series(self) -> Iterator[Series]:
         """Yield the receptance of every entry over frequency."""
@@ -275,10 +258,10 @@ class PoseResponse(Answer):
                     {source: size[:, row, column] for source, size in curves.error_share.items()},
                 )
 
-    def summarise(self) -> ResponseSummary:
+    def summarise(self) -> Entry:
         """As it stands in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
-        curves = self.curves
-        summary: ResponseSummary = {
+        curves, errors = self.curves, self.curves.line_errors
+        summary: Entry = {
             "inputs": [list(channel) for channel in curves.inputs],
             "outputs": [list(channel) for channel in curves.outputs],
             "from_hz": float(curves.frequencies_hz[0]),
@@ -289,7 +272,7 @@ class PoseResponse(Answer):
             "damped": self.damped,
             "free_body": list(self.free_body),
             "singular_hz": list(self.singular_hz),
-            "error": _summarise_error(curves),
+            "error": None if errors is None else _summarise_errors(errors),
             "error_left_out": list(self.error_left_out),
             "drive_points": [
                 _summarise_drive_point(figures, self.error_of(self.figure_key(figures.channel)))
@@ -301,13 +284,13 @@ class PoseResponse(Answer):
             summary["probes"] = {probe.name: probe.summarise() for probe in curves.probes}
         return summary
 
-    def _summarise_height(self, height: Height) -> NumberSummary:
+    def _summarise_height(self, height: Height) -> Entry:
         output, given = self.curves.outputs[height.output], self.curves.inputs[height.given]
         linear = output[1] in "xyz" and given[1] in "xyz"
         scale = UM_PER_KN if linear else 1.0
         own = self.error_of(self.key(height))
         size, error = scale * height.height, scale_total(own, scale)
-        summary: NumberSummary = {
+        summary: Entry = {
             "kind": "level" if isinstance(height, ResponseLevel) else "peak",
             "output": list(output),
             "input": list(given),
@@ -353,10 +336,10 @@ def _per_load(unit: str, given: Channel) -> str:
     return f"{unit}/{'(N m)' if given[1].startswith('r') else 'N'}"
 
 
-def _summarise_drive_point(figures: DrivePointFigures, off: Estimate) -> DrivePointSummary:
+def _summarise_drive_point(figures: DrivePointFigures, off: Estimate) -> Entry:
     linear = figures.channel[1] in "xyz"
     soft, stiff = (UM_PER_KN, N_PER_UM) if linear else (1.0, 1.0)
-    summary: DrivePointSummary = {
+    summary: Entry = {
         "dof": list(figures.channel),
         "most_negative_real_hz": figures.most_negative_real_hz,
         "most_negative_real_error_share": scale_shares(off, soft),
@@ -365,10 +348,10 @@ def _summarise_drive_point(figures: DrivePointFigures, off: Estimate) -> DrivePo
         "truncation_share": figures.truncation_share,
         "lines_hz": list(figures.lines_hz),
     }
-    lines = [_scaled(value, soft) for value in figures.lines]
-    static, worst = _scaled(figures.static, soft), _scaled(figures.most_negative_real, soft)
-    chatter = _scaled(figures.chatter_limit, stiff)
-    least = _scaled(figures.minimum_dynamic_stiffness, stiff)
+    lines = [scale_known(value, soft) for value in figures.lines]
+    static, worst = scale_known(figures.static, soft), scale_known(figures.most_negative_real, soft)
+    chatter = scale_known(figures.chatter_limit, stiff)
+    least = scale_known(figures.minimum_dynamic_stiffness, stiff)
     if linear:
         return summary | {
             "lines_um_per_kN": lines,
@@ -388,33 +371,6 @@ def _summarise_drive_point(figures: DrivePointFigures, off: Estimate) -> DrivePo
     }
 
 
-def _summarise_error(curves: ResponseCurves) -> dict[str, dict[str, float] | float | None] | None:
-    """Largest and median error by source over the largest entry of the same line, and how far up
-    there is a bound.
-    """
-    if curves.error is None:
-        return None
-    seen = np.isfinite(curves.receptance).all(axis=(1, 2))
-    bounded = seen & np.isfinite(curves.error).all(axis=(1, 2))
-    lines = curves.frequencies_hz[bounded]
-    found: dict[str, dict[str, float] | float | None] = {
-        "bounded_to_hz": float(lines[-1]) if len(lines) else 0.0
-    }
-    for source, error in curves.error_share.items():
-        # where another source has no bound anywhere, this one still says what it knows
-        known = bounded if bounded.any() else seen & np.isfinite(error).all(axis=(1, 2))
-        if not known.any():
-            found[source] = None
-            continue
-        sizes = np.abs(curves.receptance[known]).max(axis=(1, 2))
-        shares = error[known].max(axis=(1, 2)) / sizes
-        found[source] = {
-            "median_share": float(np.median(shares)),
-            "largest_share": float(shares.max()),
-            "largest_share_hz": float(curves.frequencies_hz[known][int(np.argmax(shares))]),
-        }
-    return found
-
-
-def _scaled(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor
+def _summarise_errors(errors: LineErrors) -> Entry:
+    shares = {name: one and one._asdict() for name, one in errors.sources.items()}
+    return {"bounded_to_hz": errors.bounded_to_hz, **shares}

@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, TypedDict
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
-from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.answer import Answer, Entry
 from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Number, Series, make_key
 
@@ -18,80 +18,7 @@ RPM = 30.0 / np.pi
 HZ = 0.5 / np.pi
 
 
-class LobeSummary(TypedDict):
-    """A lobe, or the one at the lowest limit: where its limit is lowest, and what vibrates there."""
-
-    rpm: float
-    limit_depth_mm: float
-    chatter_hz: float
-    waves: int
-    from_rpm: float
-    to_rpm: float
-    mode: str
-    mode_hz: float | None
-    mode_share: float
-    part: str
-
-
-class BestSpeedSummary(TypedDict):
-    """A speed between two lobes with the ± of its limit; not limited where no cut up to the deepest one
-    chatters.
-    """
-
-    rpm: float
-    limit_depth_mm: float
-    error_mm: float | None
-    limited: bool
-
-
-class _LobeSeries(TypedDict):
-    """Over the speeds: the limit, null where it was not looked for, the deepest cut that was tried where
-    there is none; its ±, null where there is none; and what a single frequency says.
-    """
-
-    rpm: list[float]
-    limit_depth_mm: list[float | None]
-    error_mm: list[float | None]
-    limited: list[bool]
-    zeroth_order_mm: list[float]
-    chatter_hz: list[float | None]
-    lobe: list[int | None]
-
-
-class DirectionSummary(TypedDict):
-    """Lobes of a direction of travel; errors are those of the lowest limit and of its chatter, by
-    source, null where no bound is known.
-    """
-
-    direction: list[float]
-    name: str
-    lowest: LobeSummary | None
-    lowest_error_mm: float | None
-    lowest_error_share: dict[str, float | None]
-    chatter_error_hz: float | None
-    chatter_error_share: dict[str, float | None]
-    error_left_out: list[str]
-    best_speeds: list[BestSpeedSummary]
-    lobes: list[LobeSummary]
-    series: _LobeSeries
-
-
-class LobesSummary(TypedDict):
-    """The entry of a pose in ``lobes``."""
-
-    material: str
-    radial_depth_mm: float
-    immersion: float
-    teeth: int
-    diameter_mm: float
-    tool: str
-    sense: str
-    up_to_hz: float
-    modes_to_hz: float
-    deepest_mm: float
-    method: str
-    confirmed: bool
-    directions: list[DirectionSummary]
+LOBE_KEYS = "rpm limit_depth_mm chatter_hz waves from_rpm to_rpm mode mode_hz mode_share part"
 
 
 @dataclass(frozen=True)
@@ -173,6 +100,11 @@ class DirectionLobes:
             return None
         return min(self.lobes, key=lambda lobe: float(self.depths[lobe.place]))
 
+    @property
+    def lowest_errors(self) -> tuple[Estimate, Estimate]:
+        """± of the lowest limit [m] and of its frequency of chatter [Hz]; without shares where there is none."""
+        return (Estimate(), Estimate()) if self.lowest is None else self.estimate(self.lowest.place)
+
 
 @dataclass(frozen=True, eq=False)
 class PoseLobes(Answer):
@@ -213,6 +145,19 @@ class PoseLobes(Answer):
         r"lobes/.*/(chatter_hz|chatter_error_hz)": "Hz",
     }
     entry: ClassVar[str] = "lobes"
+    keys: ClassVar[
+        str
+    ] = f"""lobes.*(material radial_depth_mm immersion teeth diameter_mm tool sense
+        up_to_hz modes_to_hz deepest_mm method confirmed
+        directions[](direction[] name lowest({LOBE_KEYS}) lowest_error_mm lowest_error_share.*
+        chatter_error_hz chatter_error_share.* error_left_out[]
+        best_speeds[](rpm limit_depth_mm error_mm limited) lobes[]({LOBE_KEYS})
+        series(rpm[] limit_depth_mm[] error_mm[] limited[] zeroth_order_mm[] chatter_hz[] lobe[])))"""
+
+    @property
+    def rpm(self) -> FloatArray:
+        """``(n,)`` speeds [rev/min]."""
+        return RPM * self.speeds
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield the lowest limit of each direction of travel and its frequency of chatter."""
@@ -236,7 +181,7 @@ class PoseLobes(Answer):
                 own.depth_errors,
             )
 
-    def summarise(self) -> LobesSummary:
+    def summarise(self) -> Entry:
         """As it stands in ``summary.json``."""
         return {
             "material": self.material,
@@ -264,17 +209,14 @@ class PoseLobes(Answer):
             inner["limit_depth"], inner["zeroth_order"] = own.depths, own.zeroth
             inner["limit_error"], inner["limited"] = own.errors, own.limited
             inner["chatter_hz"] = HZ * own.chatter
-            lowest = own.lowest
-            depth, chatter = (
-                (Estimate(), Estimate()) if lowest is None else own.estimate(lowest.place)
-            )
+            depth, chatter = own.lowest_errors
             for name, error in (("lowest_error", depth), ("chatter_error_hz", chatter)):
                 inner[name] = np.nan if error.total is None else error.total
 
-    def _summarise(self, own: DirectionLobes) -> DirectionSummary:
-        rpm = RPM * self.speeds
+    def _summarise(self, own: DirectionLobes) -> Entry:
+        rpm = self.rpm
         lowest, sizes = own.lowest, own.errors
-        depth, chatter = (Estimate(), Estimate()) if lowest is None else own.estimate(lowest.place)
+        depth, chatter = own.lowest_errors
         return {
             "direction": list(own.direction),
             "name": own.name,
@@ -305,8 +247,8 @@ class PoseLobes(Answer):
             },
         }
 
-    def _summarise_lobe(self, own: DirectionLobes, lobe: Lobe) -> LobeSummary:
-        rpm = RPM * self.speeds
+    def _summarise_lobe(self, own: DirectionLobes, lobe: Lobe) -> Entry:
+        rpm = self.rpm
         return {
             "rpm": float(rpm[lobe.place]),
             "limit_depth_mm": float(MM * own.depths[lobe.place]),

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, TypedDict
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from headstock.geometry.mechanisms.exechon import (
     ToolMechanism,
     condition_numbers,
 )
-from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.answer import Answer, Entry
 from headstock.pipeline.numbers.numbers import Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 
@@ -22,23 +22,28 @@ UNITS = {"_hz": ("Hz", 1.0), "_n_per_um": ("N/m", 1e6), "_m": ("m", 1.0)}
 type Grid = list[Grid | float | None]  # an axis of the map at each depth
 
 
-class GridSummary(TypedDict):
-    """Quantities over a grid of poses, null where a pose cannot be taken."""
+class PoseGrid(Protocol):
+    """Quantities over a grid of poses."""
 
-    axes: list[str]
-    units: dict[str, str]
-    positions: list[list[float]]
-    fixed: dict[str, float]
-    quantities: dict[str, Grid]
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the two or three axes of the grid."""
 
+    @property
+    def positions(self) -> tuple[FloatArray, ...]:
+        """Their positions [m, rad]."""
 
-class MapSummary(GridSummary):
-    """The entry ``map``."""
+    @property
+    def fixed(self) -> dict[str, float]:
+        """Positions of the other axes."""
 
-    least_mac: float
-    crossings: list[tuple[int, int]]
-    tracking_breaks: int
-    f1_and_mean_leg_correlation: float
+    @property
+    def axis_units(self) -> dict[str, str]:
+        """Axis to ``m`` or ``rad``."""
+
+    @property
+    def quantities(self) -> dict[str, FloatArray]:
+        """Name to ``(n0, n1, ...)`` values, NaN where the pose cannot be taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +72,15 @@ class WorkspaceMap(Answer):
     tracking_breaks: int
     trend: float
     entry: ClassVar[str] = "map"
+    keys: ClassVar[
+        str
+    ] = """map(axes[] units.* positions[][] fixed.* quantities.*.** least_mac crossings[][]
+        tracking_breaks f1_and_mean_leg_correlation)"""
+
+    @property
+    def axis_units(self) -> dict[str, str]:
+        """Axis to ``m`` or ``rad``."""
+        return {axis: "m" if axis in TOOL_POINT else "rad" for axis in (*self.axes, *self.fixed)}
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield the least and the largest value of every quantity that some pose has."""
@@ -79,21 +93,16 @@ class WorkspaceMap(Answer):
 
     def list_series(self) -> Iterator[Series]:
         """Yield every quantity over the grid."""
-        axes = {
-            f"{axis} [{'m' if axis in TOOL_POINT else 'rad'}]": values
-            for axis, values in zip(self.axes, self.positions, strict=True)
-        }
+        axes = name_axes(self)
         for name, values in self.quantities.items():
             unit, factor = _find_unit(name)
             yield Series(f"map({name})", axes, factor * values, unit)
 
-    def summarise(self) -> MapSummary:
+    def summarise(self) -> Entry:
         """As it stands in ``summary.json``."""
         return {
             "axes": list(self.axes),
-            "units": {
-                axis: "m" if axis in TOOL_POINT else "rad" for axis in (*self.axes, *self.fixed)
-            },
+            "units": self.axis_units,
             "positions": [
                 check_finite("positions of the map", values) for values in self.positions
             ],
@@ -111,18 +120,19 @@ def _find_unit(quantity: str) -> tuple[str, float]:
     return next((unit for end, unit in UNITS.items() if quantity.endswith(end)), ("1", 1.0))
 
 
+def name_axes(grid: PoseGrid) -> dict[str, FloatArray]:
+    """Return the positions of each axis of a grid by its name and unit, as a series has them."""
+    return {
+        f"{axis} [{grid.axis_units[axis]}]": values
+        for axis, values in zip(grid.axes, grid.positions, strict=True)
+    }
+
+
 def nest_grid(values: FloatArray) -> Grid:
     """A grid as nested lists, None for NaN."""
     return [
         nest_grid(row) if row.ndim else (float(row) if np.isfinite(row) else None) for row in values
     ]
-
-
-class MechanismSummary(TypedDict):
-    """The entry of a pose in ``mechanism``."""
-
-    coordinates: dict[str, float]
-    condition_number: float
 
 
 @dataclass(frozen=True)
@@ -138,6 +148,7 @@ class MechanismPose(Answer):
     coordinates: dict[str, float]
     condition_number: float
     entry: ClassVar[str] = "mechanism"
+    keys: ClassVar[str] = """mechanism.*(coordinates.* condition_number)"""
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield the coordinates and the condition number."""
@@ -146,7 +157,7 @@ class MechanismPose(Answer):
             yield Number(key, value, "m" if name in LENGTHS else "rad")
         yield Number(make_key("condition_number", pose=self.pose), self.condition_number, "1")
 
-    def summarise(self) -> MechanismSummary:
+    def summarise(self) -> Entry:
         """As it stands in ``summary.json``."""
         return {"coordinates": self.coordinates, "condition_number": self.condition_number}
 

@@ -4,11 +4,11 @@ thinned.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypedDict
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.answer import Entry
 from headstock.pipeline.numbers.estimates import Estimate, scale_total
 from headstock.pipeline.numbers.numbers import Key, make_key
 from headstock.pipeline.storage.json_texts import check_finite
@@ -17,32 +17,12 @@ from headstock.solvers.milling.milled_faces import ProfileParameters
 UM, MM = 1e6, 1e3
 
 
-class MilledFaceSummary(TypedDict):
-    """The entry of a milled face; ``errors``: how far its parameters may be off, by their names. ``profile``:
-    lowest and highest place in cells over the whole face, and its mean line; ``detail``: a short piece, every
-    sample; ``strongest_wave``: of those that are longer than the marks of the teeth.
-    """
-
-    face: int
-    at: str
-    location_error_um: float
-    location_by_height: list[dict[str, float]]
-    ra_um: float
-    rz_um: float
-    wt_um: float
-    pt_um: float
-    strongest_wave: dict[str, float]
-    mark_at_start_um: float
-    mark_at_end_um: float
-    length_mm: float
-    evaluated_mm: list[float]
-    cut_off_mm: float
-    height_mm: float
-    feed_per_tooth_mm: float
-    rigid_cusp_um: float
-    profile: dict[str, list[float]]
-    detail: dict[str, list[float]]
-    errors: dict[str, float | None]
+# profile: lowest and highest place in cells over the whole face, and its mean line; detail: a short
+# piece, every sample; strongest wave: of those longer than the marks of the teeth
+MILLED_KEYS = """
+    face at location_error_um location_by_height[].* ra_um rz_um wt_um pt_um strongest_wave.*
+    mark_at_start_um mark_at_end_um length_mm evaluated_mm[] cut_off_mm height_mm feed_per_tooth_mm
+    rigid_cusp_um profile.*[] detail.*[] errors.*"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +69,7 @@ class MilledFace:
 
     @property
     def sizes(self) -> dict[str, float]:
-        """Parameters that are judged, by their names [m]."""
+        """Parameters with ±, by their names [m]."""
         found = self.parameters
         return {
             "location_error": found.location,
@@ -101,7 +81,7 @@ class MilledFace:
             "mark_at_end": self.marks[1],
         }
 
-    def summarise(self, errors: Mapping[Key, Estimate]) -> MilledFaceSummary:
+    def summarise(self, errors: Mapping[Key, Estimate]) -> Entry:
         """Return it as it stands in ``summary.json``.
 
         Args:

@@ -9,8 +9,8 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.process.plain_hdf5 import h5py
-from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.numbers.estimates import Estimate, FrequencyErrors, scale_parts
+from headstock.pipeline.answers.answer import Answer, Entry
+from headstock.pipeline.numbers.estimates import Estimate, list_left_out, scale_parts
 from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 
@@ -18,24 +18,6 @@ type ModeKind = Literal["frequency", "damping_ratio", "damped_frequency"]
 FREQUENCY: ModeKind = "frequency"
 DAMPING_RATIO: ModeKind = "damping_ratio"
 DAMPED_FREQUENCY: ModeKind = "damped_frequency"
-
-
-class ModesSummary(FrequencyErrors):
-    """The entry of a pose in ``modal``; lists have an item per mode."""
-
-    pose_name: str
-    pose: dict[str, float]
-    pose_units: dict[str, str]
-    frequencies_hz: list[float]
-    error_hz: list[float | None]
-    error_parts: list[dict[str, dict[str, float]]]
-    damping_ratio: list[float | None]
-    damping_error: list[float | None]
-    damped_hz: list[float | None]
-    damped_error_hz: list[float | None]
-    mode_names: list[str]
-    energy_share: list[dict[str, float]]
-    kinetic_share: list[dict[str, float]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +65,10 @@ class PoseModes(Answer):
         r"modal/.*/rotation": "1",
     }
     entry: ClassVar[str] = "modal"
+    keys: ClassVar[str] = """modal[](pose_name pose.* pose_units.* frequencies_hz[] rigid_count
+        error_hz[] error_share[].* error_parts[].*.* error_left_out[] damping_ratio[] damping_error[]
+        damped_hz[] damped_error_hz[] mode_names[] energy_share[].* kinetic_share[].*
+        interface_spread_hz[][] modes_below damping_from[])"""
 
     @classmethod
     def gather(cls, answers: Sequence[Self]) -> dict[str, object]:
@@ -115,14 +101,14 @@ class PoseModes(Answer):
                     key = self.key(kind, index)
                     yield Number(key, value, unit, self.errors.get(key))
 
-    def summarise(self) -> ModesSummary:
+    def summarise(self) -> Entry:
         """As they stand in ``summary.json``.
 
         Raises:
             AccuracyError: A frequency is not a finite number.
         """
         errors = self.list_errors()
-        summary: ModesSummary = {
+        summary: Entry = {
             "pose_name": self.pose.name,
             "pose": dict(self.pose.positions),
             "pose_units": {
@@ -137,7 +123,7 @@ class PoseModes(Answer):
             "error_hz": list(self.error_hz),
             "error_share": [dict(error.shares) for error in errors],
             "error_parts": [scale_parts(error) for error in errors],
-            "error_left_out": sorted({words for error in errors for words in error.left_out}),
+            "error_left_out": list_left_out(errors),
             "damping_ratio": list(self.damping_ratio),
             "damping_error": [error.total for error in self.list_errors(DAMPING_RATIO)],
             "damped_hz": list(self.damped_hz),

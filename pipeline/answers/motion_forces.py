@@ -5,36 +5,27 @@
 import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
+from headstock.pipeline.answers.answer import Entry
 from headstock.pipeline.answers.probes import MEGA, MICRO
-from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
+from headstock.pipeline.numbers.estimates import Estimate, list_left_out, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.solvers.stresses import STRESS_NAMES, largest_von_mises
 from headstock.solvers.watched_outputs import Extreme
 
-
-class ProbeMotionSummary(TypedDict):
-    """The entry of a probe: its largest equivalent stress, the stress then by ``xx``, ``xy`` and so on,
-    and its largest displacement, by size.
-    """
-
-    component: str
-    singular: str
-    peak_von_mises_mpa: float
-    peak_von_mises_s: float
-    peak_von_mises_error_mpa: float | None
-    peak_von_mises_error_share: dict[str, float | None]
-    peak_stress_mpa: dict[str, float]
-    peak_displacement_um: float
-    peak_displacement_s: float
-    peak_displacement_error_um: float | None
-    error_left_out: list[str]
+# ``_off`` and ``error`` say how far a number may be off
+PROBE_KEYS = """
+    component singular peak_von_mises_mpa peak_von_mises_s peak_von_mises_error_mpa
+    peak_von_mises_error_share.* peak_stress_mpa.* peak_displacement_um peak_displacement_s
+    peak_displacement_error_um error_left_out[]"""
+FORCE_KEYS = f"""
+    drives.*(torque_nm torque_s torque_off_nm position_error_um position_error_s position_error_off_um)
+    joints.*.*(unit force force_s error) probes.*({PROBE_KEYS})"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,19 +79,25 @@ class ProbeMotion:
         trace = ProbeTrace(own.name, own.displacement[some], own.stress[some])
         return dataclasses.replace(self, trace=trace)
 
-    def summarise(
+    def list_errors(
         self, errors: Mapping[Key, Estimate] | None = None, **at: str
-    ) -> ProbeMotionSummary:
-        """Return it as it stands in ``summary.json``.
+    ) -> tuple[Estimate, Estimate]:
+        """Return ± of stress and displacement.
 
         Args:
             errors: ± of its numbers by all sources; None for what the mesh around it leaves out.
             at: Roles of their keys: feed and probe.
         """
-        mises, moved = self.von_mises_error, self.displacement_error
-        if errors is not None:
-            mises = errors.get(make_key("peak_stress", **at), Estimate())
-            moved = errors.get(make_key("peak_displacement", **at), Estimate())
+        if errors is None:
+            return self.von_mises_error, self.displacement_error
+        return (
+            errors.get(make_key("peak_stress", **at), Estimate()),
+            errors.get(make_key("peak_displacement", **at), Estimate()),
+        )
+
+    def summarise(self, errors: Mapping[Key, Estimate] | None = None, **at: str) -> Entry:
+        """Return it as it stands in ``summary.json``, with ± as ``list_errors`` has it."""
+        mises, moved = self.list_errors(errors, **at)
         return {
             "component": self.component,
             "singular": self.singular,
@@ -115,32 +112,8 @@ class ProbeMotion:
             "peak_displacement_um": MICRO * self.displacement.value,
             "peak_displacement_s": self.displacement.time,
             "peak_displacement_error_um": scale_total(moved, MICRO),
-            "error_left_out": sorted({*mises.left_out, *moved.left_out}),
+            "error_left_out": list_left_out([mises, moved]),
         }
-
-
-class DriveForceSummary(TypedDict):
-    """The entry of a drive: largest torque of its motor, and largest set less measured position;
-    ``_off`` how far they may be off.
-    """
-
-    torque_nm: float
-    torque_s: float
-    torque_off_nm: float | None
-    position_error_um: float
-    position_error_s: float
-    position_error_off_um: float | None
-
-
-class JointForceSummary(TypedDict):
-    """The entry of a direction of a joint: its largest force, or moment, on the first end, and how
-    far it may be off.
-    """
-
-    unit: str
-    force: float
-    force_s: float
-    error: float | None
 
 
 @dataclass(frozen=True)
@@ -213,7 +186,7 @@ def list_forces(
 
 def summarise_drives(
     drives: Mapping[str, DriveExtremes], errors: Mapping[Key, Estimate], **at: str
-) -> dict[str, DriveForceSummary]:
+) -> dict[str, Entry]:
     """Return drives by name as they stand in ``summary.json``.
 
     Args:
@@ -239,7 +212,7 @@ def summarise_drives(
 
 def summarise_joints(
     joints: Mapping[str, Mapping[str, Extreme]], errors: Mapping[Key, Estimate], **at: str
-) -> dict[str, dict[str, JointForceSummary]]:
+) -> dict[str, dict[str, Entry]]:
     """Return joints by name, and their directions, as they stand in ``summary.json``.
 
     Args:

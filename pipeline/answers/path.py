@@ -5,19 +5,17 @@
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field, replace
-from typing import ClassVar, NotRequired, TypedDict
+from typing import ClassVar
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
-from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.answer import Answer, Entry
 from headstock.pipeline.answers.motion_forces import (
+    FORCE_KEYS,
     DriveExtremes,
-    DriveForceSummary,
-    JointForceSummary,
     ProbeMotion,
-    ProbeMotionSummary,
     ProbeTrace,
     list_forces,
     summarise_drives,
@@ -36,67 +34,6 @@ ZONES = ("accelerating", "decelerating")
 CRUISE = ("variation", "straightness", "amplitude")
 # ``peak_um`` or ``peak_urad`` and so on, ``settling_s`` without a value where it never settles
 type ZoneSummary = dict[str, float | None]
-
-
-class CruiseSummary(TypedDict):
-    """An output at constant feed, where errors of guides act; ``um`` stands for urad, too."""
-
-    begin_s: float
-    end_s: float
-    variation_um: float
-    straightness_um: float
-    period_s: float
-    period_mm: NotRequired[float]  # as the feed
-    period_deg: NotRequired[float]
-    amplitude_um: float
-
-
-class _OutputSummary(TypedDict):
-    """The entry of an output at one feed. ``errors``: how far the sizes may be off, by their names,
-    of each zone; ``error_share``: that of its peak by source of error.
-    """
-
-    dof: list[str]
-    accelerating: ZoneSummary
-    decelerating: ZoneSummary
-    cruising: NotRequired[CruiseSummary]
-    errors: dict[str, ZoneSummary]
-    error_share: dict[str, dict[str, float | None]]
-
-
-class FeedSummary(TypedDict):
-    """The entry of a feed."""
-
-    name: str
-    feed_mm_per_min: NotRequired[float]  # where a linear axis moves
-    feed_deg_per_min: NotRequired[float]  # where only rotary axes do
-    acceleration: float
-    outputs: list[_OutputSummary]
-    drives: dict[str, DriveForceSummary]
-    joints: dict[str, dict[str, JointForceSummary]]
-    probes: dict[str, ProbeMotionSummary]
-
-
-class PathSummary(TypedDict):
-    """The entry ``path``."""
-
-    start: dict[str, float]
-    end: dict[str, float]
-    length: float
-    unit: str
-    ramp: str
-    time_constant: float
-    sampling_hz: float
-    lowpass_hz: float | None
-    filter: str
-    damped: bool
-    low_frequency_limit_hz: float
-    low_frequency_modes: int
-    drives: list[str]
-    energy_error: dict[str, float]
-    poses: dict[str, object] | None
-    feeds: list[FeedSummary]
-    error_left_out: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,8 +174,16 @@ class PathResult(Answer):
         r"path/.*": "SI: m or rad, by outputs",
     }
     entry: ClassVar[str] = "path"
+    keys: ClassVar[
+        str
+    ] = f"""path(start.* end.* length unit ramp time_constant sampling_hz lowpass_hz
+        filter damped low_frequency_limit_hz low_frequency_modes drives[] energy_error.* poses.*.**
+        feeds[](name feed_mm_per_min feed_deg_per_min acceleration
+        outputs[](dof[] accelerating.* decelerating.* cruising(begin_s end_s variation_um straightness_um
+        period_s period_mm period_deg amplitude_um) errors.*.* error_share.*.*) {FORCE_KEYS})
+        error_left_out[])"""
 
-    def summarise(self) -> PathSummary:
+    def summarise(self) -> Entry:
         """As it stands in ``summary.json``; the curves are in ``results.h5`` and ``tables/``."""
         return {
             "start": self.start,
@@ -259,6 +204,11 @@ class PathResult(Answer):
             "feeds": [_summarise_run(self, place) for place in range(len(self.runs))],
             "error_left_out": list(self.left_out),
         }
+
+    def find_error(self, run: PathRun, channel: Channel, zone: str, figure: str) -> Estimate:
+        """Return ± of a figure of an output in a zone."""
+        at = {"feed": run.curves.name, "zone": zone, "output": name_channel(channel)}
+        return self.error_of(make_key("path_deviation", figure=figure, **at))
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield deviations of each zone, torques, forces and extremes at probes of every feed."""
@@ -303,10 +253,10 @@ def list_run_numbers(runs: Iterable[PathRun]) -> Iterator[Number]:
         yield from list_forces(run.drives, run.joints, run.probes, feed=feed)
 
 
-def _summarise_run(answer: PathResult, place: int) -> FeedSummary:
+def _summarise_run(answer: PathResult, place: int) -> Entry:
     run = answer.runs[place]
     feed = run.curves.name
-    summary: FeedSummary = {
+    summary: Entry = {
         "name": feed,
         "acceleration": float(np.abs(run.curves.accelerations).max()),
         "outputs": [_summarise_output(answer, run, number) for number in range(len(run.figures))],
@@ -324,7 +274,7 @@ def _summarise_run(answer: PathResult, place: int) -> FeedSummary:
     return summary
 
 
-def _summarise_output(answer: PathResult, run: PathRun, number: int) -> _OutputSummary:
+def _summarise_output(answer: PathResult, run: PathRun, number: int) -> Entry:
     channel, zones, frozen = (
         run.curves.outputs[number],
         run.figures[number],
@@ -333,10 +283,9 @@ def _summarise_output(answer: PathResult, run: PathRun, number: int) -> _OutputS
     unit, factor = deviation_unit(channel)
 
     def find_error(zone: str, figure: str) -> Estimate:
-        at = {"feed": run.curves.name, "zone": zone, "output": name_channel(channel)}
-        return answer.error_of(make_key("path_deviation", figure=figure, **at))
+        return answer.find_error(run, channel, zone, figure)
 
-    summary: _OutputSummary = {
+    summary: Entry = {
         "dof": list(channel),
         "accelerating": _summarise_zone(channel, zones[0], frozen[0]),
         "decelerating": _summarise_zone(channel, zones[1], frozen[1]),

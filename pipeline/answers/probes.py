@@ -4,14 +4,20 @@ how they read in ``summary.json`` and ``results.h5``.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, TypedDict
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
-from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.numbers.estimates import Estimate, scale_total
+from headstock.pipeline.answers.answer import Answer, Entry
+from headstock.pipeline.numbers.estimates import (
+    Estimate,
+    list_left_out,
+    scale_known,
+    scale_shares,
+    scale_total,
+)
 from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.solvers.second_order import Channel, ComplexArray
@@ -22,44 +28,11 @@ KILO = 1e3  # per N to per kN
 ROUNDING = 1e-12
 
 
-class ProbeSummary(TypedDict):
-    """The entry of a probe in ``probes``; stresses by ``xx``, ``xy`` and so on."""
-
-    component: str
-    displacement_um: list[float]
-    displacement_error_um: list[float | None]
-    stress_mpa: dict[str, float]
-    stress_error_mpa: dict[str, float | None]
-    von_mises_mpa: float
-    von_mises_error_mpa: float | None
-    singular: str
-    error_left_out: list[str]
-
-
-class ProbePeakSummary(TypedDict):
-    """The entry of an input at a probe in ``probes`` of a frequency response: equivalent stresses are
-    the largest over a cycle, and the stress at their peak is real and imaginary part by ``xx``, ``xy``
-    and so on.
-    """
-
-    input: list[str]
-    unit: str
-    static_von_mises: float | None
-    peak_von_mises: float | None
-    peak_von_mises_error: float | None
-    peak_von_mises_error_share: dict[str, float | None]
-    peak_hz: float | None
-    peak_stress: dict[str, list[float]]
-    displacement_unit: str
-    peak_displacement: list[float]
-
-
-class ProbeCurvesSummary(TypedDict):
-    """The entry of a probe in ``probes`` of a frequency response."""
-
-    component: str
-    singular: str
-    inputs: list[ProbePeakSummary]
+# of a probe of a frequency response: equivalent stresses are the largest over a cycle, and the
+# stress at their peak is real and imaginary part
+CURVES_KEYS = """
+    component singular inputs[](input[] unit static_von_mises peak_von_mises peak_von_mises_error
+    peak_von_mises_error_share.* peak_hz peak_stress.*[] displacement_unit peak_displacement[])"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +50,21 @@ class ProbeResponse:
     stress: FloatArray
     singular: str = ""
 
+    @property
+    def von_mises(self) -> float:
+        """Equivalent stress [Pa]."""
+        return float(largest_von_mises(self.stress))
+
+    @property
+    def shown_displacement(self) -> FloatArray:
+        """The displacement ``(3,)`` without what rounding leaves beside it [m]."""
+        return _clear(self.displacement, float(np.linalg.norm(self.displacement)))
+
+    @property
+    def shown_stress(self) -> FloatArray:
+        """The stress ``(6,)`` without what rounding leaves beside it [Pa]."""
+        return _clear(self.stress, self.von_mises)
+
 
 @dataclass(frozen=True, eq=False)
 class ProbeAnswer(Answer):
@@ -89,6 +77,8 @@ class ProbeAnswer(Answer):
         r"probes/.*/stress(_error)?": "Pa",
     }
     entry: ClassVar[str] = "probes"
+    keys: ClassVar[str] = """probes.*.*(component displacement_um[] displacement_error_um[]
+        stress_mpa.* stress_error_mpa.* von_mises_mpa von_mises_error_mpa singular error_left_out[])"""
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield displacements, stresses and equivalent stresses."""
@@ -98,7 +88,7 @@ class ProbeAnswer(Answer):
                 unit = "m" if key.kind == "probe_displacement" else "Pa"
                 yield Number(key, float(value), unit, self.errors.get(key))
 
-    def summarise(self) -> dict[str, ProbeSummary]:
+    def summarise(self) -> dict[str, Entry]:
         """Its probes as they stand in ``summary.json``.
 
         Raises:
@@ -132,6 +122,17 @@ def probe_keys(pose: str, probe: str) -> tuple[Key, ...]:
     moved = (make_key("probe_displacement", direction=each, **at) for each in DIRECTIONS)
     names = (*STRESS_NAMES, "von_mises")
     return (*moved, *(make_key("probe_stress", component=each, **at) for each in names))
+
+
+class ProbePeak(NamedTuple):
+    """The largest equivalent stress over a cycle, and the one at rest [Pa per unit]; the place of its
+    frequency.
+    """
+
+    place: int
+    size: float
+    error: Estimate
+    static: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,27 +174,23 @@ class ProbeCurves:
         parts = list(self.von_mises_error_share.values())
         return np.asarray(np.sum(parts, axis=0)) if parts else None
 
-    def list_peaks(self) -> Iterator[tuple[Channel, float, Estimate]]:
-        """Yield the largest equivalent stress under a load at each input [Pa per unit], with its ±."""
-        for column, given in enumerate(self.inputs):
-            mises = self.von_mises[:, column]
-            known = np.flatnonzero(np.isfinite(mises))
-            if len(known):
-                top = int(known[np.argmax(mises[known])])
-                yield (
-                    given,
-                    float(mises[top]),
-                    Estimate(
-                        {
-                            source: None
-                            if np.isnan(size[top, column])
-                            else float(size[top, column])
-                            for source, size in self.von_mises_error_share.items()
-                        }
-                    ),
-                )
+    def find_peak(self, column: int) -> "ProbePeak | None":
+        """Return the largest equivalent stress under a load at an input; None where there is no value."""
+        mises = self.von_mises[:, column]
+        known = np.flatnonzero(np.isfinite(mises))
+        if not len(known):
+            return None
+        top = int(known[np.argmax(mises[known])])
+        at_rest = self.frequencies_hz[0] == 0.0 and np.isfinite(mises[0])
+        shares = {
+            source: None if np.isnan(size[top, column]) else float(size[top, column])
+            for source, size in self.von_mises_error_share.items()
+        }
+        return ProbePeak(
+            top, float(mises[top]), Estimate(shares), float(mises[0]) if at_rest else None
+        )
 
-    def summarise(self) -> ProbeCurvesSummary:
+    def summarise(self) -> Entry:
         """Return where the equivalent stress is largest, by input."""
         return {
             "component": self.component,
@@ -229,11 +226,10 @@ def probe_units(given: Channel, load: str = "load") -> tuple[str, str, float]:
     return "MPa/kN", "µm/kN", KILO
 
 
-def _summarise_peak(curves: ProbeCurves, column: int) -> ProbePeakSummary:
-    given, mises = curves.inputs[column], curves.von_mises[:, column]
+def _summarise_peak(curves: ProbeCurves, column: int) -> Entry:
+    given, peak = curves.inputs[column], curves.find_peak(column)
     stress_unit, displacement_unit, per = probe_units(given)
-    known = np.flatnonzero(np.isfinite(mises))
-    summary: ProbePeakSummary = {
+    summary: Entry = {
         "input": list(given),
         "unit": stress_unit,
         "static_von_mises": None,
@@ -245,17 +241,13 @@ def _summarise_peak(curves: ProbeCurves, column: int) -> ProbePeakSummary:
         "displacement_unit": displacement_unit,
         "peak_displacement": [],
     }
-    if not len(known):
+    if peak is None:
         return summary
-    top, factor = int(known[np.argmax(mises[known])]), per * MEGA
-    shares = {
-        source: None if np.isnan(size[top, column]) else factor * float(size[top, column])
-        for source, size in curves.von_mises_error_share.items()
-    }
-    at_rest = curves.frequencies_hz[0] == 0.0 and np.isfinite(mises[0])
+    top, factor = peak.place, per * MEGA
+    shares = scale_shares(peak.error, factor)
     return summary | {
-        "static_von_mises": factor * float(mises[0]) if at_rest else None,
-        "peak_von_mises": factor * float(mises[top]),
+        "static_von_mises": scale_known(peak.static, factor),
+        "peak_von_mises": factor * peak.size,
         "peak_von_mises_error": Estimate(shares).total,
         "peak_von_mises_error_share": shares,
         "peak_hz": float(curves.frequencies_hz[top]),
@@ -269,23 +261,21 @@ def _summarise_peak(curves: ProbeCurves, column: int) -> ProbePeakSummary:
     }
 
 
-def _summarise_probe(name: str, probe: ProbeResponse, errors: list[Estimate]) -> ProbeSummary:
+def _summarise_probe(name: str, probe: ProbeResponse, errors: list[Estimate]) -> Entry:
     what = f"response at probe {name}"
-    mises = float(largest_von_mises(probe.stress))
-    moved = _clear(probe.displacement, float(np.linalg.norm(probe.displacement)))
-    stress = _clear(probe.stress, mises)
+    moved, stress = MICRO * probe.shown_displacement, MEGA * probe.shown_stress
     return {
         "component": probe.component,
-        "displacement_um": check_finite(what, moved * MICRO),
+        "displacement_um": check_finite(what, moved),
         "displacement_error_um": [scale_total(each, MICRO) for each in errors[:3]],
-        "stress_mpa": dict(zip(STRESS_NAMES, check_finite(what, stress * MEGA), strict=True)),
+        "stress_mpa": dict(zip(STRESS_NAMES, check_finite(what, stress), strict=True)),
         "stress_error_mpa": dict(
             zip(STRESS_NAMES, (scale_total(each, MEGA) for each in errors[3:-1]), strict=True)
         ),
-        "von_mises_mpa": mises * MEGA,
+        "von_mises_mpa": probe.von_mises * MEGA,
         "von_mises_error_mpa": scale_total(errors[-1], MEGA),
         "singular": probe.singular,
-        "error_left_out": sorted({words for each in errors[:-1] for words in each.left_out}),
+        "error_left_out": list_left_out(errors[:-1]),
     }
 
 

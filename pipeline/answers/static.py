@@ -2,14 +2,20 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, NotRequired, Self, TypedDict
+from typing import ClassVar, Self
 
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
-from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.numbers.estimates import Estimate, scale_parts, scale_shares, scale_total
+from headstock.pipeline.answers.answer import Answer, Entry
+from headstock.pipeline.numbers.estimates import (
+    Estimate,
+    list_left_out,
+    scale_parts,
+    scale_shares,
+    scale_total,
+)
 from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.storage.json_texts import check_finite, null_open
 
@@ -17,20 +23,10 @@ UM_PER_KN = 1e9  # m/N
 N_PER_UM = 1e-6  # N/m
 
 
-class PointSummary(TypedDict):
-    """The entry of a point in ``static``; directions x, y, z are keys of budgets and errors."""
-
-    compliance_um_per_kN: list[list[float | None]]
-    compliance_6x6: list[list[float | None]]
-    free_motions: list[str]
-    budget: dict[str, dict[str, float]]
-    text: str
-    error_um_per_kN: dict[str, float | None]
-    error_share: dict[str, dict[str, float | None]]
-    error_parts: dict[str, dict[str, dict[str, float]]]
-    error_left_out: list[str]
-    displacement: NotRequired[list[float | None]]
-    displacements: NotRequired[dict[str, list[float | None]]]  # by load
+POINT_KEYS = """
+    compliance_um_per_kN[][] compliance_6x6[][] free_motions[] budget.*.* text
+    error_um_per_kN.* error_share.*.* error_parts.*.*.* error_left_out[]
+    displacement[] displacements.*[]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +65,7 @@ class StaticAnswer(Answer):
         r"static/.*/displacements?(/.*)?": "SI: m, m, m, rad, rad, rad",
     }
     entry: ClassVar[str] = "static"
+    keys: ClassVar[str] = f"""static.*({POINT_KEYS}) static_poses.*.*({POINT_KEYS})"""
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield compliances in and across x, y, z, and displacements under the scene's loads."""
@@ -88,7 +85,7 @@ class StaticAnswer(Answer):
                     key = make_key(kind, direction=direction, **at, **own)
                     yield Number(key, float(value), unit)
 
-    def summarise(self) -> dict[str, PointSummary]:
+    def summarise(self) -> dict[str, Entry]:
         """Its points as they stand in ``summary.json``.
 
         Raises:
@@ -137,11 +134,9 @@ def compliance_key(pose: str, point: str, direction: str) -> Key:
     return make_key("compliance", pose=pose, point=point, direction=direction)
 
 
-def _summarise_point(
-    name: str, point: PointCompliance, errors: dict[str, Estimate]
-) -> PointSummary:
+def _summarise_point(name: str, point: PointCompliance, errors: dict[str, Estimate]) -> Entry:
     what, free = f"static compliance at {name}", bool(point.free_motions)
-    summary: PointSummary = {
+    summary: Entry = {
         "compliance_um_per_kN": null_open(what, point.compliance[:3, :3] * UM_PER_KN, free=free),
         "compliance_6x6": null_open(what, point.compliance, free=free),
         "free_motions": list(point.free_motions),
@@ -161,7 +156,7 @@ def _summarise_point(
         "error_parts": {
             direction: scale_parts(error, UM_PER_KN) for direction, error in errors.items()
         },
-        "error_left_out": sorted({words for error in errors.values() for words in error.left_out}),
+        "error_left_out": list_left_out(errors.values()),
     }
     if point.displacement is not None:
         what = f"displacement of {name} under the static loads"

@@ -4,26 +4,24 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import ClassVar, TypedDict
+from typing import ClassVar
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
-from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.answer import Answer, Entry
 from headstock.pipeline.answers.motion_forces import (
+    FORCE_KEYS,
     DriveExtremes,
-    DriveForceSummary,
-    JointForceSummary,
     ProbeMotion,
-    ProbeMotionSummary,
     ProbeTrace,
     list_forces,
     summarise_drives,
     summarise_joints,
 )
 from headstock.pipeline.answers.path import deviation_unit
-from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
+from headstock.pipeline.numbers.estimates import Estimate, list_left_out, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.scene.scene import Motors
@@ -32,40 +30,6 @@ from headstock.solvers.second_order import Channel, name_channel
 from headstock.solvers.watched_outputs import Extreme
 
 TRUNCATION = "modes above the range"
-
-
-class MovedOutputSummary(TypedDict):
-    """The entry of an output: displacements in ``unit``, um or urad."""
-
-    dof: list[str]
-    unit: str
-    peak: float
-    peak_s: float
-    start: float
-    final: float | None
-    overshoot: float | None
-    settling_s: float | None
-    error: float | None
-    error_share: dict[str, float | None]
-
-
-class TransientSummary(TypedDict):
-    """The entry of a pose in ``transient``."""
-
-    duration_s: float
-    sampling_hz: float
-    up_to_hz: float
-    modes: int
-    settled_within: float
-    damped: bool
-    motors: Motors
-    loads: dict[str, dict[str, str | float]]
-    outputs: dict[str, MovedOutputSummary]
-    energy: dict[str, float] | None
-    error_left_out: list[str]
-    drives: dict[str, DriveForceSummary]
-    joints: dict[str, dict[str, JointForceSummary]]
-    probes: dict[str, ProbeMotionSummary]
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +105,11 @@ class TransientAnswer(Answer):
         r"transient/.*/position_errors": "m",
     }
     entry: ClassVar[str] = "transient"
+    keys: ClassVar[
+        str
+    ] = f"""transient.*(duration_s sampling_hz up_to_hz modes settled_within damped
+        motors loads.*.* outputs.*(dof[] unit peak peak_s start final overshoot settling_s error
+        error_share.*) energy.* error_left_out[] {FORCE_KEYS})"""
 
     @property
     def place(self) -> str:
@@ -172,7 +141,7 @@ class TransientAnswer(Answer):
                 "rad" if channel[1].startswith("r") else "m",
             )
 
-    def summarise(self) -> TransientSummary:
+    def summarise(self) -> Entry:
         """As it stands in ``summary.json``; the curves are in ``results.h5`` and ``tables/``.
 
         Raises:
@@ -208,9 +177,7 @@ class TransientAnswer(Answer):
             "energy": None
             if self.energy is None
             else {**asdict(self.energy), "error": self.energy.error},
-            "error_left_out": sorted(
-                {words for error in self.errors.values() for words in error.left_out}
-            ),
+            "error_left_out": list_left_out(self.errors.values()),
             "drives": summarise_drives(self.drives, {}, pose=pose),
             "joints": summarise_joints(self.joints, {}, pose=pose),
             "probes": {name: probe.summarise() for name, probe in self.probes.items()},
@@ -238,9 +205,7 @@ def peak_key(pose: str, channel: Channel) -> Key:
     return make_key("time_deviation", pose=pose, output=name_channel(channel), figure="peak")
 
 
-def _summarise_output(
-    channel: Channel, figures: TransientFigures, error: Estimate
-) -> MovedOutputSummary:
+def _summarise_output(channel: Channel, figures: TransientFigures, error: Estimate) -> Entry:
     unit, factor = deviation_unit(channel)
     return {
         "dof": list(channel),

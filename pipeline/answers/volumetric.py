@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, TypedDict
+from typing import ClassVar
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
-from headstock.pipeline.answers.answer import Answer
-from headstock.pipeline.answers.map import GridSummary, nest_grid
+from headstock.pipeline.answers.answer import Answer, Entry
+from headstock.pipeline.answers.map import name_axes, nest_grid
 from headstock.pipeline.numbers.estimates import scale_parts, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
@@ -18,50 +18,6 @@ from headstock.solvers.linear.volumetric import AxisMotions, Squareness, measure
 SYMBOLS = ("EX", "EY", "EZ", "EA", "EB", "EC")
 TOTAL = "total"
 MICRO = 1e6
-
-
-class AxisMotionsSummary(TypedDict):
-    """Error motions along one axis; values by symbol without the axis' name. ``along``: where the
-    tool travels against the work, ``-x`` where the axis moves the work along x; ``errors``: how far
-    the deviations may be off.
-    """
-
-    unit: str
-    positions: list[float]
-    motions: dict[str, list[float]]
-    deviations: dict[str, float]
-    errors: dict[str, float | None]
-    along: str | None
-
-
-class SquarenessSummary(TypedDict):
-    """Squareness of two axes."""
-
-    first: str
-    second: str
-    symbol: str
-    angle_urad: float
-    error_urad: float | None
-
-
-class VolumetricSummary(GridSummary):
-    """The entry of a point in ``volumetric``; micrometres and microradians but for positions.
-    ``range_errors``: how far ranges may be off, of all sources together by source of error in
-    ``error_share`` and by component in ``error_parts``.
-    """
-
-    ranges: dict[str, dict[str, float]]
-    range_errors: dict[str, dict[str, float | None]]
-    error_share: dict[str, dict[str, float | None]]
-    error_parts: dict[str, dict[str, dict[str, float]]]
-    error_left_out: list[str]
-    largest_um: float
-    largest_error_um: float | None
-    largest_at: dict[str, float]
-    budget: dict[str, dict[str, float]]
-    lines: dict[str, AxisMotionsSummary]
-    squareness: list[SquarenessSummary]
-    failed: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +54,11 @@ class VolumetricAnswer(Answer):
         r"volumetric/.*": "SI: m, m, m, rad, rad, rad",
     }
     entry: ClassVar[str] = "volumetric"
+    keys: ClassVar[str] = """volumetric.*(axes[] units.* positions[][] fixed.* quantities.*.**
+        ranges.*.* range_errors.*.* error_share.*.* error_parts.*.*.* error_left_out[]
+        largest_um largest_error_um largest_at.* budget.*.*
+        lines.*(unit positions[] motions.*[] deviations.* errors.* along)
+        squareness[](first second symbol angle_urad error_urad) failed)"""
 
     @property
     def place(self) -> str:
@@ -109,14 +70,35 @@ class VolumetricAnswer(Answer):
         """``(n0, n1, ..., 6)`` of all sources together."""
         return np.asarray(np.sum(list(self.sources.values()), axis=0))
 
+    @property
+    def grids(self) -> dict[str, FloatArray]:
+        """The whole error, then its part by source ``(n0, n1, ..., 6)`` [m, rad]."""
+        return {TOTAL: self.total, **self.sources}
+
+    @property
+    def quantities(self) -> dict[str, FloatArray]:
+        """Error by source and component, and its ± where there is one [um, urad]."""
+        known = {"error": self.grid_errors} if np.isfinite(self.grid_errors).any() else {}
+        return {
+            f"{source}_{symbol}": MICRO * values[..., dof]
+            for source, values in (self.grids | known).items()
+            for dof, symbol in enumerate(SYMBOLS)
+        }
+
+    def find_largest(self) -> tuple[float, dict[str, float]]:
+        """Return the largest position error [m], and where the axes of the grid are then."""
+        sizes = np.linalg.norm(self.total[..., :3], axis=-1)
+        worst = np.unravel_index(int(np.nanargmax(sizes)), sizes.shape)
+        places = zip(self.axes, self.positions, worst, strict=True)
+        return float(sizes[worst]), {axis: float(values[place]) for axis, values, place in places}
+
     def list_numbers(self) -> Iterator[Number]:
         """Yield ranges by source, the largest error, deviations along axes and squareness."""
         values: dict[Key, tuple[float, str]] = {}
-        for source, grid in {TOTAL: self.total, **self.sources}.items():
+        for source, grid in self.grids.items():
             for symbol, size in zip(SYMBOLS, measure_range(grid), strict=True):
                 values[range_key(self.point, source, symbol)] = float(size), _unit_of(symbol)
-        largest = float(np.nanmax(np.linalg.norm(self.total[..., :3], axis=-1)))
-        values[largest_key(self.point)] = largest, "m"
+        values[largest_key(self.point)] = self.find_largest()[0], "m"
         for line in self.lines:
             for symbol, size in zip(SYMBOLS, line.deviations, strict=True):
                 values[line_key(self.point, line.axis, symbol)] = float(size), _unit_of(symbol)
@@ -127,24 +109,17 @@ class VolumetricAnswer(Answer):
 
     def list_series(self) -> Iterator[Series]:
         """Yield the error over the grid by source and component."""
-        axes = {
-            f"{axis} [{self.axis_units[axis]}]": values
-            for axis, values in zip(self.axes, self.positions, strict=True)
-        }
-        for source, values in {TOTAL: self.total, **self.sources}.items():
+        axes = name_axes(self)
+        for source, values in self.grids.items():
             for number, symbol in enumerate(SYMBOLS):
                 unit = _unit_of(symbol)
                 key = f"volumetric(point={self.point},source={source},component={symbol})"
                 errors = {"all": self.grid_errors[..., number]} if source == TOTAL else {}
                 yield Series(key, axes, values[..., number], unit, errors)
 
-    def summarise(self) -> VolumetricSummary:
+    def summarise(self) -> Entry:
         """As it stands in ``summary.json``."""
-        total = self.total
-        sizes = np.linalg.norm(total[..., :3], axis=-1)
-        worst = np.unravel_index(int(np.nanargmax(sizes)), sizes.shape)
-        every = {TOTAL: total, **self.sources}
-        grids = every | ({"error": self.grid_errors} if np.isfinite(self.grid_errors).any() else {})
+        every, (largest, largest_at) = self.grids, self.find_largest()
         return {
             "axes": list(self.axes),
             "units": self.axis_units,
@@ -152,11 +127,7 @@ class VolumetricAnswer(Answer):
                 check_finite("positions of the volumetric map", values) for values in self.positions
             ],
             "fixed": self.fixed,
-            "quantities": {
-                f"{source}_{symbol}": nest_grid(MICRO * values[..., dof])
-                for source, values in grids.items()
-                for dof, symbol in enumerate(SYMBOLS)
-            },
+            "quantities": {name: nest_grid(values) for name, values in self.quantities.items()},
             "ranges": {
                 source: _by_symbol(measure_range(values)) for source, values in every.items()
             },
@@ -176,12 +147,9 @@ class VolumetricAnswer(Answer):
                 for symbol in SYMBOLS
             },
             "error_left_out": list(self.errors[largest_key(self.point)].left_out),
-            "largest_um": MICRO * float(sizes[worst]),
+            "largest_um": MICRO * largest,
             "largest_error_um": scale_total(self.errors[largest_key(self.point)], MICRO),
-            "largest_at": {
-                axis: float(values[place])
-                for axis, values, place in zip(self.axes, self.positions, worst, strict=True)
-            },
+            "largest_at": largest_at,
             "budget": self.budget,
             "lines": {line.axis: self._summarise_line(line) for line in self.lines},
             "squareness": [
@@ -197,7 +165,7 @@ class VolumetricAnswer(Answer):
             "failed": self.failed,
         }
 
-    def _summarise_line(self, line: AxisMotions) -> AxisMotionsSummary:
+    def _summarise_line(self, line: AxisMotions) -> Entry:
         return {
             "unit": self.axis_units[line.axis],
             "positions": [float(value) for value in line.positions],
@@ -210,9 +178,7 @@ class VolumetricAnswer(Answer):
                 symbol: scale_total(self.errors[line_key(self.point, line.axis, symbol)], MICRO)
                 for symbol in SYMBOLS
             },
-            "along": None
-            if line.along is None
-            else f"{'-' if line.travel[line.along] < 0.0 else ''}{'xyz'[line.along]}",
+            "along": name_travel(line),
         }
 
     def fill(self, file: "h5py.File") -> None:
@@ -223,6 +189,13 @@ class VolumetricAnswer(Answer):
         for source, values in self.sources.items():
             group[source.replace(" ", "_")] = values
         group["error"] = self.grid_errors
+
+
+def name_travel(line: AxisMotions) -> str | None:
+    """Return where the tool travels against the work, ``-x`` where the axis moves the work along x."""
+    if line.along is None:
+        return None
+    return f"{'-' if line.travel[line.along] < 0.0 else ''}{'xyz'[line.along]}"
 
 
 def range_key(point: str, source: str, symbol: str) -> Key:

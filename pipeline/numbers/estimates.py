@@ -1,9 +1,8 @@
 """Error estimates of a number: a half width in shares, one per source of error."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NotRequired, TypedDict
 
 REDUCTION = "reduction"
 DISCRETISATION = "discretisation"
@@ -44,19 +43,6 @@ class Estimate:
         return known_part(self.shares)
 
 
-class FrequencyErrors(TypedDict):
-    """Store the errors of natural frequencies as in summaries, rigid-body modes first: by mode and
-    source [Hz].
-    """
-
-    rigid_count: int
-    error_share: list[dict[str, float | None]]
-    error_left_out: list[str]
-    modes_below: NotRequired[int]
-    interface_spread_hz: NotRequired[list[tuple[float, float] | None]]
-    damping_from: NotRequired[list[str]]
-
-
 def combine_estimates(parts: Sequence[Estimate]) -> Estimate:
     """Return one estimate from several of the same number; shares of the same source are added."""
     shares: dict[str, float | None] = {}
@@ -73,6 +59,11 @@ def combine_estimates(parts: Sequence[Estimate]) -> Estimate:
     return Estimate(
         shares, tuple(dict.fromkeys(words for part in parts for words in part.left_out)), owners
     )
+
+
+def list_left_out(errors: Iterable[Estimate]) -> list[str]:
+    """Return what is not included in some estimates, sorted."""
+    return sorted({words for error in errors for words in error.left_out})
 
 
 def known_part(shares: Mapping[str, float | None]) -> float | None:
@@ -98,15 +89,17 @@ def show_share(share: float | None) -> str:
 
 def scale_total(error: Estimate | None, factor: float = 1.0) -> float | None:
     """Return the total in another unit; None where there is none."""
-    total = None if error is None else error.total
-    return None if total is None else factor * total
+    return None if error is None else scale_known(error.total, factor)
+
+
+def scale_known(value: float | None, factor: float) -> float | None:
+    """Return a number in another unit; None where there is none."""
+    return None if value is None else factor * value
 
 
 def scale_shares(error: Estimate, factor: float) -> dict[str, float | None]:
     """Return the share of each source in another unit."""
-    return {
-        source: None if size is None else factor * size for source, size in error.shares.items()
-    }
+    return {source: scale_known(size, factor) for source, size in error.shares.items()}
 
 
 def scale_parts(error: Estimate, factor: float = 1.0) -> dict[str, dict[str, float]]:

@@ -37,7 +37,7 @@ def name_remedy(folder: Path) -> str:
     return f"`headstock run SCENE -o {folder}` writes it anew, with what is in the store"
 
 
-def read_plain_summary(folder: Path) -> dict[str, Any]:
+def read_summary(folder: Path) -> dict[str, Any]:
     """Return the summary in an output folder, of which only the format is checked.
 
     Raises:
@@ -125,7 +125,7 @@ def read_results_file[T](folder: Path, read: "Callable[[h5py.File], T]") -> T:
         UnusableOutputError: It is missing, damaged, of an earlier version or of another run.
     """
     path = folder / RESULTS_FILE
-    summary = read_plain_summary(folder)
+    summary = read_summary(folder)
     with naming_damage(folder / SUMMARY_FILE):
         stated = summary["files"][RESULTS_FILE]["sha256"]
     with naming_damage(path):

@@ -21,17 +21,16 @@ from headstock.pipeline.numbers.folders import (
     RESULTS_FILE,
     SUMMARY_FILE,
     VERSION,
-    name_remedy,
     naming_damage,
-    read_plain_summary,
     read_results_file,
+    read_summary,
 )
 from headstock.pipeline.planning.analyses import load_answer_types
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.results.grids import MESH_MODULE
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, file_stem
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.results.summary import RunSummary, summarise
+from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.results.views import MachineView, pick_name
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import (
@@ -182,20 +181,6 @@ def mark_units(file: "h5py.File", units: Mapping[str, str]) -> None:
     file.visititems(mark)
 
 
-def read_summary(folder: Path) -> RunSummary:
-    """Return the summary in an output folder.
-
-    Raises:
-        UnusableOutputError: There is none, or it is not one.
-    """
-    summary = read_plain_summary(folder)
-    if fault := find_fault(summary, RunSummary):
-        raise UnusableOutputError(
-            f"{folder / SUMMARY_FILE} was altered, or is of another version: {fault}; {name_remedy(folder)}"
-        )
-    return cast(RunSummary, summary)
-
-
 def open_results(folder: Path) -> Results:
     """Everything a run found, from its folder; ``Results.mesh`` reads the ``.vtu`` files.
 
@@ -228,6 +213,8 @@ def open_results(folder: Path) -> Results:
             for stage in summary["stages"][len(results.stages) :]
         ]
         files = {name: entry["sha256"] for name, entry in summary["files"].items()}
+        if fault := find_fault(last, list[StageRecord], "stages"):
+            raise RecordError(fault)
     return dataclasses.replace(
         results,
         stages=(*results.stages, *last),

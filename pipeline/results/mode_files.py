@@ -6,14 +6,14 @@ import json
 import math
 import re
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from headstock.geometry.frames import Frame
 from headstock.geometry.parts.skins import Skin
-from headstock.pipeline.answers.modal import ModesSummary
+from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.results.grids import (
     POSES_FILE,
     AnyArray,
@@ -37,12 +37,12 @@ GLTF_VERTICES, GLTF_INDICES = 34962, 34963
 Z_UP_TO_Y_UP = [-math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 
 
-def write_mode_files(folder: Path, modal: Sequence[ModesSummary], view: MachineView) -> list[str]:
+def write_mode_files(folder: Path, modal: Iterable[PoseModes], view: MachineView) -> list[str]:
     """Write ``modes/POSE.vtu``, ``modes/poses.pvd`` over them and ``modes/POSE_NN.glb`` into a folder
     of results, and remove those of an earlier run.
 
     Args:
-        modal: Modes of each pose, as in ``summary.json``.
+        modal: Modes of each pose.
         view: Surfaces, and how they move in each pose.
 
     Returns:
@@ -52,22 +52,20 @@ def write_mode_files(folder: Path, modal: Sequence[ModesSummary], view: MachineV
         OutputError: A file cannot be written.
     """
     contents: dict[str, bytes] = {}
-    by_pose = {modes["pose_name"]: modes for modes in modal if modes["frequencies_hz"]}
+    by_pose = {modes.pose.name: modes for modes in modal if len(modes.frequencies_hz)}
     for name, pose in view.poses.items():
         modes, stem = by_pose.get(name) if pose.shifts else None, file_stem(name)
         if pose.pushes or modes is not None:
             numbers = (
-                {}
-                if modes is None
-                else mode_numbers(modes["frequencies_hz"], modes["damping_ratio"])
+                {} if modes is None else mode_numbers(modes.frequencies_hz, modes.damping_ratio)
             )
-            below = 0 if modes is None else modes.get("modes_below", 0)
+            below = 0 if modes is None else modes.below
             bodies = [
                 surface_grid(view, name, component, numbers, below) for component in view.skins
             ]
             contents[f"{stem}.vtu"] = encode_grid(merge_grids(bodies))
         if modes is not None:
-            count = len(modes["frequencies_hz"])
+            count = len(modes.frequencies_hz)
             contents |= {
                 f"{stem}_{below + index + 1:02d}.glb": _encode_glb(view, pose, modes, index)
                 for index in range(count)
@@ -103,7 +101,7 @@ def largest_shift(shifts: Sequence[AnyArray]) -> float:
     )
 
 
-def _encode_glb(view: MachineView, pose: PoseView, modes: ModesSummary, index: int) -> bytes:
+def _encode_glb(view: MachineView, pose: PoseView, modes: PoseModes, index: int) -> bytes:
     """One mode as an animated model: each body a mesh with its displacement as morph target, its
     weight swinging as a sine.
 
@@ -135,7 +133,7 @@ def _encode_glb(view: MachineView, pose: PoseView, modes: ModesSummary, index: i
         {"sampler": 0, "target": {"node": number, "path": "weights"}}
         for number in range(len(nodes))
     ]
-    label = f"{modes['frequencies_hz'][index]:.3f} Hz: {modes['mode_names'][index]}"
+    label = f"{modes.frequencies_hz[index]:.3f} Hz: {modes.mode_names[index]}"
     root = {"name": "machine", "rotation": Z_UP_TO_Y_UP, "children": list(range(len(nodes)))}
     content = {
         "asset": {"version": "2.0", "generator": "headstock"},

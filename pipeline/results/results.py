@@ -4,7 +4,7 @@ import importlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import MeshQuality
@@ -119,14 +119,23 @@ class Results(Displayed):
         return ShortForm(f"Results of {self.name}", facts, head, rows)
 
     @property
+    def status(self) -> Literal["done", "failed"]:
+        """``failed`` where something that was asked for could not be computed."""
+        return "failed" if self.failures else "done"
+
+    def find[T: Answer](self, kind: type[T]) -> tuple[T, ...]:
+        """Return the answers of one kind, in the order of their stages."""
+        return find_answers(self.answers, kind)
+
+    @property
     def static(self) -> dict[str, dict[str, PointCompliance]]:
         """Pose name to point name to compliance."""
-        return {answer.pose: answer.points for answer in find_answers(self.answers, StaticAnswer)}
+        return {answer.pose: answer.points for answer in self.find(StaticAnswer)}
 
     @property
     def modal(self) -> tuple[PoseModes, ...]:
         """Natural modes, one per pose."""
-        return find_answers(self.answers, PoseModes)
+        return self.find(PoseModes)
 
     @property
     def modes(self) -> dict[str, PoseModes]:
@@ -144,8 +153,7 @@ class Results(Displayed):
     @property
     def frf(self) -> dict[str, PoseResponse]:
         """Pose name to frequency response."""
-        responses = find_answers(self.answers, PoseResponse)
-        return {response.curves.pose: response for response in responses}
+        return {response.curves.pose: response for response in self.find(PoseResponse)}
 
     def to_pandas(self, table: str) -> Frame:
         """A table as a pandas frame, in SI units but for names that say another: ``modes``,

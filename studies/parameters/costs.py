@@ -7,7 +7,7 @@ import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from headstock.pipeline.answers.accuracy import AccuracySummary
+from headstock.pipeline.answers.answer import Entry
 from headstock.scene.reading.watch_paths import MEASURED_NAMES, Watched
 from headstock.scene.studies import REFERENCE_RUN, StudyFamily, list_varied, show_setting
 from headstock.studies.parameters.tables import StudyRow, StudyTable, is_number, median_seconds
@@ -51,7 +51,7 @@ class CostPoint:
     best: bool = False
     automatic: bool = False
     other_model: bool = False
-    accuracy: AccuracySummary | None = None
+    accuracy: Entry | None = None
 
     @property
     def competes(self) -> bool:

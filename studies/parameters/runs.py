@@ -6,17 +6,22 @@ import contextlib
 import errno
 import hashlib
 import os
-import types
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, Union, get_args, get_origin, get_type_hints, is_typeddict
+from typing import NamedTuple
 
 from headstock.geometry.errors import HeadstockError
 from headstock.pipeline.planning.resources import Cost, measure, search_once, watch_memory
 from headstock.pipeline.preview.watched_numbers import find_name_fault
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.results.summary import list_entry_types, summarise
+from headstock.pipeline.results.summary import summarise
+from headstock.pipeline.results.summary_keys import (
+    ANY_NUMBER,
+    ANYTHING,
+    Shape,
+    list_summary_keys,
+)
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.content_keys import hash_dependencies
 from headstock.pipeline.storage.outputs import OutputError
@@ -171,66 +176,44 @@ def _find_watch_fault(text: str, scenes: Sequence[Scene]) -> str:
     if root in NAMES and root not in analyses:
         return f"{text}: no point runs the analysis {root}; {suggest_names(root, analyses, what='analyses')}"
     poses = {pose for scene in scenes for pose in scene.poses}
-    fault = _find_fault(path.steps, list_entry_types(), "", poses)
+    fault = _find_fault(path.steps, list_summary_keys(), "", poses)
     return f"{text}: {fault}" if fault else ""
 
 
-def _find_fault(steps: Sequence[Step], hint: object, label: str, poses: Collection[str]) -> str:
-    """Return where steps leave what a type can hold; empty where they do not.
-
-    Args:
-        hint: Type of the value that they start at, or types by key.
-    """
-    options = [hint]
-    if get_origin(hint) in (Union, types.UnionType):
-        options = [option for option in get_args(hint) if option is not type(None)]
-    faults = []
-    for option in options:
-        table = isinstance(option, Mapping) or is_typeddict(option)
-        follow = _follow_keys if table else _FOLLOWERS.get(get_origin(option))
-        if follow is not None:
-            faults.append(follow(steps, option, label, poses))
-        else:
-            faults.append(f"{label} is a single value, without {steps[0]!r}" if steps else "")
-    return "" if "" in faults else faults[0]
-
-
-def _follow_keys(steps: Sequence[Step], hint: Any, label: str, poses: Collection[str]) -> str:
-    """As ``_find_fault``, of a table whose keys are known."""
-    keys = hint if isinstance(hint, Mapping) else get_type_hints(hint)
-    if not steps:
-        return f"{label} is a table; name one of {', '.join(keys)}"
-    step, rest = steps[0], steps[1:]
-    if not isinstance(step, str):
+def _find_fault(steps: Sequence[Step], shape: Shape, label: str, poses: Collection[str]) -> str:
+    """Return where steps leave what a value of a summary can hold; empty where they do not."""
+    if shape is None:
+        return f"{label} is a single value, without {steps[0]!r}" if steps else ""
+    step = steps[0] if steps else None
+    if isinstance(shape, tuple) and shape[0] == ANY_NUMBER:
+        return _find_list_fault(steps, shape[1], label, poses)
+    if isinstance(shape, tuple) and shape[0] == ANYTHING:
+        return ""
+    if step is not None and not isinstance(step, str):
         return f"{label} is a table, not a list"
-    name = step if step in keys else RENAMED.get(step, step)
-    if name not in keys:
-        return f"{label or 'the summary'} has no {step!r}; {suggest_names(step, keys, what='keys')}"
-    return _find_fault(rest, keys[name], f"{label}.{name}" if label else name, poses)
+    if isinstance(shape, tuple):
+        if step is None:
+            return f"{label} is a table; name one of its entries"
+        return _find_fault(steps[1:], shape[1], f"{label}.{step}", poses)
+    if step is None:
+        return f"{label} is a table; name one of {', '.join(shape)}"
+    name = step if step in shape else RENAMED.get(step, step)
+    if name not in shape:
+        return (
+            f"{label or 'the summary'} has no {step!r}; {suggest_names(step, shape, what='keys')}"
+        )
+    return _find_fault(steps[1:], shape[name], f"{label}.{name}" if label else name, poses)
 
 
-def _follow_entries(steps: Sequence[Step], hint: Any, label: str, poses: Collection[str]) -> str:
-    """As ``_find_fault``, of a table with any keys."""
-    if not steps:
-        return f"{label} is a table; name one of its entries"
-    if not isinstance(steps[0], str):
-        return f"{label} is a table, not a list"
-    return _find_fault(steps[1:], get_args(hint)[1], f"{label}.{steps[0]}", poses)
-
-
-def _follow_list(steps: Sequence[Step], hint: Any, label: str, poses: Collection[str]) -> str:
+def _find_list_fault(steps: Sequence[Step], item: Shape, label: str, poses: Collection[str]) -> str:
     """As ``_find_fault``, of a list; of an entry per pose by the name of the pose, or the first one's."""
-    item = get_args(hint)[0]
     if not steps:
         return _find_fault(steps, item, f"{label}[0]", poses)
     if not isinstance(steps[0], str):
         return _find_fault(steps[1:], item, f"{label}[{steps[0]}]", poses)
-    if POSE_NAME in getattr(item, "__annotations__", ()):
+    if isinstance(item, dict) and POSE_NAME in item:
         return _find_fault(steps[1:] if steps[0] in poses else steps, item, label, poses)
     return f"{label} is a list; write {label}[0]"
-
-
-_FOLLOWERS: Mapping[object, Callable[..., str]] = {dict: _follow_entries, list: _follow_list}
 
 
 def run_study(

@@ -15,10 +15,11 @@ from fixture_machines import machine
 from headstock.app.command_line import main
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
-from headstock.pipeline.results.files import read_mesh, read_summary
+from headstock.pipeline.numbers.folders import read_summary
+from headstock.pipeline.results.files import read_mesh
 from headstock.pipeline.results.mode_files import write_mode_files
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.results.summary import RunSummary, summarise
+from headstock.pipeline.results.summary import RunSummary
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.store import Store
@@ -169,7 +170,7 @@ def test_a_result_hands_out_the_mesh_that_its_files_hold(tmp_path: Path) -> None
     assert block.points[:, 2].max() == approx(0.02)
     with pytest.raises(OutputError, match=r"'block'.*volume/reference\.vtu"):
         read_mesh(out, "block")
-    write_mode_files(out, summarise(result)["modal"], result.view)
+    write_mode_files(out, result.modal, result.view)
     assert set(read_mesh(out, "block").celltypes) == {5}
     for wrong in ({"component": "beem"}, {"component": "beam", "pose": "far"}):
         with pytest.raises(KeyError, match=r"there are: (beam, block|reference)"):

@@ -19,9 +19,9 @@ from headstock.app.drawings.frf import draw_response
 from headstock.app.report.report import render_report
 from headstock.app.tables.frf import tabulate_response
 from headstock.app.tables.table import encode_csv
-from headstock.app.views.view import FinishedRun
 from headstock.pipeline.answers.frf import ResponseCurves
-from headstock.pipeline.results.files import open_results, read_summary
+from headstock.pipeline.numbers.folders import read_summary
+from headstock.pipeline.results.files import open_results
 from headstock.solvers.second_order import ComplexArray
 
 CHANNELS = (("tcp", "x"), ("<b>", "rx"))
@@ -116,8 +116,7 @@ def test_summary_table_and_file_hold_the_same_response(run_folder: Path) -> None
 def test_the_report_is_written_again_from_the_files_alone(run_folder: Path) -> None:
     html = (run_folder / "report.html").read_text()
     found = open_results(run_folder)
-    run = FinishedRun(read_summary(run_folder), found.answers, found.view)
-    assert render_report(run) == html
+    assert render_report(found) == html
     assert html.count('class="response"') == 1 and "response-data" in html
 
 

@@ -1,12 +1,13 @@
 """Stability lobes in the report can be read on a narrow screen."""
 
+import dataclasses
 import re
-from typing import get_type_hints
 
+import numpy as np
 import pytest
 
 from headstock.app.drawings.lobes import LETTER, SIZE, WIDTH, draw_lobes
-from headstock.pipeline.answers.lobes import DirectionSummary, LobeSummary
+from headstock.pipeline.answers.lobes import DirectionLobes, Lobe, PoseLobes
 
 LONG = "Y translation of y_slider + z_slider on y_carriage_1..4 + y_drive"
 TEXT = re.compile(
@@ -17,58 +18,44 @@ GREEN = 'fill="#6a9a5b" opacity="0.12"'
 READABLE = 7.5  # height of a font [px]
 
 
-def make_direction(lowest_at: float) -> DirectionSummary:
-    lobe: LobeSummary = {
-        "rpm": lowest_at,
-        "limit_depth_mm": 0.5,
-        "chatter_hz": 125.0,
-        "waves": 1,
-        "from_rpm": 3000.0,
-        "to_rpm": 15000.0,
-        "mode": LONG,
-        "mode_hz": 258.0,
-        "mode_share": 0.6,
-        "part": "y_drive",
-    }
-    speeds = [3000.0 + 1000.0 * number for number in range(13)]
-    depths = [0.5 + 1e-4 * abs(speed - lowest_at) for speed in speeds]
-    best = [speeds[0], speeds[6], speeds[-1]]
-    found: DirectionSummary = {
-        "direction": [1.0, 0.0, 0.0],
-        "name": "x",
-        "lowest": lobe,
-        "lowest_error_mm": 0.012,
-        "lowest_error_share": {},
-        "chatter_error_hz": 1.2,
-        "chatter_error_share": {},
-        "error_left_out": [],
-        "best_speeds": [
-            {
-                "rpm": speed,
-                "limit_depth_mm": depths[speeds.index(speed)],
-                "error_mm": 0.012,
-                "limited": True,
-            }
-            for speed in best
-        ],
-        "lobes": [lobe],
-        "series": {
-            "rpm": speeds,
-            "limit_depth_mm": list(depths),
-            "error_mm": [0.012] * len(speeds),
-            "limited": [True] * len(speeds),
-            "zeroth_order_mm": depths,
-            "chatter_hz": [125.0] * len(speeds),
-            "lobe": [0] * len(speeds),
-        },
-    }
-    assert set(found) == set(get_type_hints(DirectionSummary))
-    return found
+def make_lobes(lowest_at: float, *, confirmed: bool = True) -> tuple[PoseLobes, DirectionLobes]:
+    rpm = 3000.0 + 1000.0 * np.arange(13)
+    place, count = int(np.argmin(abs(rpm - lowest_at))), len(rpm)
+    direction = DirectionLobes(
+        name="x",
+        direction=(1.0, 0.0, 0.0),
+        depths=1e-3 * (0.5 + 1e-4 * abs(rpm - lowest_at)),
+        limited=np.full(count, True),
+        zeroth=np.full(count, 5e-4),
+        chatter=np.full(count, 2.0 * np.pi * 125.0),
+        owner=np.zeros(count, dtype=np.intp),
+        lobes=(Lobe(place, 0, count - 1, 1, LONG, 258.0, 0.6, "y_drive"),),
+        best=(0, 6, count - 1),
+        depth_errors={"mesh": np.full(count, 1.2e-5)},
+        chatter_errors={"mesh": np.full(count, 1.2)},
+    )
+    found = PoseLobes(
+        pose="left",
+        material="steel",
+        radial_depth=1e-3,
+        diameter=0.02,
+        teeth=2,
+        tool="rigid",
+        sense="climb",
+        up_to_hz=500.0,
+        modes_to_hz=500.0,
+        deepest=0.01,
+        method="multipliers",
+        confirmed=confirmed,
+        speeds=rpm * np.pi / 30.0,
+        directions=(direction,),
+    )
+    return found, direction
 
 
 @pytest.mark.parametrize("lowest_at", [3000.0, 9000.0, 15000.0])
 def test_every_text_is_whole_and_large_enough_for_a_narrow_screen(lowest_at: float) -> None:
-    texts = TEXT.findall(str(draw_lobes(make_direction(lowest_at), "lobes", confirmed=True)))
+    texts = TEXT.findall(str(draw_lobes(*make_lobes(lowest_at), "lobes")))
     assert any(LONG in words for *_, words in texts)
     for x, size, anchor, words in texts:
         width = LETTER * len(words)
@@ -80,12 +67,12 @@ def test_every_text_is_whole_and_large_enough_for_a_narrow_screen(lowest_at: flo
 
 
 def test_what_is_not_known_is_hatched_and_never_green() -> None:
-    found = make_direction(9000.0)
-    whole = str(draw_lobes(found, "a", confirmed=True))
+    found, direction = make_lobes(9000.0)
+    whole = str(draw_lobes(found, direction, "a"))
     assert whole.count(GREEN) == 12 and "url(#a_hatch)" not in whole
-    found["series"]["limit_depth_mm"][4] = None
-    part = str(draw_lobes(found, "a", confirmed=True))
+    direction.depths[4] = np.nan
+    part = str(draw_lobes(found, direction, "a"))
     assert part.count(GREEN) == 10 and part.count("url(#a_hatch)") == 2
     assert "hatched: nothing is known" in part
-    none = str(draw_lobes(found, "a", confirmed=False))
+    none = str(draw_lobes(dataclasses.replace(found, confirmed=False), direction, "a"))
     assert GREEN not in none and none.count("url(#a_hatch)") == 12

@@ -3,7 +3,6 @@ the summary.
 """
 
 import base64
-import copy
 import dataclasses
 import io
 import json
@@ -15,9 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_results import make_modes
 from scipy.spatial import cKDTree
+from summary_shapes import list_strangers
 
-from common import approx, present, sketch
+from common import approx, present
 from headstock.app.command_line import main
 from headstock.app.drawings.markup import draw_rows, format_number, script_json
 from headstock.app.report.report import render_report
@@ -31,12 +32,17 @@ from headstock.app.report.viewer_data import (
 from headstock.app.tables.table import Column
 from headstock.app.terminal.console import _Screen
 from headstock.app.terminal.summary import _tell_rows
-from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skins import Skin, box_skin
-from headstock.pipeline.answers.modal import ModesSummary
-from headstock.pipeline.results.files import read_summary, read_view
-from headstock.pipeline.results.summary import RunSummary
+from headstock.pipeline.answers.answer import Answer
+from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.answers.probes import ProbeAnswer, ProbeResponse, probe_keys
+from headstock.pipeline.answers.static import StaticAnswer
+from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.numbers.folders import read_summary
+from headstock.pipeline.results.files import open_results, read_view
+from headstock.pipeline.results.results import Results
+from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.results.views import JointView, MachineView, PointView, PoseView
 
 MACHINES = Path(__file__).resolve().parents[3] / "machines"
@@ -157,6 +163,7 @@ def test_every_number_in_the_report_is_in_the_summary_and_rounded_from_it(
 ) -> None:
     summary = read_summary(run_folder)
     page = Page(html)
+    assert list(list_strangers(summary)) == []
     assert len(page.numbers) > 200
     assert {value for value, _ in page.numbers} <= values_in(summary)
     for value, text in page.numbers:
@@ -206,22 +213,27 @@ def test_the_report_loads_nothing(html: str) -> None:
 
 def test_the_same_report_is_written_again_from_the_files_alone(run_folder: Path, html: str) -> None:
     # no comparison by pytest: listing the differences of two pages takes minutes
-    same = (
-        render_report(FinishedRun(read_summary(run_folder), machine=read_view(run_folder))) == html
-    )
+    same = render_report(open_results(run_folder)) == html
     assert same
 
 
+def replace_modes(run: Results, *modes: PoseModes) -> Results:
+    """Return results with other modes, or without."""
+    others = tuple(answer for answer in run.answers if not isinstance(answer, PoseModes))
+    return dataclasses.replace(run, answers=(*others, *modes), view=MachineView())
+
+
 def test_a_report_says_so_when_errors_were_not_estimated(run_folder: Path) -> None:
-    summary = read_summary(run_folder)
-    assert "The column “± Hz”" in render_report(FinishedRun(summary))
-    count = len(summary["modal"][0]["error_hz"])
-    for modes in summary["modal"]:
-        modes["error_hz"] = [None] * len(modes["error_hz"])
-        modes["error_share"] = [{} for _ in modes["error_share"]]
-    assert "was not estimated" in render_report(FinishedRun(summary))
-    summary["modal"][0]["error_hz"] = [0.25] * count
-    changed = render_report(FinishedRun(summary))
+    run = open_results(run_folder)
+    assert "The column “± Hz”" in render_report(run)
+    bare = [dataclasses.replace(modes, errors={}) for modes in run.modal]
+    assert "was not estimated" in render_report(replace_modes(run, *bare))
+    quarter = Estimate({"discretisation": 0.25})
+    count = len(bare[0].frequencies_hz)
+    bare[0] = dataclasses.replace(
+        bare[0], errors={bare[0].key("frequency", index): quarter for index in range(count)}
+    )
+    changed = render_report(replace_modes(run, *bare))
     assert '<data class="bound" value="0.25">0.25</data>' in changed
 
 
@@ -247,37 +259,15 @@ def test_the_report_of_a_lumped_mechanism_shows_its_compliance_without_errors(
 def test_the_first_mode_that_deforms_is_neither_free_nor_a_motion_of_the_whole_machine(
     run_folder: Path,
 ) -> None:
-    summary = read_summary(run_folder)
-    names, hz = (
-        ["free X translation of a", "whole machine moves Y on m", "a bends X"],
-        [0.0, 2.0, 87.5],
-    )
-    modes: dict[str, object] = {"mode_names": names, "frequencies_hz": hz, "rigid_count": 1}
-    shortened = (
-        "error_hz",
-        "damping_ratio",
-        "damping_error",
-        "damped_hz",
-        "damped_error_hz",
-        "energy_share",
-    )
-    modes |= {
-        key: values[:3]
-        for key, values in summary["modal"][0].items()
-        if key in shortened and isinstance(values, list)
-    }
-    html = render_report(
-        FinishedRun(summary | {"modal": [sketch(ModesSummary, summary["modal"][0] | modes)]})
-    )
+    names = ["free X translation of a", "whole machine moves Y on m", "a bends X"]
+    modes = make_modes([0.0, 2.0, 87.5], names, rigid_count=1)
+    html = render_report(replace_modes(open_results(run_folder), modes))
     tile = html[html.index("First mode that deforms") :][:200]
     assert '<data value="87.5">' in tile and "a bends X" in tile
 
 
 def test_the_navigation_names_sections_of_the_page_in_their_order(run_folder: Path) -> None:
-    summary = sketch(
-        RunSummary, {**read_summary(run_folder), "frf": {"reference": {"damped": True}}}
-    )
-    html = render_report(FinishedRun(summary))
+    html = render_report(open_results(run_folder))
     links = re.findall('href="#([a-z]+)"', html[: html.index("</nav>")])
     sections = re.findall('<section id="([a-z]+)"', html)
     assert {"stiffness", "modes", "components", "cost"} <= {*links}
@@ -285,86 +275,39 @@ def test_the_navigation_names_sections_of_the_page_in_their_order(run_folder: Pa
 
 
 def test_warnings_and_failures_come_before_everything_else(run_folder: Path) -> None:
-    summary = read_summary(run_folder) | {
-        "warnings": ["the bed is soft"],
-        "failures": ["it floats"],
-        "status": "failed",
-    }
-    html = render_report(FinishedRun(summary))
+    run = open_results(run_folder)
+    html = render_report(
+        dataclasses.replace(run, warnings=("the bed is soft",), failures=("it floats",))
+    )
     assert html.index("it floats") < html.index("the bed is soft") < html.index('class="keys"')
 
 
 @pytest.mark.parametrize(
-    "missing",
-    [
-        {"modal": []},
-        {"static": {}},
-        {"static": {}, "modal": []},
-        {"components": {}, "stages": [], "static": {}, "modal": []},
-    ],
+    ("kinds", "components"),
+    [((StaticAnswer,), True), ((PoseModes,), True), ((), True), ((), False)],
     ids=["static only", "modal only", "neither", "nothing"],
 )
 def test_a_report_of_part_of_the_analyses_holds_what_there_is(
-    run_folder: Path, missing: dict[str, object]
+    run_folder: Path, kinds: tuple[type[Answer], ...], components: bool
 ) -> None:
-    summary = read_summary(run_folder)
-    summary.pop("static_poses")
-    html = render_report(FinishedRun(sketch(RunSummary, summary | missing)))
-    assert ('id="modes"' in html) == (missing.get("modal") != [])
-    assert ('id="stiffness"' in html) == (missing.get("static") != {})
+    run = open_results(run_folder)
+    answers = tuple(answer for answer in run.answers if isinstance(answer, kinds))
+    run = dataclasses.replace(run, answers=answers, view=MachineView())
+    if not components:
+        run = dataclasses.replace(run, components={}, stages=())
+    html = render_report(run)
+    assert ('id="modes"' in html) == (PoseModes in kinds)
+    assert ('id="stiffness"' in html) == (StaticAnswer in kinds)
     assert 'id="machine"' not in html
-    assert {value for value, _ in Page(html).numbers} <= values_in(summary)
-
-
-def test_closed_loop_poles_are_shown_with_their_damping(run_folder: Path) -> None:
-    drive = {
-        "encoder": "motor",
-        "kv_per_s": 50.0,
-        "velocity_gain_n_s_per_m": 2e5,
-        "dead_time_s": 1e-3,
-        "velocity_lag_um": 12.5,
-        "margins": None,
-    }
-    pole = {
-        "frequency_hz": 37.5,
-        "damping_ratio": 0.03125,
-        "real": -7.4,
-        "imag": 235.5,
-        "drive": "X",
-        "name": "bed bends Y",
-    }
-    control = {
-        "up_to_hz": 300.0,
-        "speed_m_per_s": 0.05,
-        "stable": True,
-        "drives": {"X": drive},
-        "poles": [pole],
-    }
-    page = Page(
-        render_report(
-            FinishedRun(
-                sketch(RunSummary, {**read_summary(run_folder), "control": {"reference": control}})
-            )
-        )
-    )
-    assert (0.03125, "3.12 %") in page.numbers
-    assert {37.5, 12.5} <= {value for value, _ in page.numbers}
+    assert {value for value, _ in Page(html).numbers} <= values_in(summarise(run))
 
 
 def test_probes_are_shown_with_their_stress(run_folder: Path) -> None:
-    stress = {pair: float(i) for i, pair in enumerate(("xx", "yy", "zz", "xy", "xz", "yz"))}
-    probe = {
-        "component": "bed",
-        "displacement_um": [1.5, 2.5, 3.5],
-        "displacement_error_um": [0.25, None, None],
-        "stress_mpa": stress,
-        "stress_error_mpa": dict.fromkeys(stress, 0.5),
-        "von_mises_mpa": 7.25,
-        "von_mises_error_mpa": None,
-    }
-    summary = {**read_summary(run_folder), "probes": {"reference": {"corner": probe}}}
-    page = Page(render_report(FinishedRun(sketch(RunSummary, summary))))
-    assert {1.5, 7.25, 5.0} <= {value for value, _ in page.numbers}
+    probe = ProbeResponse("bed", np.array([1.5e-6, 2.5e-6, 3.5e-6]), 1e6 * np.arange(6.0))
+    keys = probe_keys("reference", "corner")
+    answer = ProbeAnswer("reference", {"corner": probe}, errors={keys[0]: Estimate({"m": 2.5e-7})})
+    page = Page(render_report(dataclasses.replace(open_results(run_folder), answers=(answer,))))
+    assert {1.5, 5.0} <= {round(value, 9) for value, _ in page.numbers}
     assert any("± ?" in words for words in page.words)
 
 
@@ -381,35 +324,47 @@ def hostile_view() -> MachineView:
     return MachineView(skins, {}, {HOSTILE[0]: pose})
 
 
-def hostile_summary(run_folder: Path) -> RunSummary:
-    summary = copy.deepcopy(read_summary(run_folder))
-    summary["name"], summary["warnings"], summary["failures"] = (
-        HOSTILE[0],
-        list(HOSTILE),
-        list(HOSTILE),
-    )
-    facts = next(iter(summary["components"].values()))
-    summary["components"] = dict.fromkeys(HOSTILE, facts | {"fidelity": HOSTILE[2]})
-    summary["versions"] = {HOSTILE[1]: HOSTILE[0]}
+def hostile_run(run_folder: Path) -> Results:
+    run = open_results(run_folder)
+    facts = dataclasses.replace(next(iter(run.components.values())), fidelity=HOSTILE[2])
     shares = dict.fromkeys(HOSTILE, 0.125)
-    point = next(iter(summary["static"].values()))
-    summary.pop("static_poses", None)
-    summary["static"] = {
-        HOSTILE[1]: point | {"budget": dict.fromkeys("xyz", shares), "text": HOSTILE[2]}
-    }
-    modes = summary["modal"][0]
-    modes |= {"pose_name": HOSTILE[0], "mode_names": [HOSTILE[1]] * len(modes["mode_names"])}
-    modes["energy_share"] = [shares] * len(modes["mode_names"])
-    summary["modal"] = [modes]
-    summary["stages"] = [
-        row | {"component": HOSTILE[0], "pose": HOSTILE[1], "reason": HOSTILE[2]}
-        for row in summary["stages"]
+    point = dataclasses.replace(
+        next(iter(run.static["reference"].values())),
+        budget=dict.fromkeys("xyz", shares),
+        text=HOSTILE[2],
+    )
+    modes = run.modal[0]
+    count = len(modes.mode_names)
+    modes = dataclasses.replace(
+        modes,
+        pose=dataclasses.replace(modes.pose, name=HOSTILE[0]),
+        mode_names=(HOSTILE[1],) * count,
+        energy_share=(shares,) * count,
+    )
+    stages = [
+        dataclasses.replace(
+            row,
+            stage=dataclasses.replace(
+                row.stage, component=HOSTILE[0], pose=HOSTILE[1], reason=HOSTILE[2]
+            ),
+        )
+        for row in run.stages
     ]
-    return summary
+    return dataclasses.replace(
+        run,
+        name=HOSTILE[0],
+        warnings=HOSTILE,
+        failures=HOSTILE,
+        components=dict.fromkeys(HOSTILE, facts),
+        versions={HOSTILE[1]: HOSTILE[0]},
+        answers=(StaticAnswer("reference", {HOSTILE[1]: point}), modes),
+        stages=tuple(stages),
+        view=hostile_view(),
+    )
 
 
 def test_text_from_a_scene_stays_text_wherever_it_stands(run_folder: Path) -> None:
-    html = render_report(FinishedRun(hostile_summary(run_folder), machine=hostile_view()))
+    html = render_report(hostile_run(run_folder))
     page = Page(html)
     assert [tag for tag, _ in page.tags].count("script") == 2
     assert not any(
@@ -620,26 +575,9 @@ def test_a_huge_machine_is_drawn_with_fewer_shapes_and_the_page_says_that_and_ho
     assert machine.left_out > 0
     assert machine.thinned == {"big 0": (16200, 28800)}
     assert len(machine.text) < 2.9e6
-    modes = {
-        "pose_name": "p",
-        "frequencies_hz": [1.0] * count,
-        "mode_names": ["m"] * count,
-        "rigid_count": 0,
-    }
-    summary = read_summary(run_folder)
-    full = {
-        **summary["modal"][0],
-        **modes,
-        "error_hz": [None] * count,
-        "damping_ratio": [None] * count,
-        "damping_error": [None] * count,
-        "damped_hz": [None] * count,
-        "damped_error_hz": [None] * count,
-        "energy_share": [{}] * count,
-    }
-    page = render_report(
-        FinishedRun({**summary, "modal": [sketch(ModesSummary, full)]}, machine=view)
-    )
+    modes = make_modes([1.0] * count, ["m"] * count, "p")
+    run = replace_modes(open_results(run_folder), modes)
+    page = render_report(dataclasses.replace(run, view=view))
     assert (
         "To keep this page small" in page
         and "Thinned out for drawing, not for computing: big 0 with 16\u202f200 of 28\u202f800"

@@ -2,12 +2,15 @@
 nothing is cut.
 """
 
+import dataclasses
 import io
 import re
 
+import numpy as np
 import pytest
+from made_results import make_modes, make_results
 
-from common import sketch
+from common import approx
 from headstock.app.tables.static import shared_budget
 from headstock.app.terminal.console import _Screen, add_row, make_console, make_table, print_table
 from headstock.app.terminal.summary import print_summary
@@ -21,9 +24,10 @@ from headstock.app.texts.bounded_values import (
 )
 from headstock.app.views.modal import _describe_position
 from headstock.app.views.registry import list_tables
-from headstock.app.views.view import FinishedRun
-from headstock.geometry.machine.machine import show_position
-from headstock.pipeline.results.summary import RunSummary
+from headstock.geometry.machine.machine import Pose, show_position
+from headstock.pipeline.answers.static import PointCompliance, StaticAnswer, compliance_key
+from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.results.results import Results
 
 
 @pytest.mark.parametrize(
@@ -116,52 +120,50 @@ def test_nothing_is_left_out_where_there_is_no_terminal(monkeypatch: pytest.Monk
     assert "left out at 40 columns: strain energy in" in print_narrow(40, terminal=False)
 
 
-def make_modes() -> dict[str, object]:
-    return {
-        "pose_name": "left",
-        "pose": {"Y": 0.03, "B": 0.1},
-        "pose_units": {"Y": "m", "B": "rad"},
-        "frequencies_hz": [100.123456, 7.5],
-        "rigid_count": 0,
-        "error_hz": [0.123, None],
-        "error_share": [{"discretisation": 0.123}, {"reduction": None}],
-        "damping_ratio": [0.02, 1.1],
-        "damping_error": [0.00031, None],
-        "damped_hz": [100.103431, 0.0],
-        "damped_error_hz": [0.123, 0.0],
-        "mode_names": ["column bends X", "column bends Y"],
-        "energy_share": [{"column": 1.0}, {"column": 1.0}],
-    }
+def make_run(
+    energy_share: dict[str, float] | None = None, x: dict[str, float] | None = None
+) -> Results:
+    """Return two modes and a point.
 
-
-def make_summary() -> RunSummary:
-    point = {
-        "compliance_um_per_kN": [[429.4771, 0.0, 0.1], [0.0, 64.07, 0.0], [0.1, 0.0, 0.62]],
-        "compliance_6x6": [[float(6 * row + column) for column in range(6)] for row in range(6)],
-        "budget": {direction: {"column": 1.0} for direction in "xyz"},
-        "text": "",
-        "error_um_per_kN": {"x": 0.2661, "y": None, "z": 7e-5},
+    Args:
+        energy_share: Of both modes.
+        x: Budget of the point in x.
+    """
+    modes = make_modes(
+        [100.123456, 7.5],
+        ["column bends X", "column bends Y"],
+        errors={
+            ("frequency", 1): {"discretisation": 0.123},
+            ("frequency", 2): {"reduction": None},
+            ("damping_ratio", 1): {"discretisation": 0.00031},
+            ("damped_frequency", 1): {"discretisation": 0.123},
+            ("damped_frequency", 2): {"discretisation": 0.0},
+        },
+        damping_ratio=(0.02, 1.1),
+        damped_hz=(100.103431, 0.0),
+        energy_share=(energy_share or {"column": 1.0},) * 2,
+        pose_units={"Y": "m", "B": "rad"},
+    )
+    modes = dataclasses.replace(modes, pose=Pose("left", {"Y": 0.03, "B": 0.1}))
+    compliance = np.arange(36.0).reshape(6, 6)
+    compliance[:3, :3] = [[429.4771, 0.0, 0.1], [0.0, 64.07, 0.0], [0.1, 0.0, 0.62]]
+    compliance[:3, :3] *= 1e-9
+    budget = {direction: {"column": 1.0} for direction in "xyz"} | ({"x": x} if x else {})
+    errors = {
+        compliance_key("reference", "tcp", direction): Estimate({"discretisation": size})
+        for direction, size in (("x", 0.2661e-9), ("y", None), ("z", 7e-14))
     }
-    summary = {
-        "name": "beam",
-        "status": "done",
-        "components": {},
-        "stages": [],
-        "static": {"tcp": point},
-        "modal": [make_modes()],
-        "warnings": [],
-        "failures": [],
-    }
-    return sketch(RunSummary, summary)
+    points = {"tcp": PointCompliance(compliance, budget)}
+    return make_results(StaticAnswer("reference", points, errors=errors), modes)
 
 
 def test_terminal_and_csv_have_the_same_errors_and_the_damped_frequencies(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    summary = make_summary()
-    print_summary(summary, seconds=1.0, folder="out")
+    run = make_run()
+    print_summary(run, seconds=1.0, folder="out")
     printed = capsys.readouterr().out
-    tables = {table.name: table for table in list_tables(FinishedRun(summary))}
+    tables = {table.name: table for table in list_tables(run)}
     modes = tables["modes_left"]
     assert modes.headings[:3] == ("mode", "frequency [Hz]", "± [Hz]")
     assert modes.headings[3:7] == (
@@ -177,7 +179,7 @@ def test_terminal_and_csv_have_the_same_errors_and_the_damped_frequencies(
     assert "± 0.27" in printed
     assert [row[4] for row in tables["compliance_reference_tcp"].rows] == [0.27, None, 7e-5]
     assert "Natural modes in pose left (Y = 30 mm, B = 5.72958 deg)" in printed
-    assert _describe_position(summary["modal"][0]) == "Y = 30 mm, B = 5.72958 deg"
+    assert _describe_position(run.modal[0]) == "Y = 30 mm, B = 5.72958 deg"
     assert show_damped(0.0, None, rigid=False) == ("overdamped", "")
 
 
@@ -190,16 +192,14 @@ def test_a_compliance_across_two_directions_is_as_coarse_as_the_coarser_and_symm
 
 
 def test_the_table_of_the_whole_compliance_has_a_row_per_load_and_units_in_its_head() -> None:
-    table = {table.name: table for table in list_tables(FinishedRun(make_summary()))}[
-        "compliance_6x6_reference_tcp"
-    ]
+    table = {table.name: table for table in list_tables(make_run())}["compliance_6x6_reference_tcp"]
     assert table.headings[1:5] == (
         "motion in x [m]",
         "motion in y [m]",
         "motion in z [m]",
         "rotation about x [rad]",
     )
-    assert table.rows[1] == ("1 N in y", 1.0, 7.0, 13.0, 19.0, 25.0, 31.0)
+    assert table.rows[1] == ("1 N in y", 0.0, approx(64.07e-9), 0.0, 19.0, 25.0, 31.0)
     assert table.rows[3][0] == "1 N m about x"
 
 
@@ -207,22 +207,19 @@ def test_energy_in_parts_alike_is_told_together(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "160")
-    summary = make_summary()
     pads = {f"x_pad_{number}": 0.2 for number in range(1, 5)}
-    summary["modal"][0]["energy_share"] = [{"column": 0.15, "x_drive": 0.05} | pads] * 2
-    print_summary(summary, seconds=1.0, folder="out")
+    run = make_run(energy_share={"column": 0.15, "x_drive": 0.05} | pads)
+    print_summary(run, seconds=1.0, folder="out")
     assert "x_pad_1..4 80 %, column 15 %, x_drive 5 %" in capsys.readouterr().out
 
 
 def test_what_one_part_alone_gives_is_no_budget(capsys: pytest.CaptureFixture[str]) -> None:
-    summary = make_summary()
-    print_summary(summary, seconds=1.0, folder="out")
+    run = make_run()
+    print_summary(run, seconds=1.0, folder="out")
     printed = capsys.readouterr().out
     assert "budget" not in printed and "strain energy" not in printed
-    point = summary["static"]["tcp"]
-    assert shared_budget(point) == {}
-    point["budget"]["x"] = {"column": 0.75, "clamp": 0.25}
-    print_summary(summary, seconds=1.0, folder="out")
+    assert shared_budget(run.static["reference"]["tcp"]) == {}
+    print_summary(make_run(x={"column": 0.75, "clamp": 0.25}), seconds=1.0, folder="out")
     assert "budget x  column                    75.0 %" in capsys.readouterr().out
 
 

@@ -45,7 +45,7 @@ def test_the_error_of_a_line_is_the_sum_of_its_parts_and_each_has_a_column(
 
 def test_words_name_every_source_and_what_is_left_out(curves: ResponseCurves) -> None:
     response = PoseResponse(curves, "modal", True, (), (), (), ("rigid model of base",))
-    words = response_error_words(response.summarise())
+    words = response_error_words(response)
     assert words[0].startswith(
         "± covers 95 % of errors, from discretisation 15 % of a line in the median, at most 20 % at 10 Hz; reduction 5 %"
     )

@@ -1,10 +1,12 @@
 """Every analysis that a summary may hold is shown, or is known to be shown elsewhere."""
 
 import pytest
+from made_results import make_results
 
 from headstock.app.views.registry import NAMES, find_views, load_view
-from headstock.app.views.view import FinishedRun, View
-from headstock.pipeline.results.summary import list_entry_types
+from headstock.app.views.view import View
+from headstock.pipeline.answers.accuracy import AccuracyAnswer, AccuracyRound
+from headstock.pipeline.results.summary_keys import list_summary_keys
 
 # of the run as a whole, of several poses of another entry, and what only files hold
 OTHER_ENTRIES = {
@@ -19,9 +21,9 @@ def test_a_name_of_the_registry_has_a_view(name: str) -> None:
 
 
 def test_what_a_summary_may_hold_has_a_view() -> None:
-    assert {*list_entry_types()} - OTHER_ENTRIES == {*NAMES}
+    assert {*list_summary_keys()} - OTHER_ENTRIES == {*NAMES}
 
 
-def test_an_empty_entry_has_no_view() -> None:
-    run = FinishedRun({"static": {}, "modal": [], "accuracy": {"asked": 0.1}})  # type: ignore[typeddict-item,typeddict-unknown-key]
+def test_an_analysis_without_an_answer_has_no_view() -> None:
+    run = make_results(AccuracyAnswer(0.1, (AccuracyRound("frequency 1", 0.05, ""),), {}))
     assert [*map(id, find_views(run))] == [id(load_view("accuracy"))]

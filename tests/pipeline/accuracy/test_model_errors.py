@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from summary_shapes import list_strangers
 
 from common import approx
 from fixture_machines import machine, write_scene
@@ -107,6 +108,7 @@ def test_parts_of_bodies_add_up_and_are_told_by_name(folder: Path) -> None:
     for error in results.modal[0].list_errors():
         assert sum(error.parts[MODEL].values()) == approx(error.shares[MODEL])
     summary = summarise(results)
+    assert list(list_strangers(summary)) == []
     assert summary["model_errors"]["bodies"]["head"]["fidelity"] == "rigid"
     # a rigid body alone becomes more compliant; segments may be too compliant already
     first = parse_key("frequency(pose=reference,mode=1)")

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from summary_shapes import list_strangers
 
 from common import approx, present
 from fixture_machines import machine, write_scene
@@ -97,8 +98,9 @@ def test_an_accuracy_steers_peaks_and_says_so(folder: Path, truth: dict[Key, Num
     assert any(each.quantity.startswith("peak of tip") for each in own.rounds)
     assert compare(numbers(results), truth) <= 0.01
     summary = summarise(results)
+    assert list(list_strangers(summary)) == []
     assert summary["accuracy"]["responses"]["met"]
-    words = accuracy_words(summary["accuracy"], summary["frf"])[0]
+    words = accuracy_words(own, results.frf.values())[0]
     assert "peaks and static levels of frequency responses met it: " in words
     peaks = summary["frf"]["reference"]["peaks"]
     assert [peak["kind"] for peak in peaks].count("level") == 3

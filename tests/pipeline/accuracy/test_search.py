@@ -2,7 +2,6 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -24,9 +23,10 @@ from headstock.geometry.parts.solids import Box, HollowColumn
 from headstock.meshing.components.meshing import count_hexes
 from headstock.pipeline.accuracy.search import plan_first_round
 from headstock.pipeline.accuracy.settings import Trial, _observed_rate, refine_mesh, start_component
-from headstock.pipeline.answers.accuracy import AccuracyAnswer, AccuracySummary
+from headstock.pipeline.answers.accuracy import AccuracyAnswer, AccuracyRound
 from headstock.pipeline.answers.answer import find_answers
-from headstock.pipeline.answers.frf import ResponseSummary
+from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
+from headstock.pipeline.numbers.estimates import DISCRETISATION
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.scene.analyses.modal import ModalRequest
@@ -259,36 +259,22 @@ def test_a_plan_shows_the_first_round_and_not_the_mesh_of_the_scene() -> None:
 
 
 def test_without_a_mesh_nothing_is_said_to_be_met() -> None:
-    rounds: list[dict[str, Any]] = [
-        {"quantity": "every number", "error": 0.0, "reason": "no component is meshed"}
-    ]
-    (words,) = accuracy_words(
-        {
-            "requested": 0.01,
-            "estimated": 0.0,
-            "met": True,
-            "reason": "",
-            "rounds": rounds,
-            "settings": {},
-            "values": {},
-        }
-    )
+    rounds = (AccuracyRound("every number", 0.0, "no component is meshed"),)
+    (words,) = accuracy_words(AccuracyAnswer(0.01, rounds, {}))
     assert words.startswith("accuracy 1 %")
 
 
 def test_an_accuracy_that_is_met_says_how_far_lines_of_responses_are_off() -> None:
-    accuracy: AccuracySummary = {
-        "requested": 0.03,
-        "estimated": 0.02,
-        "met": True,
-        "reason": "",
-        "rounds": [{"quantity": "frequency 1", "error": 0.02, "reason": "", "owner": "base"}],
-        "settings": {},
-        "values": {},
-    }
-    error = {"median_share": 0.03, "largest_share": 0.71, "largest_share_hz": 179.2}
-    responses = cast("dict[str, ResponseSummary]", {"reference": {"error": {"mesh": error}}})
-    (words,) = accuracy_words(accuracy, responses)
+    rounds = (AccuracyRound("frequency 1", 0.02, "", ("base", DISCRETISATION)),)
+    accuracy = AccuracyAnswer(0.03, rounds, {})
+
+    def respond(share: float) -> PoseResponse:
+        channels, hz = (("tip", "x"),), np.array([100.0, 179.2])
+        errors = {DISCRETISATION: np.array([0.01, share]).reshape(2, 1, 1)}
+        values = np.ones((2, 1, 1), dtype=complex)
+        curves = ResponseCurves("reference", channels, channels, hz, values, error_share=errors)
+        return PoseResponse(curves, "modal", damped=True, free_body=(), singular_hz=(), figures=())
+
+    (words,) = accuracy_words(accuracy, [respond(0.71)])
     assert "no part of it: up to 71 % off at 179.2 Hz in pose reference" in words
-    error["largest_share"] = 0.02
-    assert "no part of it" not in accuracy_words(accuracy, responses)[0]
+    assert "no part of it" not in accuracy_words(accuracy, [respond(0.02)])[0]

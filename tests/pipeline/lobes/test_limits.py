@@ -10,7 +10,6 @@ from common import approx, present
 from fixture_machines import machine
 from headstock.app.report.report import render_report
 from headstock.app.texts.bounded_values import show_bound
-from headstock.app.views.view import FinishedRun
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import HZ, DirectionLobes, PoseLobes
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION
@@ -96,7 +95,7 @@ def test_errors_of_lowest_limits_stand_in_table_summary_and_file(
         group = file["lobes/reference/x"]
         assert group["lowest_error"][()] == present(depth.total)
         assert group["chatter_error_hz"][()] == present(chatter.total)
-    page = render_report(FinishedRun(summary))
+    page = render_report(runs["few"])
     lowest = present(direction["lowest"])
     shown = show_bound(lowest["limit_depth_mm"], direction["lowest_error_mm"])
     assert f"{shown} mm, chatter " in page

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from summary_shapes import list_strangers
 
 from common import approx, present
 from headstock.app.report.report import render_report
-from headstock.app.views.view import FinishedRun
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.lobes import DirectionLobes, PoseLobes
 from headstock.pipeline.results.summary import summarise
@@ -103,9 +103,10 @@ def test_report_and_tables_show_the_lobes(tmp_path: Path) -> None:
     scene = dataclasses.replace(scene, analyses=scene.analyses.keep(["lobes"]))
     results = run(scene, tmp_path)
     summary = summarise(results)
+    assert list(list_strangers(summary)) == []
     (direction, _) = summary["lobes"]["left"]["directions"]
     assert len(direction["series"]["limit_depth_mm"]) == 60
-    page = render_report(FinishedRun(summary))
+    page = render_report(results)
     assert "Stability lobes" in page
     assert present(direction["lowest"])["mode"] in page
     assert "mean little without modes of spindle and tool" in page

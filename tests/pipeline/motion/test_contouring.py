@@ -12,10 +12,13 @@ import pytest
 import scene_runs
 from common import approx
 from headstock.app.drawings.lobes import draw_milled_faces
+from headstock.app.drawings.markup import draw_rows
 from headstock.app.drawings.path import draw_contour
 from headstock.app.views.contouring import (
     _contour_words,
+    _list_drive_columns,
     _list_faces,
+    _list_gap_columns,
     _tabulate_contour,
     _tabulate_profiles,
 )
@@ -72,12 +75,13 @@ def test_measured_forces_that_are_the_computed_ones_give_the_same_motion(machine
 
 def test_the_summary_tells_faces_assumptions_and_drive_forces(short_run: ContourRun) -> None:
     request, run = contour_request("al7075-t6"), short_run
-    found = evaluate_contour(request, run).summarise()
+    answer = evaluate_contour(request, run)
+    found = answer.summarise()
     assert [face["face"] for face in found["faces"]] == [1]
     assert -20.0 < found["faces"][0]["mean_um"][0] < -5.0
     assert found["face_3_over_face_1"] == {"x as assumed": None, "x reversed": None}
     assert any("which way x points" in text for text in found["assumptions"])
-    table = _tabulate_contour(found)
+    table = _tabulate_contour(answer)
     assert len(table.rows) == len(found["series"]["time_s"]) == 2000 and len(table.headings) == 10
     # with a lead of 10 mm a motor turns 2 pi per 10 mm: power in is power out
     forces, torques = (
@@ -95,8 +99,13 @@ def test_the_summary_tells_faces_assumptions_and_drive_forces(short_run: Contour
         rtol=0.1,
         atol=0.0,
     )
+    gaps = draw_rows(_list_gap_columns(), _list_faces(answer), "gaps")
+    means = [repr(value) for value in found["faces"][0]["mean_um"]]
+    assert all(f'<data value="{mean}">' in gaps for mean in means)
+    drives = draw_rows(_list_drive_columns(answer), _list_faces(answer), "drives")
+    assert f'<data value="{found["faces"][0]["drive_force_mean_n"][2]!r}">' in drives
     for picture in ("gap", "drives"):
-        assert str(draw_contour(found, picture)).count("<polyline") == 3
+        assert str(draw_contour(answer, picture)).count("<polyline") == 3
 
 
 def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: Tripteor) -> None:
@@ -122,12 +131,12 @@ def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: 
     moved = turn @ compliance[1, :3, :3] @ turn.T @ push + [*push[:2] / 2e7, 0.0]
     face, outward = faces[0], run.plan.cuts[0].outward
     assert face.parameters.location - face.cusp / 3.0 == approx(moved @ outward, rel=5e-4)
-    answer = evaluate_contour(request, run, milled=faces).summarise()
+    answer = evaluate_contour(request, run, milled=faces)
     rows = _list_faces(answer)
     assert [row.face for row in rows] == [1] and rows[0].gap is None
     assert "cut-off of 0.8 mm" in str(_contour_words(answer))
-    assert str(draw_milled_faces(answer["milled_faces"])).count("<polyline") == 2
-    names = [table.name for table in _tabulate_profiles(answer["milled_faces"][0])]
+    assert str(draw_milled_faces(answer.milled)).count("<polyline") == 2
+    names = [table.name for table in _tabulate_profiles(answer.milled[0])]
     assert names == ["profile_face_1", "profile_detail_face_1"]
 
 
@@ -291,4 +300,4 @@ def test_a_face_that_is_passed_too_fast_has_no_gap_and_a_reason(short_run: Conto
     hurried = dataclasses.replace(run, plan=dataclasses.replace(run.plan, cuts=(hasty,)))
     (reason,) = _explain_gaps(hurried)
     assert reason.startswith("face 1 has no gap") and "write a lower feed" in reason
-    assert _list_faces(evaluate_contour(request, hurried).summarise()) == []
+    assert _list_faces(evaluate_contour(request, hurried)) == []

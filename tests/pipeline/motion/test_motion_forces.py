@@ -12,7 +12,6 @@ from scipy.integrate import solve_ivp
 from common import approx
 from headstock.app.report.report import render_report
 from headstock.app.views.registry import list_tables
-from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
@@ -307,13 +306,12 @@ def test_forces_are_tabled_written_and_drawn(tmp_path: Path) -> None:
         'outputs = [["tcp", "x"]]\nloads.push = { at = ["tcp", "x"], shape = "step", size = "90 N" }'
     )
     answer = answer_of(run(f"{AXIS}\n{request}", tmp_path))
-    read = answer_of(open_results(tmp_path / "out"))
-    curves = read.curves
+    results = open_results(tmp_path / "out")
+    curves = answer_of(results).curves
     assert curves.drives == ("X",)
     assert np.array_equal(curves.torques, answer.curves.torques)
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    tables = {table.name: table for table in list_tables(FinishedRun(summary))}
+    tables = {table.name: table for table in list_tables(results)}
     assert tables["joint_forces_middle"].rows[0][:2] == ("screw", "x")
     assert tables["motors_middle"].headings[1] == "largest torque [N m]"
-    page = render_report(FinishedRun(summary, [read]))
+    page = render_report(results)
     assert "Torque of motors [N m]" in page and "Position error [µm]" in page

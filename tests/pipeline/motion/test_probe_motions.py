@@ -15,7 +15,6 @@ from fixture_machines import machine, write_scene
 from headstock.app.report.report import render_report
 from headstock.app.views.registry import list_tables
 from headstock.app.views.transient import _tabulate_transient
-from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.motion_forces import ProbeMotion
@@ -106,18 +105,18 @@ def of_files(folder: Path) -> tuple[ProbeMotion, dict[str, object]]:
 
 
 def test_probes_are_tabled_written_and_drawn(tmp_path: Path) -> None:
-    found, summary = of_files(tmp_path)
-    read = answer_of(open_results(tmp_path / "out"))
-    curves = read.curves
+    found, _ = of_files(tmp_path)
+    results = open_results(tmp_path / "out")
+    curves = answer_of(results).curves
     assert {probe.name for probe in curves.probes} == {"inside", "foot"}
     with h5py.File(tmp_path / "out" / "results.h5") as file:
         stress = file["transient/reference/probes/foot/stress"][:]
     assert np.array_equal(stress, found.trace.stress)
-    tables = {table.name: table for table in list_tables(FinishedRun(summary))}  # type: ignore[arg-type]
+    tables = {table.name: table for table in list_tables(results)}
     assert tables["probes_over_time_reference"].rows[0][0] in ("inside", "foot")
     headings = _tabulate_transient(curves).headings
     assert "von Mises foot [MPa]" in headings and "stress xy inside [MPa]" in headings
-    page = render_report(FinishedRun(summary, [read]))  # type: ignore[arg-type]
+    page = render_report(results)
     assert "Equivalent stress at probes [MPa]" in page
 
 

@@ -9,17 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
+from summary_shapes import list_strangers
 
 import scene_runs
 from common import approx
 from fixture_machines import machine, write_scene
 from headstock.app.report.report import render_report
 from headstock.app.views.registry import list_tables
-from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import DOF_NAMES
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.contouring import ContourAnswer
 from headstock.pipeline.answers.path import PathResult, PathRun
+from headstock.pipeline.results.files import open_results
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.store import Store
 from headstock.scene.analyses.contouring import ContouringRequest
@@ -189,10 +190,12 @@ def test_a_bar_along_a_contour_carries_its_inertia_and_the_cut(
     off = found.gap[:, 0] - trace.displacement[:, 0] - longer - tilted
     assert np.abs(off).max() < 2e-3 * np.abs(longer + tilted).max()
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert list(list_strangers(summary)) == []
     peak = summary["contouring"]["probes"]["inside"]
     assert peak["peak_displacement_um"] >= 1e6 * np.abs(trace.displacement[:, 0]).max()
-    tables = {table.name: table for table in list_tables(FinishedRun(summary))}
+    results = open_results(tmp_path / "out")
+    tables = {table.name: table for table in list_tables(results)}
     assert "stress xx inside [MPa]" in tables["contour"].headings
     assert tables["probes_contour"].rows[0][0] == "inside"
-    page = render_report(FinishedRun(summary))
+    page = render_report(results)
     assert "Equivalent stress at probes, beside that under gravity [MPa]" in page

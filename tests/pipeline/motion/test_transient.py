@@ -11,12 +11,12 @@ import pytest
 from mpi4py import MPI
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+from summary_shapes import list_strangers
 
 from common import approx, present
 from fixture_machines import machine
 from headstock.app.report.report import render_report
 from headstock.app.views.transient import _tabulate_transient
-from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -493,16 +493,17 @@ def test_results_are_written_read_and_shown(tmp_path: Path) -> None:
     )
     results = run(scene, tmp_path)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert list(list_strangers(summary)) == []
     found = summary["transient"]["reference"]["outputs"]["tcp x"]
     assert found["peak"] == approx(1e6 * answer_of(results).figures[0].peak, rel=1e-12)
     assert summary["transient"]["reference"]["outputs"]["tcp y"]["settling_s"] is None
-    read = answer_of(open_results(tmp_path / "out"))
-    curves = read.curves
+    opened = open_results(tmp_path / "out")
+    curves = answer_of(opened).curves
     assert np.array_equal(curves.displacements, answer_of(results).curves.displacements)
     table = _tabulate_transient(curves)
     assert table.headings[:3] == ("time [s]", "press [N]", "tcp x [um]")
     assert len(table.rows) == 401 and table.rows[-1][1] == 100.0
-    page = render_report(FinishedRun(summary, [read]))
+    page = render_report(opened)
     assert "Motion over time" in page and "Load press [N]" in page
     damped = load_scene(scene.path, overrides=["effects={ damping = { modal = 0.1 } }"])
     other = run(damped, tmp_path)

@@ -10,11 +10,13 @@ import meshio
 import numpy as np
 import pytest
 import pyvista
+from made_results import make_modes
 
-from common import approx, sketch
+from common import approx
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
+from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.skins import box_skin
-from headstock.pipeline.answers.modal import ModesSummary
+from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.results.mode_files import (
     SHOWN_SHARE,
     _encode_glb,
@@ -26,14 +28,7 @@ from headstock.pipeline.results.views import MachineView, PoseView
 from headstock.pipeline.storage.outputs import replace_outputs
 
 NAMES = ("base", 'slider "<&> 2"')
-CONTENT = {
-    "pose_name": "a/b",
-    "frequencies_hz": [0.0, 87.25],
-    "mode_names": ["free", "slider moves"],
-    "rigid_count": 1,
-    "damping_ratio": [None, None],
-}
-MODES = sketch(ModesSummary, CONTENT)
+MODES = make_modes([0.0, 87.25], ["free", "slider moves"], "a/b", rigid_count=1)
 ARRAYS = ("mode 01 shape [m/sqrt(kg)]", "mode 02 shape [m/sqrt(kg)]", "static tcp x shape [m/N]")
 Gltf = dict[str, Any]  # JSON of glTF 2.0
 
@@ -48,7 +43,7 @@ def make_view() -> MachineView:
     return MachineView(skins, {}, {"a/b": PoseView(placements, {}, {}, shifts, {"tcp x": pushes})})
 
 
-def write_modes(folder: Path, modes: ModesSummary) -> Path:
+def write_modes(folder: Path, modes: PoseModes) -> Path:
     assert write_mode_files(folder, [modes], make_view()) == []
     return folder / "modes" / "a_b.vtu"
 
@@ -99,8 +94,10 @@ def test_a_vtu_holds_the_placed_surface_and_every_mode(tmp_path: Path) -> None:
 def test_the_frequencies_of_a_vtu_stand_in_its_field_data_and_its_names_do_not_change_with_them(
     tmp_path: Path, hz: float
 ) -> None:
-    values = {"frequencies_hz": [0.0, hz], "damping_ratio": [None, 0.02]}
-    grid = pyvista.read(write_modes(tmp_path, sketch(ModesSummary, CONTENT | values)))
+    modes = dataclasses.replace(
+        MODES, frequencies_hz=np.array([0.0, hz]), damping_ratio=(None, 0.02)
+    )
+    grid = pyvista.read(write_modes(tmp_path, modes))
     np.testing.assert_array_equal(grid.field_data["frequencies [Hz]"], [0.0, hz])
     np.testing.assert_array_equal(grid.field_data["damping ratios [1]"], [np.nan, 0.02])
     assert grid.point_data.keys() == ["component", *ARRAYS]
@@ -121,8 +118,8 @@ def test_the_poses_are_the_steps_of_one_collection_with_the_same_arrays(tmp_path
         view.poses["a/b"], placements={name: Frame(np.full(3, 5.0)) for name in NAMES}
     )
     both = dataclasses.replace(view, poses={"z": view.poses["a/b"], "a": moved})
-    summaries = [sketch(ModesSummary, CONTENT | {"pose_name": name}) for name in both.poses]
-    write_mode_files(tmp_path, summaries, both)
+    modal = [dataclasses.replace(MODES, pose=Pose(name)) for name in both.poses]
+    write_mode_files(tmp_path, modal, both)
     reader = pyvista.get_reader(tmp_path / "modes" / "poses.pvd")
     assert reader.time_values == [0.0, 1.0]
     steps = []

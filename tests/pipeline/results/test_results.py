@@ -15,9 +15,10 @@ from headstock.meshing.component_mesh import MeshQuality
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.numbers.estimates import REDUCTION, Estimate
+from headstock.pipeline.numbers.folders import read_summary
 from headstock.pipeline.numbers.numbers import make_key
 from headstock.pipeline.planning.plan import Stage, StageRecord
-from headstock.pipeline.results.files import add_results, publish_summary, read_summary
+from headstock.pipeline.results.files import add_results, publish_summary
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.stages.warnings import _mesh_warnings

@@ -13,9 +13,9 @@ import scene_runs
 from common import approx, present
 from fixture_machines import machine
 from headstock.app.report.report import render_report
-from headstock.app.views.view import FinishedRun
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.control import ControlAnswer
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.summary import RunSummary, summarise
@@ -194,10 +194,10 @@ def test_poles_are_those_of_the_unsymmetric_second_order_system_by_another_solve
 
 
 def test_the_report_draws_every_pole_and_offers_them_as_a_table(tmp_path: Path) -> None:
-    summary = summary_of(write_scene(tmp_path), tmp_path)
-    page = render_report(FinishedRun(summary))
-    poles = summary["control"]["reference"]["poles"]
-    assert page.count("<circle") >= len(poles)
+    results = run(load_scene(write_scene(tmp_path)), tmp_path)
+    page = render_report(results)
+    (control,) = results.find(ControlAnswer)
+    assert page.count("<circle") >= len(control.poles) > 0
     assert 'download="poles_reference.csv"' in page
     assert "Phase margin" in page
 

@@ -12,7 +12,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.probes import ProbeCurves
-from headstock.pipeline.results.files import open_results, read_summary
+from headstock.pipeline.numbers.folders import read_summary
+from headstock.pipeline.results.files import open_results
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.building.loader import load_scene

@@ -15,12 +15,10 @@ from common import approx
 from fixture_machines import machine, write_scene
 from headstock.app.report.report import render_report
 from headstock.app.tables.frf import tabulate_response
-from headstock.app.views.view import FinishedRun
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.exports import export_state_space
-from headstock.pipeline.results.summary import summarise
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.solvers.second_order import ComplexArray
@@ -98,7 +96,7 @@ def test_loads_of_a_scene_are_inputs_as_large_as_they_are(tmp_path: Path) -> Non
     assert any("wind, shake would excite directly" in words for words in response.error_left_out)
     headings = tabulate_response(curves).headings
     assert "Re tip z / wind load [m]" in headings and "Re tip z / tip z [m per N]" in headings
-    page = render_report(FinishedRun(summarise(results), results.answers))
+    page = render_report(results)
     assert "tip z / wind load" in page
     text = (tmp_path / "out" / "summary.json").read_text()
     assert json.loads(text)["frf"]["reference"]["inputs"][0] == ["wind", "load"]

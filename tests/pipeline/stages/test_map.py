@@ -7,12 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
+from summary_shapes import list_strangers
 
 from common import approx
-from headstock.app.drawings.figures import _map_values, draw_map, map_layers
+from headstock.app.drawings.figures import draw_map, map_layers
 from headstock.app.views.registry import list_tables
-from headstock.app.views.view import FinishedRun
 from headstock.app.views.volumetric import _tabulate_map
+from headstock.pipeline.answers.map import WorkspaceMap
+from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.stages.map import _map_workspace
@@ -26,20 +28,22 @@ from headstock.validation.mechanisms.tripteor_machine import load_tripteor
 SCENE = Path(__file__).resolve().parents[3] / "machines" / "tripteor.toml"
 
 
-def run(folder: Path, *overrides: str) -> RunSummary:
+def run(folder: Path, *overrides: str) -> Results:
     scene = keep_analyses(
         load_scene(SCENE, variant="lumped", overrides=overrides), ("static", "modal", "map")
     )
-    return summarise(run_scene(scene, folder, comm=MPI.COMM_SELF))
+    return run_scene(scene, folder, comm=MPI.COMM_SELF)
 
 
 @pytest.fixture(scope="module")
 def summary(tmp_path_factory: pytest.TempPathFactory) -> RunSummary:
     spans = '{ X = ["-130 mm", "160 mm", 3], Y = ["-380 mm", "390 mm", 4], Z = ["200 mm", "200 mm", 1] }'
-    return run(
-        tmp_path_factory.mktemp("map"),
-        f"sweeps.plane.axes={spans}",
-        'analyses.modal.poses="config_2"',
+    return summarise(
+        run(
+            tmp_path_factory.mktemp("map"),
+            f"sweeps.plane.axes={spans}",
+            'analyses.modal.poses="config_2"',
+        )
     )
 
 
@@ -66,18 +70,21 @@ def test_a_corner_of_the_map_is_the_pose_that_stands_there(summary: RunSummary) 
 
 def test_the_first_frequency_falls_as_the_legs_grow(summary: RunSummary) -> None:
     assert summary["map"]["f1_and_mean_leg_correlation"] < -0.95
+    assert list(list_strangers(summary)) == []
 
 
 def test_poses_beyond_a_limit_are_empty_in_summary_table_and_picture(tmp_path: Path) -> None:
     spans = (
         '{ X = ["-300 mm", "2 m", 4], Y = ["-100 mm", "100 mm", 3], Z = ["200 mm", "200 mm", 1] }'
     )
-    found = run(tmp_path, f"sweeps.plane.axes={spans}")
-    values = _map_values(found["map"], "f1_hz")
+    results = run(tmp_path, f"sweeps.plane.axes={spans}")
+    (found,) = results.find(WorkspaceMap)
+    values = np.array(summarise(results)["map"]["quantities"]["f1_hz"], dtype=float)
+    np.testing.assert_array_equal(values, found.quantities["f1_hz"])
     assert np.isfinite(values[0]).all() and np.isnan(values[-1]).all()
-    table = next(table for table in list_tables(FinishedRun(found)) if table.name == "map")
+    table = next(table for table in list_tables(results) if table.name == "map")
     assert table.rows[-1][-1] is None and len(table.rows) == 12
-    assert "data:image/png;base64" in str(draw_map(found["map"], "f1_hz"))
+    assert "data:image/png;base64" in str(draw_map(found, "f1_hz"))
 
 
 @pytest.mark.parametrize(("override", "key", "message"), [
@@ -113,15 +120,12 @@ def test_a_volume_holds_its_planes_and_is_drawn_in_layers() -> None:
     assert whole is not None and middle is not None
     for name, values in middle.quantities.items():
         assert np.allclose(whole.quantities[name][:, :, 2], values, rtol=1e-12, atol=0.0)
-    found = whole.summarise()
-    layers = map_layers(found)
+    layers = map_layers(whole)
     assert [layer.place for layer in layers] == [0, 2, 4] and layers[1].title == "Z = 200 mm"
-    assert 'id="map_f1_hz_2"' in str(draw_map(found, "f1_hz", 2))
-    table = _tabulate_map("map", found)
+    assert 'id="map_f1_hz_2"' in str(draw_map(whole, "f1_hz", 2))
+    table = _tabulate_map("map", whole)
     assert table.headings[:3] == ("X", "Y", "Z") and len(table.rows) == 30
-    assert (
-        table.rows[7][3] == np.array(found["quantities"]["condition_number"], dtype=float)[0, 1, 2]
-    )
+    assert table.rows[7][3] == whole.quantities["condition_number"][0, 1, 2]
 
 
 def test_a_mode_is_followed_by_its_shape_where_frequencies_cross() -> None:

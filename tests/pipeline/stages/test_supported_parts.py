@@ -10,8 +10,8 @@ import pytest
 
 from common import approx
 from fixture_machines import machine, write_scene
+from headstock.pipeline.numbers.folders import read_summary
 from headstock.pipeline.preview.rigid_view import view_rigid
-from headstock.pipeline.results.files import read_summary
 from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError

@@ -6,14 +6,15 @@ import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
+from summary_shapes import list_strangers
 
 from common import approx
 from headstock.app.report.report import render_report
 from headstock.app.views.registry import list_tables
-from headstock.app.views.view import FinishedRun
 from headstock.geometry.machine.machine import Pose
 from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.numbers.folders import RESULTS_FILE, read_run_numbers
+from headstock.pipeline.results.files import open_results
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
 from headstock.reduction.components.rigid import reduce_rigid
@@ -36,6 +37,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunSummary, Path]:
 
 def test_the_map_holds_the_deviation_of_each_pose(run: tuple[RunSummary, Path]) -> None:
     summary, folder = run
+    assert list(list_strangers(summary)) == []
     machine = load_scene(SCENE).machine
     parts = {
         name: reduce_rigid(component, describe_component(component))
@@ -94,10 +96,11 @@ def test_effects_tell_what_errors_of_guides_move(
 
 
 def test_tables_and_report_show_it(run: tuple[RunSummary, Path]) -> None:
-    tables = {table.name: table for table in list_tables(FinishedRun(run[0]))}
+    results = open_results(run[1])
+    tables = {table.name: table for table in list_tables(results)}
     assert len(tables["volumetric_tcp"].rows) == 60
     assert len(tables["error_motions_tcp"].rows) == 3
-    page = render_report(FinishedRun(run[0]))
+    page = render_report(results)
     for text in ("Volumetric errors", "EC0Y", "The volume as the tool travels it", "errors of X"):
         assert text in page
 
