@@ -72,6 +72,9 @@ TRIANGLE = {1: 2, 2: 9}
 SLIVER_QUALITY = 0.02
 USABLE_QUALITY = 2e-3  # of the worst tet: above what the mesh checks refuse
 THIN_TRIANGLE = 0.05  # height over longest side
+# HXT goes on to improve tets below this quality, and cannot in walls that are thinner than this share of
+# their triangles' width: there it asks for what can be had
+HXT_QUALITY, HXT_FLATNESS = 0.3, 0.2
 NEVER_EXTEND = 0
 NARROW_SHARE = 0.05  # of the smallest element size: what is narrower is not meshed
 OPTIONS: dict[str, float] = {
@@ -138,7 +141,7 @@ def mesh_shape(job: MeshJob) -> MeshData:
         if job.task == "estimate":
             return dataclasses.replace(described, estimate=count, nodes=nodes, remarks=remarks)
         _check_budget(count, job, size, numbers)
-        _generate(job)
+        _generate(job, volume)
         data = _collect(job, volume, faces, properties, size)
         return dataclasses.replace(
             data,
@@ -441,8 +444,8 @@ def _find_rims(job: MeshJob, imprints: Imprints) -> dict[int, float]:
     return sizes
 
 
-def _generate(job: MeshJob) -> None:
-    if not _mesh_acceptably(from_cad=isinstance(job.solid, StepFile)):
+def _generate(job: MeshJob, volume: int) -> None:
+    if not _mesh_acceptably(volume, from_cad=isinstance(job.solid, StepFile)):
         limit = f"{resource.getrlimit(resource.RLIMIT_AS)[0] / 2**30:.3g} GiB of memory"
         # coarse facets of narrow curved faces cut through each other; finer ones do not
         raise MeshQualityError(
@@ -452,7 +455,7 @@ def _generate(job: MeshJob) -> None:
         gmsh.model.mesh.setOrder(2)
 
 
-def _mesh_acceptably(*, from_cad: bool) -> bool:
+def _mesh_acceptably(volume: int, *, from_cad: bool) -> bool:
     """Return the mesh with the algorithm that leaves no slivers, or else with the one whose worst
     tet is best.
 
@@ -461,6 +464,9 @@ def _mesh_acceptably(*, from_cad: bool) -> bool:
     curved faces, which may cut through each other, HXT takes all memory: the other one does alone.
     """
     qualities: dict[int, float] = {}
+    flatness = _find_flatness(volume)
+    quality = HXT_QUALITY * min(1.0, flatness / HXT_FLATNESS)
+    gmsh.option.setNumber("Mesh.OptimizeThreshold", quality)
     worst = _worst_triangle()
     if from_cad and worst < THIN_TRIANGLE:
         return _try_algorithm(DELAUNAY) > 0.0
@@ -492,11 +498,25 @@ def _try_algorithm(algorithm: int) -> float:
     return 0.0 if bare else _worst_quality()
 
 
-def _worst_triangle() -> float:
-    """Return the height of the flattest triangle of the meshed faces over its longest side."""
+def _read_triangles() -> FloatArray:
+    """Return the corners ``(n, 3, 3)`` of the triangles of the meshed faces."""
     points, row = read_nodes()
     _, nodes = gmsh.model.mesh.getElementsByType(TRIANGLE[1])
-    corners = points[row[nodes].reshape(-1, 3)]
+    return np.asarray(points[row[nodes].reshape(-1, 3)])
+
+
+def _find_flatness(volume: int) -> float:
+    """Return the mean thickness of a solid over the width of its triangles, at the median."""
+    corners = _read_triangles()
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # an even triangle of a side has 0.43 times its square
+    width = np.sqrt(2.3 * np.median(0.5 * np.linalg.norm(normals, axis=1)))
+    return float(_mean_thickness(volume) / width)
+
+
+def _worst_triangle() -> float:
+    """Return the height of the flattest triangle of the meshed faces over its longest side."""
+    corners = _read_triangles()
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     doubled = np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
