@@ -6,11 +6,12 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from headstock.app.tables.table import (
+    Cell,
     Column,
     Listing,
     PlainTable,
@@ -148,50 +149,61 @@ PROBE_PEAK_COLUMNS: tuple[Column[_ProbePeakRow], ...] = (
 )
 
 
-class _ProbeMotionRow(NamedTuple):
-    """What a probe saw at most, with the ± of stress and displacement."""
+class ForceRow[Found](NamedTuple):
+    """What a probe, drive or joint took at most while the machine moved.
+
+    Attributes:
+        errors: ± of numbers; None where what meshes around probes leave out is all that is known.
+        at: Roles of the keys of its numbers: feed or pose.
+    """
 
     name: str
-    probe: ProbeMotion
-    stress_error: Estimate
-    displacement_error: Estimate
+    found: Found
+    errors: Mapping[Key, Estimate] | None
+    at: Mapping[str, str]
+
+    def total(self, kind: str, factor: float = 1.0, **roles: str) -> float | None:
+        """Return ± of one of its numbers."""
+        return scale_total((self.errors or {}).get(make_key(kind, **roles, **self.at)), factor)
 
 
-def list_probe_motions(
-    probes: Mapping[str, ProbeMotion], errors: Mapping[Key, Estimate] | None = None, **at: str
-) -> list[_ProbeMotionRow]:
-    """Return what probes saw at most.
-
-    Args:
-        errors: ± of their numbers; None for what the mesh around them leaves out.
-        at: Roles of the keys of their numbers.
-    """
-    return [
-        _ProbeMotionRow(name, probe, *probe.list_errors(errors, probe=name, **at))
-        for name, probe in probes.items()
-    ]
+type _ProbeRow = ForceRow[ProbeMotion]
+type _DriveRow = ForceRow[DriveExtremes]
+type _JointRow = ForceRow[dict[str, Extreme]]
 
 
-PROBE_MOTION_PEAKS: tuple[Column[_ProbeMotionRow], ...] = (
+def list_moved[Found](
+    found: Mapping[str, Found], errors: Mapping[Key, Estimate] | None = None, **at: str
+) -> list[ForceRow[Found]]:
+    """Return a row for each probe, drive or joint; arguments as in :class:`ForceRow`."""
+    return [ForceRow(name, each, errors, at) for name, each in found.items()]
+
+
+def _probe_error(row: _ProbeRow, which: Literal[0, 1], factor: float) -> float | None:
+    """Return ± of stress or displacement."""
+    return scale_total(row.found.list_errors(row.errors, probe=row.name, **row.at)[which], factor)
+
+
+PROBE_MOTION_PEAKS: tuple[Column[_ProbeRow], ...] = (
     Column(lambda row: row.name, "probe", "probe", "Probe"),
-    Column(lambda row: row.probe.component, "component", "in", "Component"),
+    Column(lambda row: row.found.component, "component", "in", "Component"),
     *bound_column(
-        lambda row: MEGA * row.probe.von_mises.value,
-        lambda row: scale_total(row.stress_error, MEGA),
+        lambda row: MEGA * row.found.von_mises.value,
+        lambda row: _probe_error(row, 0, MEGA),
         "largest von Mises [MPa]",
         ">von Mises MPa",
         "von Mises [MPa]",
     ),
-    Column(lambda row: 1e3 * row.probe.von_mises.time, "von Mises at [ms]", ">at ms", "at [ms]"),
+    Column(lambda row: 1e3 * row.found.von_mises.time, "von Mises at [ms]", ">at ms", "at [ms]"),
     *bound_column(
-        lambda row: MICRO * row.probe.displacement.value,
-        lambda row: scale_total(row.displacement_error, MICRO),
+        lambda row: MICRO * row.found.displacement.value,
+        lambda row: _probe_error(row, 1, MICRO),
         "largest displacement [um]",
         ">displacement µm",
         "Displacement [µm]",
     ),
     Column(
-        lambda row: 1e3 * row.probe.displacement.time, "displacement at [ms]", ">at ms ", "at [ms]"
+        lambda row: 1e3 * row.found.displacement.time, "displacement at [ms]", ">at ms ", "at [ms]"
     ),
 )
 
@@ -255,45 +267,21 @@ def _parts(values: ComplexArray) -> tuple[tuple[str, FloatArray], ...]:
     )
 
 
-class _MotorRow(NamedTuple):
-    """What a drive did at most, and ± of torque [N m] and position error [m]."""
-
-    name: str
-    drive: DriveExtremes
-    torque_error: float | None
-    position_error: float | None
-
-
-class _JointForce(NamedTuple):
-    """The largest force, or moment, of a joint in a direction, and how far it may be off."""
-
-    direction: str
-    force: Extreme
-    error: float | None
-
-    @property
-    def unit(self) -> str:
-        """N of a force, N m of a moment."""
-        return "N m" if self.direction.startswith("r") else "N"
-
-
-type JointRow = tuple[str, list[_JointForce]]
-
-MOTOR_COLUMNS: tuple[Column[_MotorRow], ...] = (
+MOTOR_COLUMNS: tuple[Column[_DriveRow], ...] = (
     Column(lambda row: row.name, "drive", "drive", "Drive"),
     *bound_column(
-        lambda row: row.drive.torque.value,
-        lambda row: row.torque_error,
+        lambda row: row.found.torque.value,
+        lambda row: row.total("motor_torque", drive=row.name),
         "largest torque [N m]",
         ">torque N m",
         "Torque [N m]",
         error_file="± torque [N m]",
         open_errors=False,
     ),
-    Column(lambda row: 1e3 * row.drive.torque.time, "torque at [ms]", ">at ms", "at [ms]"),
+    Column(lambda row: 1e3 * row.found.torque.time, "torque at [ms]", ">at ms", "at [ms]"),
     *bound_column(
-        lambda row: MICRO * row.drive.position_error.value,
-        lambda row: scale_known(row.position_error, MICRO),
+        lambda row: MICRO * row.found.position_error.value,
+        lambda row: row.total("position_error", MICRO, drive=row.name),
         "largest position error [um]",
         ">position error µm",
         "Position error [µm]",
@@ -301,7 +289,7 @@ MOTOR_COLUMNS: tuple[Column[_MotorRow], ...] = (
         open_errors=False,
     ),
     Column(
-        lambda row: 1e3 * row.drive.position_error.time,
+        lambda row: 1e3 * row.found.position_error.time,
         "position error at [ms]",
         ">at ms ",
         "at [ms]",
@@ -309,33 +297,38 @@ MOTOR_COLUMNS: tuple[Column[_MotorRow], ...] = (
 )
 
 
-def _find_largest(row: JointRow, unit: str) -> _JointForce | None:
-    """Return the largest force, or moment, of a joint."""
-    forces = [found for found in row[1] if found.unit == unit]
-    return max(forces, key=lambda found: abs(found.force.value), default=None)
+def _unit_of(direction: str) -> str:
+    """N of a force, N m of a moment."""
+    return "N m" if direction.startswith("r") else "N"
 
 
-def _list_largest(unit: str, heading: str, at: str) -> tuple[Column[JointRow], ...]:
+def _joint_error(row: _JointRow, direction: str) -> float | None:
+    return row.total("joint_force", joint=row.name, direction=direction)
+
+
+def _list_largest(unit: str, heading: str, at: str) -> tuple[Column[_JointRow], ...]:
     """Return the columns of the largest force, or moment, of a joint; files have all directions."""
 
-    def read(pick: Callable[[_JointForce], Any]) -> Callable[[JointRow], Any]:
-        return lambda row: None if (found := _find_largest(row, unit)) is None else pick(found)
+    def find(row: _JointRow) -> tuple[str, Extreme] | None:
+        forces = [item for item in row.found.items() if _unit_of(item[0]) == unit]
+        return max(forces, key=lambda item: abs(item[1].value), default=None)
+
+    def read(pick: Callable[[str, Extreme], Cell]) -> Callable[[_JointRow], Cell]:
+        return lambda row: None if (found := find(row)) is None else pick(*found)
+
+    def error(row: _JointRow) -> float | None:
+        found = find(row)
+        return _joint_error(row, found[0]) if found is not None and found[1].value else None
 
     return (
-        Column(read(lambda found: found.direction), "", heading, heading.capitalize()),
-        Column(
-            read(lambda found: found.force.value),
-            "",
-            f">{unit}",
-            f"[{unit}]",
-            error=read(lambda found: found.error if found.force.value else None),
-        ),
-        Column(read(lambda found: 1e3 * found.force.time), "", at, "at [ms]"),
+        Column(read(lambda direction, _: direction), "", heading, heading.capitalize()),
+        Column(read(lambda _, force: force.value), "", f">{unit}", f"[{unit}]", error=error),
+        Column(read(lambda _, force: 1e3 * force.time), "", at, "at [ms]"),
     )
 
 
-JOINT_FORCE_COLUMNS: tuple[Column[JointRow], ...] = (
-    Column(lambda row: row[0], "", "joint", "Joint"),
+JOINT_FORCE_COLUMNS: tuple[Column[_JointRow], ...] = (
+    Column(lambda row: row.name, "", "joint", "Joint"),
     *_list_largest("N", "force in", ">at ms"),
     *_list_largest("N m", "moment about", ">at ms "),
 )
@@ -351,42 +344,19 @@ FORCE_COLUMNS = {  # as templates call them
 class Forces(NamedTuple):
     """What probes, drives and joints took at most while the machine moved."""
 
-    probes: list[_ProbeMotionRow]
-    motors: list[_MotorRow]
-    joints: list[JointRow]
+    probes: list[_ProbeRow]
+    motors: list[_DriveRow]
+    joints: list[_JointRow]
 
 
 def gather_forces(
     found: PathRun | TransientAnswer, errors: Mapping[Key, Estimate] | None, **at: str
 ) -> Forces:
-    """Return what a move took at most.
-
-    Args:
-        errors: ± of its numbers; None for what meshes around probes leave out.
-        at: Roles of the keys of its numbers: feed or pose.
-    """
-
-    def find(kind: str, **roles: str) -> float | None:
-        return scale_total((errors or {}).get(make_key(kind, **roles, **at)))
-
+    """Return what a move took at most; arguments as in :class:`ForceRow`."""
     return Forces(
-        list_probe_motions(found.probes, errors, **at),
-        [
-            _MotorRow(
-                name, drive, find("motor_torque", drive=name), find("position_error", drive=name)
-            )
-            for name, drive in found.drives.items()
-        ],
-        [
-            (
-                joint,
-                [
-                    _JointForce(each, force, find("joint_force", joint=joint, direction=each))
-                    for each, force in directions.items()
-                ],
-            )
-            for joint, directions in found.joints.items()
-        ],
+        list_moved(found.probes, errors, **at),
+        list_moved(found.drives, errors, **at),
+        list_moved(found.joints, errors, **at),
     )
 
 
@@ -420,8 +390,8 @@ def tabulate_forces(forces: Forces, stem: str, probes: str) -> Iterator[PlainTab
             f"joint_forces_{stem}",
             ("joint", "direction", "largest force on the first end", "±", "unit", "at [s]"),
             tuple(
-                (joint, each.direction, each.force.value, each.error, each.unit, each.force.time)
-                for joint, directions in forces.joints
-                for each in directions
+                (row.name, each, force.value, _joint_error(row, each), _unit_of(each), force.time)
+                for row in forces.joints
+                for each, force in row.found.items()
             ),
         )

@@ -7,7 +7,7 @@ from headstock.app.drawings.lobes import draw_milled_faces
 from headstock.app.drawings.path import draw_contour
 from headstock.app.tables.probes import (
     PROBE_MOTION_PEAKS,
-    list_probe_motions,
+    list_moved,
     list_trace_columns,
 )
 from headstock.app.tables.table import Column, Listing, PlainTable, tabulate_curves
@@ -287,7 +287,7 @@ def _list_listings(contour: ContourAnswer) -> Iterator[Listing[Any]]:
     if contour.probes:
         title, rows = (
             "Largest stress at probes along the contour",
-            list_probe_motions(contour.probes),
+            list_moved(contour.probes),
         )
         yield Listing(title, PROBE_MOTION_PEAKS, rows, "probes_contour")
 
@@ -317,7 +317,7 @@ def _write_section(run: Results) -> Section:
         },
         "rows": rows,
         "gap_rows": [row for row in rows if row.gap is not None],
-        "probes": list_probe_motions(contour.probes),
+        "probes": list_moved(contour.probes),
         "draw_contour": draw_contour,
         "draw_milled_faces": draw_milled_faces,
         "contour_words": _contour_words(contour),
