@@ -43,7 +43,7 @@ from headstock.scene.building.loader import load_scene, prepare_sweep
 from headstock.scene.scene import require_name
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
-from headstock.studies.sweeps.files import SWEEP_FILE, SweepSummary, summarise_sweep, write_sweep
+from headstock.studies.sweeps.files import SWEEP_FILE, summarise_sweep, write_sweep
 from headstock.studies.sweeps.journals import FOLDER, remove_other_journals
 from headstock.studies.sweeps.results import SweepResults, collect_results, name_tracked_modes
 from headstock.studies.sweeps.runs import Part, SweepJob, run_sweep, select_analyses, sweep_key
@@ -117,7 +117,7 @@ def sweep_command(options: SweepOptions, comm: MPI.Comm) -> int:
         if comm.rank == 0:
             print_sweep_header(job, ranks=comm.size)
         outcome = run_sweep(job, comm=comm, observer=print_stage)
-        results, summary = None, None
+        results = None
         if comm.rank == 0:
             results = collect_results(
                 job.scene,
@@ -128,15 +128,13 @@ def sweep_command(options: SweepOptions, comm: MPI.Comm) -> int:
                 remarks=outcome.remarks,
             )
             results = name_tracked_modes(outcome.parts, results)
-            summary = summarise_sweep(results)
-            _write_numbers(summary, results, options, job.folder, origin)
-        figures = _draw_together(comm, summary, results)
+            _write_numbers(results, options, job.folder, origin)
+        figures = _draw_together(comm, results)
         failed = False
-        if summary is not None and results is not None:
-            remarks = _write_pictures(summary, figures, job.folder, origin)
+        if results is not None:
+            remarks = _write_pictures(results, figures, job.folder, origin)
             remove_other_journals(job.folder, results.key)
             print_sweep(
-                summary,
                 results,
                 computed=outcome.computed,
                 seconds=time.perf_counter() - start,
@@ -164,30 +162,24 @@ def _sweep_elsewhere(options: SweepOptions, comm: MPI.Comm) -> int:
     return sweep_on_slurm(_make_job(options), cluster, comm, lambda: sweep_command(here, comm))
 
 
-def _draw_together(
-    comm: MPI.Comm, summary: SweepSummary | None, results: SweepResults | None
-) -> dict[str, bytes]:
+def _draw_together(comm: MPI.Comm, results: SweepResults | None) -> dict[str, bytes]:
     """Pictures of a sweep by name, on rank 0; every rank draws its share; collective.
 
     Args:
-        summary: On rank 0.
         results: On rank 0.
     """
-    known = None if summary is None or results is None else (summary, results.limits)
-    share = draw_sweep(*share_from_root(comm, known), slice(comm.rank, None, comm.size))
+    shared = share_from_root(comm, results and results.without_shapes())
+    share = draw_sweep(shared, slice(comm.rank, None, comm.size))
     shares = [each.items() for each in comm.gather(share) or ()]
     # dealt out in turn, so taken back in turn
     return dict(filter(None, itertools.chain.from_iterable(itertools.zip_longest(*shares))))
 
 
 def _write_numbers(
-    summary: SweepSummary,
-    results: SweepResults,
-    options: SweepOptions,
-    folder: Path,
-    origin: Provenance | None,
+    results: SweepResults, options: SweepOptions, folder: Path, origin: Provenance | None
 ) -> None:
     """Write the results of a sweep, and where they come from."""
+    summary = summarise_sweep(results)
     words = None if origin is None else origin.summarise()
     if words is not None:
         # apart from the results, which are the same bytes whenever and wherever they are computed
@@ -197,16 +189,16 @@ def _write_numbers(
     write_output(folder / SUMMARY, dump_summary(summary).encode())
     # there alone, without a file of its origin beside it
     options.write_json(dump_summary(summary if words is None else {**summary, "provenance": words}))
-    write_output(folder / CSV_FILE, encode_csv(tabulate_sweep(summary)))
+    write_output(folder / CSV_FILE, encode_csv(tabulate_sweep(results)))
 
 
 def _write_pictures(
-    summary: SweepSummary, figures: dict[str, bytes], folder: Path, origin: Provenance | None
+    results: SweepResults, figures: dict[str, bytes], folder: Path, origin: Provenance | None
 ) -> list[str]:
     """Write pictures and page of a sweep; remarks for the user."""
     remarks = write_named_files(folder, {f"{name}.png": image for name, image in figures.items()})
     words = None if origin is None else origin.summarise()
-    write_output(folder / REPORT_FILE, render_sweep(summary, figures, words).encode())
+    write_output(folder / REPORT_FILE, render_sweep(results, figures, words).encode())
     return remarks
 
 

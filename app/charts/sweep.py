@@ -18,10 +18,10 @@ from headstock.app.pictures.libraries import Figure
 from headstock.app.tables.sweep_quantities import Quantity, list_swept
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
-from headstock.pipeline.answers.lobes import MM, RPM
+from headstock.pipeline.answers.lobes import MM
 from headstock.pipeline.results.views import COLORS
-from headstock.studies.sweeps.files import SweepSummary, SweptAxes
-from headstock.studies.sweeps.results import LimitMap
+from headstock.scene.studies import Sweep
+from headstock.studies.sweeps.results import LimitMap, SweepResults
 
 PER_ROW = 3
 FIELD_INCHES = (4.0, 3.5)
@@ -35,47 +35,41 @@ DEEPEST_SHOWN = (
 )
 
 
-def draw_sweep(
-    summary: SweepSummary, limits: Mapping[str, LimitMap], share: slice = slice(None)
-) -> dict[str, bytes]:
+def draw_sweep(results: SweepResults, share: slice = slice(None)) -> dict[str, bytes]:
     """Pictures of a sweep by name: maps over a plane, curves along one axis or a way; a volume in
     its middle planes; limit depths of cut over speeds and poses.
-
-    Args:
-        summary: As ``summarise_sweep`` gives it.
-        limits: Limit depths of cut by the name of the direction of travel.
     """
     families: dict[str, list[Quantity]] = {"modes": [], "stiffness": [], "lobes": []}
-    for quantity in list_swept(summary):
+    for quantity in list_swept(results):
         if np.isfinite(quantity.values).any():
             family = quantity.name.partition("_")[0]
             families[FAMILIES.get(family, "stiffness")].append(quantity)
-    moving = [axis for axis, count in enumerate(summary["shape"]) if count > 1]
-    plane = summary["kind"] == "grid" and len(moving) >= 2
+    moving = [axis for axis, count in enumerate(results.sweep.shape) if count > 1]
+    plane = results.sweep.kind == "grid" and len(moving) >= 2
     maps = functools.partial(_draw_maps, axes=moving[:2])
     draw: Callable[..., bytes] = maps if plane else _draw_curves
     pictures: dict[str, Callable[[], bytes]] = {
-        name: functools.partial(draw, summary, members)
+        name: functools.partial(draw, results.sweep, members)
         for name, members in families.items()
         if members
     }
-    if summary["lobes"]:
-        pictures["limits"] = functools.partial(_draw_limits, summary, limits)
-        pictures["common_limits"] = functools.partial(_draw_common, summary)
+    if results.limits:
+        pictures["limits"] = functools.partial(_draw_limits, results.sweep, results.limits)
+        pictures["common_limits"] = functools.partial(_draw_common, results.limits)
     return {name: picture() for name, picture in list(pictures.items())[share]}
 
 
-def _draw_limits(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> bytes:
+def _draw_limits(sweep: Sweep, limits: Mapping[str, LimitMap]) -> bytes:
     """Limit depth over speed and pose, a field for each direction: a dot at the best speed of each
     pose, a line at the speed whose limit is deepest in the worst pose.
     """
     figure = new_figure(10.0, 0.4 + 3.6 * len(limits))
-    places, label = _way_of(summary)
+    places, label = _way_of(sweep)
     for number, (name, found) in enumerate(limits.items(), start=1):
         frame = figure.add_subplot(len(limits), 1, number)
-        own, depths = summary["lobes"][name], MM * found.depths
+        depths, best = MM * found.depths, found.common_best
         mesh = frame.pcolormesh(
-            RPM * found.speeds,
+            found.rpm,
             places,
             depths,
             vmin=0.0,
@@ -87,7 +81,7 @@ def _draw_limits(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> bytes
         bar = figure.colorbar(mesh, ax=frame, extend="max")
         bar.ax.tick_params(labelsize=7)
         frame.scatter(
-            np.array(own["best_rpm"], dtype=float),
+            found.figures["best_rpm"],
             places,
             s=14 if len(places) < MANY else 3,
             color="white",
@@ -96,13 +90,13 @@ def _draw_limits(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> bytes
             clip_on=False,
             label="best speed of each pose",
         )
-        if own["common_best_rpm"] is not None:
+        if best is not None:
             frame.axvline(
-                own["common_best_rpm"],
+                float(found.rpm[best]),
                 color=COLORS[1],
                 linestyle="--",
                 linewidth=1.6,
-                label=f"best over all poses: {own['common_best_mm']:.3g} mm at {own['common_best_rpm']:.0f} rpm",
+                label=f"best over all poses: {MM * found.everywhere[best]:.3g} mm at {found.rpm[best]:.0f} rpm",
             )
         label_axes(frame, title=f"Limit depth of cut [mm], travel {name}")
         frame.legend(
@@ -118,14 +112,14 @@ def _draw_limits(summary: SweepSummary, limits: Mapping[str, LimitMap]) -> bytes
     return encode_figure(figure)
 
 
-def _draw_common(summary: SweepSummary) -> bytes:
+def _draw_common(limits: Mapping[str, LimitMap]) -> bytes:
     """Depth of cut that is stable in every pose, over the speed, a line for each direction."""
     figure = new_figure(10.0, 3.6)
     frame = figure.add_subplot(1, 1, 1)
-    for number, (name, limits) in enumerate(summary["lobes"].items()):
+    for number, (name, found) in enumerate(limits.items()):
         frame.plot(
-            np.array(limits["rpm"], dtype=float),
-            np.array(limits["everywhere_mm"], dtype=float),
+            found.rpm,
+            MM * found.everywhere,
             linewidth=1.6,
             label=f"travel {name}",
             **line_style(number, COLORS),
@@ -142,30 +136,28 @@ def _draw_common(summary: SweepSummary) -> bytes:
     return encode_figure(figure)
 
 
-def _middle_plane(summary: SweepSummary, values: FloatArray, axes: list[int]) -> FloatArray:
+def _middle_plane(sweep: Sweep, values: FloatArray, axes: list[int]) -> FloatArray:
     """Values ``(n0, n1)`` over two axes of a grid, the others in their middle.
 
     Args:
-        summary: Of a sweep over a grid.
         values: Over its poses ``(n,)``.
     """
-    table = values.reshape(summary["shape"])
+    table = values.reshape(sweep.shape)
     place = tuple(
-        slice(None) if axis in axes else count // 2 for axis, count in enumerate(summary["shape"])
+        slice(None) if axis in axes else count // 2 for axis, count in enumerate(sweep.shape)
     )
     return np.asarray(table[place])
 
 
-def _draw_maps(summary: SweepSummary, quantities: list[Quantity], axes: list[int]) -> bytes:
+def _draw_maps(sweep: Sweep, quantities: list[Quantity], axes: list[int]) -> bytes:
     rows, columns = -(-len(quantities) // PER_ROW), min(PER_ROW, len(quantities))
     # fields of one size at places of their own: to measure every label takes longer than to draw all
     wide, high = FIELD_INCHES
     figure = Figure(figsize=(wide * columns, high * rows), dpi=DPI)
-    positions = np.array(summary["positions"], dtype=float)
     spans = []
     for axis in axes:
-        factor, word = SCENE_UNITS[summary["units"][axis]]
-        spans.append((factor * np.unique(positions[:, axis]), f"{summary['axes'][axis]} [{word}]"))
+        factor, word = SCENE_UNITS[sweep.units[axis]]
+        spans.append((factor * np.unique(sweep.positions[:, axis]), f"{sweep.axes[axis]} [{word}]"))
     for number, quantity in enumerate(quantities):
         frame, beside = (
             figure.add_axes(
@@ -181,7 +173,7 @@ def _draw_maps(summary: SweepSummary, quantities: list[Quantity], axes: list[int
         mesh = frame.pcolormesh(
             spans[0][0],
             spans[1][0],
-            _middle_plane(summary, quantity.values, axes).T,
+            _middle_plane(sweep, quantity.values, axes).T,
             shading="nearest",
         )
         bar = figure.colorbar(mesh, cax=beside)
@@ -195,8 +187,8 @@ def _draw_maps(summary: SweepSummary, quantities: list[Quantity], axes: list[int
     return encode_figure(figure)
 
 
-def _draw_curves(summary: SweepSummary, quantities: list[Quantity]) -> bytes:
-    places, label = _way_of(summary)
+def _draw_curves(sweep: Sweep, quantities: list[Quantity]) -> bytes:
+    places, label = _way_of(sweep)
     units = list(dict.fromkeys(quantity.unit for quantity in quantities))
     figure = new_figure(10.0, 0.4 + 3.6 * len(units))
     for number, unit in enumerate(units, start=1):
@@ -218,13 +210,13 @@ def _draw_curves(summary: SweepSummary, quantities: list[Quantity]) -> bytes:
     return encode_figure(figure)
 
 
-def _way_of(summary: SweptAxes) -> tuple[FloatArray, str]:
+def _way_of(sweep: Sweep) -> tuple[FloatArray, str]:
     """Return where poses are along a sweep ``(n,)``, and what to write below: the axis that moves,
     or the number of the pose.
     """
-    positions = np.array(summary["positions"], dtype=float)
+    positions = sweep.positions
     moving = [axis for axis in range(positions.shape[1]) if np.ptp(positions[:, axis]) > 0.0]
     if len(moving) == 1 and bool((np.diff(positions[:, moving[0]]) > 0.0).all()):
-        factor, word = SCENE_UNITS[summary["units"][moving[0]]]
-        return factor * positions[:, moving[0]], f"{summary['axes'][moving[0]]} [{word}]"
+        factor, word = SCENE_UNITS[sweep.units[moving[0]]]
+        return factor * positions[:, moving[0]], f"{sweep.axes[moving[0]]} [{word}]"
     return np.arange(1, len(positions) + 1, dtype=np.float64), "pose"

@@ -28,11 +28,18 @@ from headstock.app.tables.model_answers import (
     show_change,
     verdict_words,
 )
-from headstock.app.tables.sweep_quantities import limit_words, list_swept, sampled_error_words
+from headstock.app.tables.sweep_quantities import (
+    Quantity,
+    limit_words,
+    list_swept,
+    sampled_error_words,
+)
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
+from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.studies.comparison_summary import ComparisonSummary
-from headstock.studies.sweeps.files import Numbers, SweepSummary
+from headstock.studies.sweeps.results import SweepResults
 
 TEMPLATE, SCRIPT = "sweep_template.html", "sweep_maps.js"
 DIGITS = 6
@@ -41,94 +48,86 @@ EFFECTS_TEMPLATE = "effects_template.html"
 
 
 def render_sweep(
-    summary: SweepSummary, figures: Mapping[str, bytes], origin: ProvenanceSummary | None = None
+    results: SweepResults, figures: Mapping[str, bytes], origin: ProvenanceSummary | None = None
 ) -> str:
     """The page as HTML text that refers to nothing outside itself.
 
     Args:
-        summary: As ``summarise_sweep`` gives it.
         figures: Name to PNG, for browsers without scripts and for paper.
         origin: Where it comes from, as ``Provenance.summarise`` gives it.
     """
-    quantities = [
-        quantity for quantity in list_swept(summary) if np.isfinite(quantity.values).any()
-    ]
-    ranges = [
-        (float(np.nanmin(quantity.values)), float(np.nanmax(quantity.values)))
-        for quantity in quantities
-    ]
+    shown = [each for each in list_swept(results) if np.isfinite(each.values).any()]
+    ranges = [(float(np.nanmin(each.values)), float(np.nanmax(each.values))) for each in shown]
+    tracked = results.tracked
     return (
         report_environment()
         .get_template(TEMPLATE)
         .render(
-            s=summary,
-            error_notes=[*sampled_error_words(summary), *limit_words(summary)],
-            errors=_list_errors(summary),
+            results=results,
+            error_notes=[*sampled_error_words(results), *limit_words(results)],
+            errors=_list_errors(results),
             origin=origin,
-            quantities=list(zip(quantities, ranges, strict=True)),
+            quantities=list(zip(shown, ranges, strict=True)),
+            crossings={} if tracked is None else tracked.crossings,
+            tracking_breaks=0 if tracked is None else tracked.tracking_breaks,
             figures={name: base64.b64encode(image).decode() for name, image in figures.items()},
-            failed=sum(state == "failed" for state in summary["states"]),
-            unreachable=sum(state == "unreachable" for state in summary["states"]),
-            data=Markup(script_json(_page_data(summary))),
+            unreachable=results.states.count("unreachable"),
+            data=Markup(script_json(_page_data(results, shown))),
             style=Markup(read_asset(STYLE)),
             script=Markup(read_asset(SCRIPT)),
         )
     )
 
 
-def _list_errors(summary: SweepSummary) -> dict[str, float]:
+def _list_errors(results: SweepResults) -> dict[str, float]:
     """Name of a quantity to its largest known error."""
     found: dict[str, float] = {}
-    for sample in summary["sampled_errors"]:
-        sizes = {f"mode_{mode}": size for mode, size in sample["error_hz"].items()}
-        for name, errors in sample["error_um_per_kN"].items():
+    for sample in results.pose_errors:
+        sizes = {f"mode_{mode}": size for mode, size in sample.modes.items()}
+        for name, errors in sample.compliances.items():
             sizes |= {f"compliance_{name}_{direction}": size for direction, size in errors.items()}
         found |= {name: size for name, size in sizes.items() if size is not None}
     return found
 
 
-def _page_data(summary: SweepSummary) -> dict[str, object]:
+def _page_data(results: SweepResults, shown: Sequence[Quantity]) -> dict[str, object]:
     """Return what the script of a page of a sweep reads, numbers to six digits."""
-    factors = [SCENE_UNITS[unit] for unit in summary["units"]]
-    scaled = np.array(summary["positions"], dtype=float) * [factor for factor, _ in factors]
+    sweep = results.sweep
+    factors = [SCENE_UNITS[unit] for unit in sweep.units]
     return {
-        "kind": summary["kind"],
-        "axes": summary["axes"],
+        "kind": sweep.kind,
+        "axes": sweep.axes,
         "units": [word for _, word in factors],
-        "shape": summary["shape"],
-        "labels": summary["labels"],
-        "positions": _round(scaled.tolist()),
-        "states": summary["states"],
-        "errors": summary["errors"],
-        "modes": summary["mode_names"],
-        "frequencies": _round(summary["frequencies_hz"]),
+        "shape": sweep.shape,
+        "labels": sweep.labels,
+        "positions": _round(sweep.positions * [factor for factor, _ in factors]),
+        "states": results.states,
+        "errors": {str(number): error for number, error in enumerate(results.errors) if error},
+        "modes": results.mode_names,
+        "frequencies": _round(results.frequencies_hz),
         "quantities": [
-            {
-                "name": q.name,
-                "title": q.title,
-                "unit": q.unit,
-                "values": _round([None if np.isnan(v) else float(v) for v in q.values]),
-            }
-            for q in list_swept(summary)
-            if np.isfinite(q.values).any()
+            {"name": q.name, "title": q.title, "unit": q.unit, "values": _round(q.values)}
+            for q in shown
         ],
         "points": {
             name: {
-                "matrix": _round(point["compliance_um_per_kN"]),
-                "direction": _round(point["direction"]),
-                "largest": _round(point["largest_um_per_kN"]),
-                "weakest": point["weakest"],
-                "share": _round(point["weakest_share"]),
+                "matrix": _round(UM_PER_KN * point.compliance),
+                "direction": _round(point.direction),
+                "largest": _round(UM_PER_KN * point.largest),
+                "weakest": point.links,
+                "share": _round(point.link_shares),
             }
-            for name, point in summary["static"].items()
+            for name, point in results.points.items()
         },
     }
 
 
-def _round(value: Numbers) -> Numbers:
-    if isinstance(value, Sequence):
-        return [_round(item) for item in value]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+def _round(values: FloatArray) -> list[object]:
+    """Numbers to so many digits, nested as their array; None where there is none."""
+    return [
+        _round(item) if item.ndim else (float(f"{item:.{DIGITS}g}") if np.isfinite(item) else None)
+        for item in values
+    ]
 
 
 def render_comparison(summary: ComparisonSummary, figures: Mapping[str, bytes]) -> str:

@@ -2,18 +2,13 @@
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Literal
 
-import numpy as np
-
-from headstock.app.tables.table import PlainTable
+from headstock.app.tables.table import PlainTable, find_known
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import show_position
-from headstock.studies.sweeps.files import LimitMapSummary, Numbers, PointMapSummary, SweepSummary
-
-type LimitKey = Literal[
-    "lowest_mm", "lowest_rpm", "best_mm", "best_rpm", "at_common_best_mm", "chatter_hz"
-]
+from headstock.pipeline.answers.lobes import MM
+from headstock.pipeline.answers.static import UM_PER_KN
+from headstock.studies.sweeps.results import PointMap, SweepResults
 
 FIGURE_TITLES = {
     "minimum_dynamic_stiffness_N_per_um": ("minimum dynamic stiffness", "N/µm"),
@@ -22,7 +17,7 @@ FIGURE_TITLES = {
 }
 
 # ends of names and titles of what lobes say of each pose
-LIMIT_TITLES: tuple[tuple[str, LimitKey, str, str], ...] = (
+LIMIT_TITLES: tuple[tuple[str, str, str, str], ...] = (
     ("lowest", "lowest_mm", "lowest limit depth", "mm"),
     ("lowest_speed", "lowest_rpm", "speed of the lowest limit", "rpm"),
     ("best", "best_mm", "deepest limit", "mm"),
@@ -47,134 +42,104 @@ class Quantity:
     values: FloatArray
 
 
-def list_swept(summary: SweepSummary) -> list[Quantity]:
+def list_swept(results: SweepResults) -> list[Quantity]:
     """Return frequencies of tracked modes, compliances, condition number, figures of frequency
     responses and limits of cuts.
     """
-    condition = summary["condition_number"]
     quantities = [
-        *(
-            Quantity(f"mode_{number}", f"mode {number}", "Hz", values)
-            for number, values in enumerate(_columns(summary), start=1)
-        ),
-        *(
-            quantity
-            for point, entry in summary["static"].items()
-            for quantity in _list_compliances(point, entry)
-        ),
-        *(
-            []
-            if condition is None
-            else [_fill("condition_number", "condition number", "", condition)]
-        ),
+        Quantity(f"mode_{number}", f"mode {number}", "Hz", values)
+        for number, values in enumerate(results.frequencies_hz.T, start=1)
     ]
-    for channel, figures in summary["frf"].items():
+    for point, found in results.points.items():
+        quantities += _list_compliances(point, found)
+    if results.condition is not None:
+        quantities.append(Quantity("condition_number", "condition number", "", results.condition))
+    for channel, figures in results.responses.items():
         stem = f"frf_{channel.replace(' ', '_')}"
         quantities += [
-            _fill(f"{stem}_{key}", f"{title} at {channel}", unit, figures[key])
+            Quantity(f"{stem}_{key}", f"{title} at {channel}", unit, figures[key])
             for key, (title, unit) in FIGURE_TITLES.items()
         ]
-    for name, limits in summary["lobes"].items():
+    for name, limits in results.limits.items():
+        figures = limits.figures
         quantities += [
-            _fill(f"lobes_{name}_{stem}", f"{title}, travel {name}", unit, limits[key])
+            Quantity(f"lobes_{name}_{stem}", f"{title}, travel {name}", unit, figures[key])
             for stem, key, title, unit in LIMIT_TITLES
         ]
     return quantities
 
 
-def _list_compliances(point: str, entry: PointMapSummary) -> list[Quantity]:
-    stem, matrix = f"compliance_{point}", np.array(entry["compliance_um_per_kN"], dtype=float)
+def _list_compliances(point: str, found: PointMap) -> list[Quantity]:
+    matrix = UM_PER_KN * found.compliance
+    values = {
+        **{axis: (f"compliance {axis}", matrix[:, i, i]) for i, axis in enumerate(DIRECTIONS)},
+        "largest": ("largest compliance", UM_PER_KN * found.largest),
+    }
+    stem, ratio = f"compliance_{point}", f"largest over smallest compliance at {point}"
     return [
         *(
-            Quantity(f"{stem}_{axis}", f"compliance {axis} at {point}", "µm/kN", values)
-            for axis, values in zip(
-                DIRECTIONS, matrix.reshape(-1, 3, 3).diagonal(axis1=1, axis2=2).T, strict=True
-            )
+            Quantity(f"{stem}_{name}", f"{title} at {point}", "µm/kN", sizes)
+            for name, (title, sizes) in values.items()
         ),
-        _fill(
-            f"{stem}_largest", f"largest compliance at {point}", "µm/kN", entry["largest_um_per_kN"]
-        ),
-        _fill(f"{stem}_ratio", f"largest over smallest compliance at {point}", "", entry["ratio"]),
+        Quantity(f"{stem}_ratio", ratio, "", found.ratio),
     ]
 
 
-def _fill(name: str, title: str, unit: str, values: Numbers) -> Quantity:
-    return Quantity(name, title, unit, np.array(values, dtype=float))
-
-
-def limit_words(summary: SweepSummary) -> list[str]:
+def limit_words(results: SweepResults) -> list[str]:
     """Say what is stable in every pose, which modes limit it, and whether limits are confirmed; empty
     without lobes.
     """
     words = []
-    for name, limits in summary["lobes"].items():
-        if limits["common_best_mm"] is None:
+    for name, limits in results.limits.items():
+        best = limits.common_best
+        if best is None:
             continue
-        modes = Counter(mode for mode in limits["modes"] if mode)
+        modes = Counter(mode for mode in limits.modes if mode)
         often = ", ".join(f"{mode} ({count})" for mode, count in modes.most_common(3))
-        words.append(
-            f"travel {name}: {limits['common_best_mm']:.3g} mm are stable in every pose at {limits['common_best_rpm']:.0f} rpm"
-            f"{_end_of_range(limits)}; modes behind the lowest limits (poses): {often}"
+        # a better speed may lie beyond the end of the range
+        at_end = limits.rpm[best] in limits.rpm[[0, -1]]
+        end = (
+            ", where the speeds asked for end: a deeper cut may be stable beyond" if at_end else ""
         )
-    if words and not summary["limits_confirmed"]:
+        words.append(
+            f"travel {name}: {MM * limits.everywhere[best]:.3g} mm are stable in every pose at {limits.rpm[best]:.0f} rpm"
+            f"{end}; modes behind the lowest limits (poses): {often}"
+        )
+    if words and not results.limits_confirmed:
         words.append(
             "limits are those of a single frequency (the tool's receptance is measured); nothing confirms them"
         )
     return words
 
 
-def _end_of_range(limits: LimitMapSummary) -> str:
-    """That the best speed is where the range of speeds ends, so that a better one may lie beyond."""
-    if limits["common_best_rpm"] not in np.array(limits["rpm"], dtype=float)[[0, -1]]:
-        return ""
-    return ", where the speeds asked for end: a deeper cut may be stable beyond"
-
-
-def tabulate_sweep(summary: SweepSummary) -> PlainTable:
+def tabulate_sweep(results: SweepResults) -> PlainTable:
     """Tabulate a row per pose: its positions in SI, its state, every quantity with its unit in the head, and
     what gives most at each point.
     """
-    quantities = list_swept(summary)
-    labels = summary["labels"] or [""] * len(summary["positions"])
-    axes = [
-        f"{axis} [{unit}]" for axis, unit in zip(summary["axes"], summary["units"], strict=True)
-    ]
+    quantities, sweep = list_swept(results), results.sweep
+    labels = sweep.labels or [""] * len(sweep.positions)
+    axes = [f"{axis} [{unit}]" for axis, unit in zip(sweep.axes, sweep.units, strict=True)]
     names = [
         f"{quantity.name} [{quantity.unit.replace('µ', 'u')}]" if quantity.unit else quantity.name
         for quantity in quantities
     ]
-    weakest = [
-        (f"weakest {axis} at {name}", point["weakest"])
-        for name, point in summary["static"].items()
-        for axis in "xyz"
-    ]
-    rows = []
-    for number, (positions, label, state) in enumerate(
-        zip(summary["positions"], labels, summary["states"], strict=True)
-    ):
-        values = [
-            float(quantity.values[number]) if np.isfinite(quantity.values[number]) else None
-            for quantity in quantities
-        ]
-        links = [links[number][place % 3] or None for place, (_, links) in enumerate(weakest)]
-        rows.append(
-            (
-                number + 1,
-                label or None,
-                *positions,
-                state,
-                *values,
-                *links,
-                summary["errors"].get(str(number)),
-            )
+    weakest = [f"weakest {axis} at {name}" for name in results.points for axis in DIRECTIONS]
+    rows = tuple(
+        (
+            number + 1,
+            label or None,
+            *positions,
+            results.states[number],
+            *(find_known(quantity.values[number]) for quantity in quantities),
+            *(part or None for point in results.points.values() for part in point.links[number]),
+            results.errors[number] or None,
         )
-    heads = ("pose", "name", *axes, "state", *names, *(heading for heading, _ in weakest), "error")
-    return PlainTable("sweep", heads, tuple(rows))
-
-
-def _columns(summary: SweepSummary) -> list[FloatArray]:
-    table = np.array(summary["frequencies_hz"], dtype=float)
-    return list(table.T) if table.ndim == 2 else []
+        for number, (positions, label) in enumerate(
+            zip(sweep.positions.tolist(), labels, strict=True)
+        )
+    )
+    heads = ("pose", "name", *axes, "state", *names, *weakest, "error")
+    return PlainTable("sweep", heads, rows)
 
 
 def _list_numbers(numbers: list[int]) -> str:
@@ -190,28 +155,24 @@ def _list_numbers(numbers: list[int]) -> str:
     )
 
 
-def sampled_error_words(summary: SweepSummary) -> list[str]:
+def sampled_error_words(results: SweepResults) -> list[str]:
     """In which poses errors were estimated, and what is not in them; empty where there are none."""
-    words = []
-    for sample in summary["sampled_errors"]:
+    words, sweep = [], results.sweep
+    for sample in results.pose_errors:
         place = ", ".join(
             f"{axis} {show_position(value, unit)}"
             for axis, value, unit in zip(
-                summary["axes"], summary["positions"][sample["pose"]], summary["units"], strict=True
+                sweep.axes, sweep.positions[sample.pose].tolist(), sweep.units, strict=True
             )
         )
-        modes = sample["error_hz"]
-        plural = "s" if len(modes) > 1 else ""
-        what = [f"mode{plural} {_list_numbers(list(map(int, modes)))}"] * any(
-            size is not None for size in modes.values()
+        plural = "s" if len(sample.modes) > 1 else ""
+        what = [f"mode{plural} {_list_numbers([*sample.modes])}"] * any(
+            size is not None for size in sample.modes.values()
         )
-        points = sample["error_um_per_kN"]
         what += ["compliances"] * any(
-            size is not None for errors in points.values() for size in errors.values()
+            size is not None for errors in sample.compliances.values() for size in errors.values()
         )
-        left = (
-            f"; not in ±: {'; '.join(sample['error_left_out'])}" if sample["error_left_out"] else ""
-        )
+        left = f"; not in ±: {'; '.join(sample.left_out)}" if sample.left_out else ""
         if what:
             words.append(
                 f"± of {' and '.join(what)} covers 95 % of errors in pose {place}, and was estimated in no other{left}"

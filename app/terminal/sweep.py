@@ -18,11 +18,11 @@ from headstock.app.terminal.console import (
 )
 from headstock.app.texts.bounded_values import show_bound
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.planning.budgets import lobes_seconds
 from headstock.scene.analyses.lobes import LobesRequest
 from headstock.scene.studies import describe_positions, moving_axes
-from headstock.studies.sweeps.files import PointMapSummary, SweepSummary
-from headstock.studies.sweeps.results import SweepResults
+from headstock.studies.sweeps.results import PointMap, SweepResults
 from headstock.studies.sweeps.runs import SweepJob
 
 FAILED_SHOWN = 20
@@ -54,45 +54,36 @@ def print_sweep_header(job: SweepJob, *, ranks: int) -> None:
         )
 
 
-def print_sweep(
-    summary: SweepSummary, results: SweepResults, *, computed: int, seconds: float, folder: object
-) -> None:
+def print_sweep(results: SweepResults, *, computed: int, seconds: float, folder: object) -> None:
     """Ranges of every quantity and where they lie.
 
     Args:
-        summary: Content of ``sweep.json``.
         computed: How many poses this call computed.
         seconds: That it took [s].
     """
     console = make_console()
     console.print()
     if results.frequencies_hz.shape[1]:
-        print_table(
-            console, "Natural modes, tracked from pose to pose [Hz]", _mode_table(summary, results)
-        )
-    for crossing in summary["crossings"]:
-        one, other = crossing["modes"]
+        print_table(console, "Natural modes, tracked from pose to pose [Hz]", _mode_table(results))
+    crossings = {} if results.tracked is None else results.tracked.crossings
+    for (one, other), count in crossings.items():
         console.print(
-            f"modes {one} and {other} cross between {counted(crossing['between_neighbours'], 'pair')} of neighbouring poses"
+            f"modes {one + 1} and {other + 1} cross between {counted(count, 'pair')} of neighbouring poses"
         )
-    for name, point in summary["static"].items():
-        samples = [
-            sample["error_um_per_kN"]
-            for sample in summary["sampled_errors"]
-            if sample["error_um_per_kN"]
-        ]
+    for name, point in results.points.items():
+        samples = [sample.compliances for sample in results.pose_errors if sample.compliances]
         errors = samples[0][name] if samples else {}
         print_table(
             console, f"Static compliance at {name} [µm/kN]", _point_table(point, results, errors)
         )
-    for words in sampled_error_words(summary):
+    for words in sampled_error_words(results):
         console.print(words, markup=False)
-    for words in limit_words(summary):
+    for words in limit_words(results):
         console.print(words, markup=False)
     _print_states(results)
     print_remarks(results.warnings)
     console.print(
-        f"{summary['status']} in {seconds:.2f} s, {_describe_poses(len(results.states), computed)}, results in {folder}",
+        f"{results.status} in {seconds:.2f} s, {_describe_poses(len(results.states), computed)}, results in {folder}",
         style="bold",
         markup=False,
     )
@@ -108,12 +99,8 @@ def _describe_poses(total: int, computed: int) -> str:
     return f"{counted(computed, 'pose')} computed, {found}" if computed else found
 
 
-def _mode_table(summary: SweepSummary, results: SweepResults) -> Table:
-    errors = {
-        int(mode): size
-        for sample in summary["sampled_errors"]
-        for mode, size in sample["error_hz"].items()
-    }
+def _mode_table(results: SweepResults) -> Table:
+    errors = {mode: size for sample in results.pose_errors for mode, size in sample.modes.items()}
     known = any(size is not None for size in errors.values())
     table = make_table(
         ">no.",
@@ -154,13 +141,13 @@ def _mode_table(summary: SweepSummary, results: SweepResults) -> Table:
 
 
 def _point_table(
-    point: PointMapSummary, results: SweepResults, errors: Mapping[str, float | None]
+    point: PointMap, results: SweepResults, errors: Mapping[str, float | None]
 ) -> Table:
     known = any(size is not None for size in errors.values())
     table = make_table("", ">lowest", "<at", ">highest", "<at", *(["<±"] if known else []))
-    matrix = np.array(point["compliance_um_per_kN"], dtype=float)
+    matrix = UM_PER_KN * point.compliance
     rows = {direction: matrix[:, place, place] for place, direction in enumerate("xyz")}
-    rows["largest"] = np.array(point["largest_um_per_kN"], dtype=float)
+    rows["largest"] = UM_PER_KN * point.largest
     for name, values in rows.items():
         cells = _range_cells(values, results, "{:.4g}")
         shown = name in errors and np.isfinite(values).any()

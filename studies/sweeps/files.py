@@ -3,24 +3,20 @@ interrupted.
 """
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Literal, NotRequired, TypedDict
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
-from headstock.pipeline.answers.lobes import MM, RPM
-from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
-from headstock.pipeline.numbers.estimates import Estimate
-from headstock.pipeline.numbers.numbers import Key
+from headstock.pipeline.answers.answer import Entry
+from headstock.pipeline.answers.lobes import MM
+from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.results.files import mark_units
 from headstock.pipeline.storage.outputs import write_output
-from headstock.pipeline.storage.provenance import ProvenanceSummary
-from headstock.scene.studies import SweepKind
-from headstock.studies.sweeps.journals import FIGURES, PoseState
-from headstock.studies.sweeps.results import LimitMap, PointMap, SweepResults
+from headstock.studies.sweeps.journals import FIGURES
+from headstock.studies.sweeps.results import LimitMap, PointMap, PoseErrors, SweepResults
 
 # nested like the dimensions of an array, None for NaN
 type Numbers = float | None | Sequence[Numbers]
@@ -112,100 +108,17 @@ def _words(words: tuple[str, ...] | list[str], shape: tuple[int, ...] = (-1,)) -
     return np.char.encode(np.array(words, dtype=str), "utf-8").reshape(shape)
 
 
-class _SampleSummary(TypedDict):
-    """Errors in a pose: of modes by their number [Hz], of compliances by point and direction x, y,
-    z.
+def summarise_sweep(results: SweepResults) -> Entry:
+    """Return the content of ``sweep.json``; the first dimension of numbers is the pose, errors have its
+    number as key, null where there is nothing.
     """
-
-    pose: int
-    error_hz: dict[str, float | None]
-    error_um_per_kN: dict[str, dict[str, float | None]]
-    error_left_out: list[str]
-
-
-class _CrossingSummary(TypedDict):
-    """Two modes, numbered from 1, and between how many pairs of neighbouring poses they cross."""
-
-    modes: list[int]
-    between_neighbours: int
-
-
-class PointMapSummary(TypedDict):
-    """Compliance at a point; the first dimension of everything is the pose."""
-
-    compliance_um_per_kN: Numbers
-    largest_um_per_kN: Numbers
-    direction: Numbers
-    ratio: Numbers
-    weakest: list[list[str]]
-    weakest_share: Numbers
-
-
-class LimitMapSummary(TypedDict):
-    """Limit depth of cut of a direction of travel over the poses, its vector in each of them, and the depth that is stable in all
-    of them over the speeds; every speed of every pose is in ``sweep.h5``. The common best speed is
-    the one whose limit is deepest in the worst pose.
-    """
-
-    directions: Numbers
-    lowest_mm: Numbers
-    lowest_rpm: Numbers
-    best_mm: Numbers
-    best_rpm: Numbers
-    chatter_hz: Numbers
-    modes: list[str]
-    rpm: Numbers
-    everywhere_mm: Numbers
-    common_best_mm: float | None
-    common_best_rpm: float | None
-    at_common_best_mm: Numbers
-
-
-class SweptAxes(TypedDict):
-    """Axes that are set, the unit ``m`` or ``rad`` of each, and its position in every pose."""
-
-    axes: list[str]
-    units: list[str]
-    positions: list[list[float]]
-
-
-class SweepSummary(SweptAxes):
-    """The content of ``sweep.json``; the first dimension of numbers is the pose, errors have its
-    number as key.
-    """
-
-    name: str
-    sweep: str
-    kind: SweepKind
-    status: Literal["done", "failed"]
-    shape: list[int]
-    labels: list[str]
-    states: list[PoseState]
-    errors: dict[str, str]
-    frequencies_hz: Numbers
-    mode_names: list[str]
-    sampled_errors: list[_SampleSummary]
-    correlation: Numbers
-    crossings: list[_CrossingSummary]
-    tracking_breaks: int
-    static: dict[str, PointMapSummary]
-    condition_number: Numbers
-    frf: dict[str, dict[str, Numbers]]
-    lobes: dict[str, LimitMapSummary]
-    limits_confirmed: bool
-    warnings: list[str]
-    provenance: NotRequired[ProvenanceSummary]
-
-
-def summarise_sweep(results: SweepResults) -> SweepSummary:
-    """The sweep as JSON: what is printed and drawn; null where there is nothing."""
     sweep = results.sweep
     crossings = {} if results.tracked is None else results.tracked.crossings
     return {
         "name": results.name,
         "sweep": sweep.name,
         "kind": sweep.kind,
-        "status": "failed" if results.failed else "done",
+        "status": results.status,
         "axes": list(sweep.axes),
         "units": list(sweep.units),
         "shape": list(sweep.shape),
@@ -215,7 +128,7 @@ def summarise_sweep(results: SweepResults) -> SweepSummary:
         "errors": {str(number): error for number, error in enumerate(results.errors) if error},
         "frequencies_hz": _nulls(results.frequencies_hz),
         "mode_names": list(results.mode_names),
-        "sampled_errors": [_summarise_errors(*sample) for sample in results.sampled_errors.items()],
+        "sampled_errors": [*map(_summarise_errors, results.pose_errors)],
         "correlation": [] if results.tracked is None else _nulls(results.tracked.correlation),
         "crossings": [
             {"modes": [one + 1, other + 1], "between_neighbours": count}
@@ -225,8 +138,8 @@ def summarise_sweep(results: SweepResults) -> SweepSummary:
         "static": {name: _summarise_point(point) for name, point in results.points.items()},
         "condition_number": None if results.condition is None else _nulls(results.condition),
         "frf": {
-            " ".join(channel): _summarise_figures(values)
-            for channel, values in results.figures.items()
+            channel: {name: _nulls(values) for name, values in figures.items()}
+            for channel, figures in results.responses.items()
         },
         "lobes": {name: _summarise_limits(limits) for name, limits in results.limits.items()},
         "limits_confirmed": results.limits_confirmed,
@@ -234,24 +147,16 @@ def summarise_sweep(results: SweepResults) -> SweepSummary:
     }
 
 
-def _summarise_errors(pose: int, errors: Mapping[Key, Estimate]) -> _SampleSummary:
-    summary: _SampleSummary = {
-        "pose": pose,
-        "error_hz": {},
-        "error_um_per_kN": {},
-        "error_left_out": sorted({words for each in errors.values() for words in each.left_out}),
+def _summarise_errors(errors: PoseErrors) -> Entry:
+    return {
+        "pose": errors.pose,
+        "error_hz": {str(mode): size for mode, size in errors.modes.items()},
+        "error_um_per_kN": errors.compliances,
+        "error_left_out": errors.left_out,
     }
-    for key, error in errors.items():
-        total = error.total
-        if key.kind == "frequency":
-            summary["error_hz"][str(key["mode"])] = total
-        else:
-            point = summary["error_um_per_kN"].setdefault(str(key["point"]), {})
-            point[str(key["direction"])] = None if total is None else UM_PER_KN * total
-    return summary
 
 
-def _summarise_point(point: PointMap) -> PointMapSummary:
+def _summarise_point(point: PointMap) -> Entry:
     return {
         "compliance_um_per_kN": _nulls(UM_PER_KN * point.compliance),
         "largest_um_per_kN": _nulls(UM_PER_KN * point.largest),
@@ -262,41 +167,22 @@ def _summarise_point(point: PointMap) -> PointMapSummary:
     }
 
 
-def _summarise_limits(limits: LimitMap) -> LimitMapSummary:
-    rpm, everywhere = RPM * limits.speeds, MM * limits.everywhere
-    looked = np.isfinite(limits.depths)
-    looked_at = np.asarray(looked.any(axis=1))
-    low, high = (np.where(looked, limits.depths, side) for side in (np.inf, -np.inf))
-    best = int(np.nanargmax(everywhere)) if np.isfinite(everywhere).any() else None
+def _summarise_limits(limits: LimitMap) -> Entry:
+    rpm, everywhere, best = limits.rpm, MM * limits.everywhere, limits.common_best
+    found = {name: _nulls(values) for name, values in limits.figures.items()}
+    at_common_best = found.pop("at_common_best_mm")
+    chatter = found.pop("chatter_hz")
     return {
         "directions": _nulls(limits.directions),
-        "lowest_mm": _nulls(np.where(looked_at, MM * low.min(axis=1), np.nan)),
-        "lowest_rpm": _nulls(np.where(looked_at, rpm[np.argmin(low, axis=1)], np.nan)),
-        "best_mm": _nulls(np.where(looked_at, MM * high.max(axis=1), np.nan)),
-        "best_rpm": _nulls(np.where(looked_at, rpm[np.argmax(high, axis=1)], np.nan)),
-        "chatter_hz": _nulls(limits.chatter_hz),
+        **found,
+        "chatter_hz": chatter,
         "modes": list(limits.modes),
         "rpm": _nulls(rpm),
         "everywhere_mm": _nulls(everywhere),
         "common_best_mm": None if best is None else float(everywhere[best]),
         "common_best_rpm": None if best is None else float(rpm[best]),
-        "at_common_best_mm": _nulls(
-            np.full(len(looked_at), np.nan) if best is None else MM * limits.depths[:, best]
-        ),
+        "at_common_best_mm": at_common_best,
     }
-
-
-def _summarise_figures(values: FloatArray) -> dict[str, Numbers]:
-    scales = {
-        "most_negative_real": ("_um_per_kN", UM_PER_KN),
-        "chatter_limit": ("_N_per_um", N_PER_UM),
-        "minimum_dynamic_stiffness": ("_N_per_um", N_PER_UM),
-    }
-    summary = {}
-    for column, name in enumerate(FIGURES):
-        suffix, scale = scales.get(name, ("", 1.0))
-        summary[name + suffix] = _nulls(scale * values[:, column])
-    return summary
 
 
 def _nulls(values: FloatArray) -> Numbers:

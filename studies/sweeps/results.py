@@ -6,14 +6,15 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.lobes import MM, RPM
 from headstock.pipeline.answers.modal import PoseModes
-from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
-from headstock.pipeline.numbers.estimates import Estimate
+from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN, PointCompliance, StaticAnswer
+from headstock.pipeline.numbers.estimates import Estimate, list_left_out, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, Numbers, make_key
 from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
 from headstock.pipeline.stages.mechanism import pose_machine
@@ -37,6 +38,12 @@ from headstock.solvers.second_order import Channel
 from headstock.studies.sweeps.journals import FIGURES, PoseResult, PoseState, SingleArray
 
 MOST_SHOWN = 6  # modes of a sweep in a notebook
+# of a frequency response to the end of its name with the unit, and the factor from SI
+FIGURE_UNITS = {
+    "most_negative_real": ("_um_per_kN", UM_PER_KN),
+    "chatter_limit": ("_N_per_um", N_PER_UM),
+    "minimum_dynamic_stiffness": ("_N_per_um", N_PER_UM),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +90,45 @@ class LimitMap:
         """``(s,)`` depth that is stable in every pose at a speed [m]; NaN where one was not looked at."""
         looked_at = self.depths[np.isfinite(self.depths).any(axis=1)]
         return looked_at.min(axis=0) if len(looked_at) else np.full(len(self.speeds), np.nan)
+
+    @property
+    def rpm(self) -> FloatArray:
+        """``(s,)`` speeds [rev/min]."""
+        return RPM * self.speeds
+
+    @property
+    def common_best(self) -> int | None:
+        """Index of the speed whose limit is deepest in the worst pose; None without a limit."""
+        everywhere = self.everywhere
+        return int(np.nanargmax(everywhere)) if np.isfinite(everywhere).any() else None
+
+    @property
+    def figures(self) -> dict[str, FloatArray]:
+        """Limits of each pose and their speeds by name with the unit ``(n,)``; NaN where none was looked for."""
+        looked, best = np.isfinite(self.depths), self.common_best
+        low, high = (np.where(looked, self.depths, side) for side in (np.inf, -np.inf))
+        extremes = {
+            "lowest_mm": MM * low.min(axis=1),
+            "lowest_rpm": self.rpm[np.argmin(low, axis=1)],
+            "best_mm": MM * high.max(axis=1),
+            "best_rpm": self.rpm[np.argmax(high, axis=1)],
+        }
+        known = looked.any(axis=1)
+        return {name: np.where(known, values, np.nan) for name, values in extremes.items()} | {
+            "chatter_hz": self.chatter_hz,
+            "at_common_best_mm": np.full(len(known), np.nan)
+            if best is None
+            else MM * self.depths[:, best],
+        }
+
+
+class PoseErrors(NamedTuple):
+    """± in a pose: of modes by their number [Hz], of compliances by point and direction [um/kN]."""
+
+    pose: int
+    modes: dict[int, float | None]
+    compliances: dict[str, dict[str, float | None]]
+    left_out: list[str]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -194,6 +240,45 @@ class SweepResults(Displayed):
             yield Number(key, lowest, "m")
             key = make_key("chatter_frequency", pose=pose, direction=direction)
             yield Number(key, float(limits.chatter_hz[place]), "Hz")
+
+    def without_shapes(self) -> "SweepResults":
+        """Return what is drawn of it, without large arrays."""
+        modes, none = self.modes, np.zeros((0, 0, 0), dtype=np.float32)
+        return dataclasses.replace(
+            self, shapes=none, modes=modes and dataclasses.replace(modes, fields=none)
+        )
+
+    @property
+    def status(self) -> Literal["done", "failed"]:
+        """``failed`` where a pose failed."""
+        return "failed" if self.failed else "done"
+
+    @property
+    def responses(self) -> dict[str, dict[str, FloatArray]]:
+        """Input port to what its frequency response says of each pose, by name with the unit ``(n,)``."""
+        return {
+            " ".join(channel): {
+                f"{name}{ending}": scale * values[:, column]
+                for column, name in enumerate(FIGURES)
+                for ending, scale in [FIGURE_UNITS.get(name, ("", 1.0))]
+            }
+            for channel, values in self.figures.items()
+        }
+
+    @property
+    def pose_errors(self) -> list[PoseErrors]:
+        """± of the poses in which they were estimated."""
+        found = []
+        for pose, errors in self.sampled_errors.items():
+            own = PoseErrors(pose, {}, {}, list_left_out(errors.values()))
+            for key, error in errors.items():
+                if key.kind == "frequency":
+                    own.modes[int(key["mode"])] = error.total
+                else:
+                    point = own.compliances.setdefault(str(key["point"]), {})
+                    point[str(key["direction"])] = scale_total(error, UM_PER_KN)
+            found.append(own)
+        return found
 
     @property
     def failed(self) -> tuple[int, ...]:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,11 +21,11 @@ from headstock.app.report.pages import render_comparison
 from headstock.app.texts.curves import response_unit, round_ticks
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.results.summary import RunSummary
-from headstock.scene.studies import Study, StudyFamily
+from headstock.scene.studies import Study, StudyFamily, Sweep
 from headstock.studies.comparison_summary import ComparisonSummary, _LinkSummary
 from headstock.studies.parameters.records import StudyRecord
 from headstock.studies.parameters.tables import StudyTable, tabulate_study, varied_numbers
-from headstock.studies.sweeps.files import SweepSummary
+from headstock.studies.sweeps.results import SweepResults
 from headstock.validation.machines.axis_kit_cases import (
     CASE,
     FIDELITIES,
@@ -244,21 +243,29 @@ def test_a_comparison_of_single_parts_names_no_weak_links() -> None:
 
 
 def test_colour_bars_of_a_sweep_hold_whole_numbers_not_offsets(figures: list[Figure]) -> None:
-    summary: dict[str, Any] = {
-        "kind": "grid",
-        "axes": ["X", "Y"],
-        "units": ["m", "rad"],
-        "shape": [2, 2],
-        "positions": [[0.0, 0.0], [0.0, 1.0], [0.1, 0.0], [0.1, 1.0]],
-        "frequencies_hz": [[1.10801], [1.10802], [1.10803], [1.10804]],
-        "static": {},
-        "condition_number": None,
-        "frf": {},
-        "lobes": {},
-        "limits_checked": 0,
-        "limits_confirmed": 0,
-    }
-    draw_sweep(sketch(SweepSummary, summary), {})
+    sweep = Sweep(
+        name="plane",
+        kind="grid",
+        axes=("X", "Y"),
+        units=("m", "rad"),
+        positions=np.array([[0.0, 0.0], [0.0, 1.0], [0.1, 0.0], [0.1, 1.0]]),
+        shape=(2, 2),
+    )
+    draw_sweep(
+        SweepResults(
+            name="machine",
+            key="",
+            sweep=sweep,
+            states=("done",) * 4,
+            errors=("",) * 4,
+            modes=None,
+            tracked=None,
+            shapes=np.zeros((4, 0, 0), dtype=np.float32),
+            points={},
+            condition=np.array([1.10801, 1.10802, 1.10803, 1.10804]),
+            figures={},
+        )
+    )
     bar = figures[0].axes[1]
     assert bar.yaxis.get_offset_text().get_text() == ""
     labels = [float(label.get_text()) for label in bar.get_yticklabels() if label.get_text()]

@@ -78,7 +78,7 @@ def test_a_straight_path_has_the_limits_of_a_fixed_direction_there_and_back(tmp_
         np.testing.assert_array_equal(file["lobes/feed/directions"], feed.directions)
     summary = summarise_sweep(results)
     assert summary["lobes"]["feed"]["directions"] == feed.directions.tolist()
-    assert any(words.startswith("travel feed:") for words in limit_words(summary))
+    assert any(words.startswith("travel feed:") for words in limit_words(results))
 
 
 def test_on_a_circle_limits_are_those_of_the_axes_and_of_the_diagonal(tmp_path: Path) -> None:
