@@ -14,6 +14,7 @@ from headstock.solvers.linear.response_forms import SINGULAR, UNSEEN, RestTerms,
 from headstock.solvers.second_order import ComplexArray
 
 LARGEST_RANK = 1.0 / 8.0  # dampers over modes: from here on a sum over poles costs no more
+MANY_DAMPERS = 1.0 / 3.0  # the same: from here on a solve per frequency costs no more
 ROUNDOFF = 1e-13  # of the largest entry: what a factorisation of the damping may leave
 # |omega_k^2 - omega^2| over omega^2 below which a mode is not eliminated: it would cost as many
 # digits
@@ -154,12 +155,17 @@ class DamperSum:
         return np.asarray(response)
 
 
-def sum_over_dampers(coordinates: ModalCoordinates) -> DamperSum | None:
+def sum_over_dampers(
+    coordinates: ModalCoordinates, largest_rank: float = LARGEST_RANK
+) -> DamperSum | None:
     """Return the sum for damping of low rank; None where too many dampers couple the modes.
 
     Low rank is what is left of a damping matrix when damping that couples no modes (one damping
     ratio, one loss factor, one mass- or stiffness-proportional part for most of the machine) is
     taken out.
+
+    Args:
+        largest_rank: Dampers over modes.
 
     Source: Woodbury (1950), Inverting modified matrices; Ozguven (1987), J. Sound Vib. 117,
     313-328, for structural modifications of
@@ -168,12 +174,12 @@ def sum_over_dampers(coordinates: ModalCoordinates) -> DamperSum | None:
     undamped = not damps_rigid_motion(coordinates)
     taken = slice(coordinates.rigid_count if undamped else 0, None)
     omega = coordinates.omega[taken]
-    viscous = _split(coordinates.viscous, taken, omega, powers=(0.5, 0.0, 1.0))
-    hysteretic = _split(coordinates.hysteretic, taken, omega, powers=(1.0,))
+    viscous = _split(coordinates.viscous, taken, omega, (0.5, 0.0, 1.0), largest_rank)
+    hysteretic = _split(coordinates.hysteretic, taken, omega, (1.0,), largest_rank)
     if (
         viscous is None
         or hysteretic is None
-        or len(viscous.strengths) + len(hysteretic.strengths) > LARGEST_RANK * len(omega)
+        or len(viscous.strengths) + len(hysteretic.strengths) > largest_rank * len(omega)
     ):
         return None
     rest = rest_terms(coordinates)
@@ -228,7 +234,11 @@ def _whole(dampers: _CoupledDampers) -> FloatArray:
 
 
 def _split(
-    matrix: FloatArray | None, taken: slice, omega: FloatArray, powers: tuple[float, ...]
+    matrix: FloatArray | None,
+    taken: slice,
+    omega: FloatArray,
+    powers: tuple[float, ...],
+    largest_rank: float,
 ) -> _CoupledDampers | None:
     """Return the damping of few dampers, apart from one that is proportional to a power of the
     modes' frequencies.
@@ -239,7 +249,7 @@ def _split(
     block = matrix[taken, taken]
     limit = ROUNDOFF * count * float(np.abs(block).max(initial=0.0))
     factor, pivots, rank, _ = dpstrf(block, tol=limit, lower=1)
-    if rank <= LARGEST_RANK * count:
+    if rank <= largest_rank * count:
         factors = np.zeros((count, rank))
         factors[np.asarray(pivots) - 1] = np.tril(factor)[:, :rank]
         if np.abs(block - factors @ factors.T).max(initial=0.0) <= limit:
@@ -258,7 +268,7 @@ def _split(
             common * scale**2, scale[:, None] * vectors[:, apart], levels[apart] - common
         )
         if (
-            len(dampers.strengths) <= LARGEST_RANK * count
+            len(dampers.strengths) <= largest_rank * count
             and np.abs(block - _whole(dampers)).max(initial=0.0) <= limit
         ):
             return dampers

@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
-from headstock.solvers.linear.damper_sum import DamperSum, sum_over_dampers
+from headstock.solvers.linear.damper_sum import MANY_DAMPERS, DamperSum, sum_over_dampers
 from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.linear.modal_coordinates import (
     ModalCoordinates,
@@ -137,7 +137,7 @@ def prepare_frf(
     All modes of the (reduced) system are used, so nothing is truncated; without dampers that couple
     modes the response is a sum over real modes; with few of them each frequency takes a solve of
     their number besides; with many it is a sum over poles, and for unsymmetric terms or critical
-    damping a solve per frequency. A sum over poles is compared with direct solves at a few
+    damping by many dampers a solve per frequency. A sum over poles is compared with direct solves at a few
     frequencies before it is used.
 
     Args:
@@ -238,8 +238,10 @@ def _choose_form(
     try:
         form = sum_over_poles(coordinates)
     except AccuracyError:
-        return direct
-    return form if _agrees(form, direct) else direct
+        form = None
+    if form is not None and _agrees(form, direct):
+        return form
+    return sum_over_dampers(coordinates, MANY_DAMPERS) or direct
 
 
 def _agrees(form: PoleSum, direct: DirectResponse) -> bool:
