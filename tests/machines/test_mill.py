@@ -60,10 +60,10 @@ def test_the_whole_rigid_machine_on_its_shoes_bounds_the_first_mode(rigid: hs.Re
 
     bodies = [  # masses [kg] and heights above the shoes [m]
         (1000.0, 0.2),
-        (casting(0.42, 0.36, 1.16, 0.02, 0.025), 0.98),
-        (casting(0.34, 0.29, 0.38, 0.016, 0.016), 1.19),
-        (casting(0.66, 0.38, 0.13, 0.016, 0.016), 0.513),
-        (casting(0.6, 0.32, 0.1, 0.016, 0.02), 0.67),
+        (casting(0.4, 0.38, 1.16, 0.022, 0.025), 0.98),
+        (casting(0.4, 0.29, 0.38, 0.016, 0.016), 1.19),
+        (casting(0.66, 0.34, 0.13, 0.016, 0.016), 0.513),
+        (casting(0.6, 0.36, 0.1, 0.016, 0.02), 0.67),
         (steel * np.pi / 4.0 * (0.18**2 - 0.11**2) * 0.34, 1.18),
         (steel * np.pi / 4.0 * (0.06**2 - 0.022**2) * 0.43, 1.165),
     ]
@@ -77,9 +77,9 @@ def test_the_whole_rigid_machine_on_its_shoes_bounds_the_first_mode(rigid: hs.Re
 def test_its_castings_take_a_mill_s_share_of_the_stiffness(rigid: hs.Results) -> None:
     coarse = hs.run(hs.load(MILL, variant="coarse", set=POSE), analyses=["static", "modal"])
     elastic, stiff = (1e9 * np.diag(r.compliance["tcp"])[:3] for r in (coarse, rigid))
-    assert (elastic > 1.1 * stiff).all() and (elastic < 2.0 * stiff).all()
+    assert (elastic > 1.2 * stiff).all() and (elastic < 2.5 * stiff).all()
     per_um = 1e3 / elastic
-    assert ((per_um > 20.0) & (per_um < 80.0)).all()  # N/um, of a small machining centre
+    assert ((per_um > 15.0) & (per_um < 60.0)).all()  # N/um, of a small machining centre
     first = coarse.modes["reference"].frequencies_hz
     assert 40.0 < first[0] < rigid.modes["reference"].frequencies_hz[0]
     assert (first[:6] < 1.02 * rigid.modes["reference"].frequencies_hz[:6]).all()
