@@ -5,7 +5,7 @@ do not execute is parsed and checked here.
 | --- | --- | --- |
 | commands in blocks | parsed; scenes load, and have what is named | `test_documents.py`, pages of EXECUTED; others take minutes |
 | commands of benchmarks | file and options exist | nothing: they run for minutes to hours |
-| TOML | joined with a scene that has its names, loaded and checked | `test_target_files.py` and `test_includes.py`: IN_OTHER_TESTS |
+| TOML | joined with a scene that has its names, loaded and checked | `test_target_files.py`, `test_includes.py`, `test_examples.py`: IN_OTHER_TESTS |
 | Python | compiled | `test_python_document.py`, `test_mechanism_document.py`, `test_documents.py`, but for NOT_EXECUTED |
 """
 
@@ -43,6 +43,7 @@ PAGES = [
     ),
 ]
 BLOCK = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+INCLUDED = re.compile(r'^--8<-- "(.*)"$', re.MULTILINE)
 INDENTED = re.compile(r"^    (\S.*)$", re.MULTILINE)
 INLINE = re.compile(r"`([^`\n]+)`")
 # what begins a command of the program, behind variables and programs that start others
@@ -119,11 +120,14 @@ BASES = {
 }
 OTHER_PAGES = [Base(DATA), Base(CANTILEVER), Base(THREE_AXIS)]
 # lines of files that are no scenes, and of scenes in several files
-IN_OTHER_TESTS = ("[cases.R]", "include = [", "[components.spindle]")
+IN_OTHER_TESTS = ("[cases.R]", "include = [", "[components.spindle]", 'name = "Table on a bed"')
 
 
 def blocks(page: str, *kinds: str) -> list[str]:
-    return [text for kind, text in BLOCK.findall((ROOT / page).read_text()) if kind in kinds]
+    text = INCLUDED.sub(
+        lambda found: (ROOT / found[1]).read_text().strip(), (ROOT / page).read_text()
+    )
+    return [block for kind, block in BLOCK.findall(text) if kind in kinds]
 
 
 def commands(page: str) -> Iterator[str]:
