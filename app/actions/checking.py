@@ -53,8 +53,8 @@ def check_command(options: CheckOptions) -> int:
     parts = [counted(len(machine.components), "component"), counted(len(machine.joints), "joint")]
     parts += [counted(len(machine.axes), "axis", "axes"), counted(len(machine.points), "point")]
     console.print(f"{options.scene}: ok: {scene.name}: {', '.join(parts)}", markup=False)
-    print_assumptions(scene.assumptions)
     print_remarks(warnings)
+    print_assumptions(scene.assumptions)
     _write(options, warnings=warnings, assumptions=scene.assumptions)
     return DONE
 

@@ -93,9 +93,9 @@ def _choose_scene(options: ConvergeOptions, folder: Path) -> SceneChoice:
         raise click.UsageError(f"{error}; see what `headstock show {chosen.path}` says") from error
     doubt = doubt_size(chosen.path, max(survey.size))
     name = f"{chosen.path.stem}.toml"
-    text = write_part_scene(chosen.path, survey, name, solid=solid, free=options.free).replace(
-        "#:schema ./scene.schema.json\n", ""
-    )
+    text = write_part_scene(
+        chosen.path, survey, name, solid=solid, free=options.free, accuracy=False
+    ).removeprefix("#:schema ./scene.schema.json\n")
     prepare_output(folder, (name, chosen.path.name))
     write_output(folder / name, text.encode())
     write_output(folder / chosen.path.name, chosen.path.read_bytes())

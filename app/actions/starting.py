@@ -42,7 +42,7 @@ SCENE = """\
 # Change a value for one run only:   headstock run {scene} --set materials.steel.E="190 GPa"
 # Lengths, stiffnesses and so on are texts with a unit; docs/scene_reference.md lists every key.
 name = "{name}"
-
+{accuracy}
 [materials.steel]
 E = "210 GPa"
 nu = 0.3
@@ -52,7 +52,7 @@ rho = "7850 kg/m^3"
 solid = {solid}
 material = "steel"
 fidelity = "elastic"                # "rigid": six degrees of freedom and no mesh
-{free}# mesh = {{ size = "{size}" }}{pad}# smaller is finer; left out, the size follows from the shape
+{free}# mesh = {{ size = "{size}" }}{pad}{mesh}
 
 {interfaces}
 {clamp}
@@ -80,6 +80,9 @@ SCREWED = """
 {patches}
 ]
 """
+ACCURACY = 'accuracy = "2 %"                    # meshes and modes are chosen so that no number is further off\n'
+SHAPED = "# smaller is finer; left out, the size follows from the shape"
+CHOSEN = "# counts without `accuracy`; smaller is finer"
 FREE = "free = true                         # no support: six rigid-body modes come first\n"
 FIXED_MODES, FREE_MODES = 6, 12
 BOX_INTERFACES = """\
@@ -197,6 +200,8 @@ def _box_scene(folder: Path) -> str:
         solid='{ box = ["40 mm", "100 mm", "500 mm"] }   # x, y, z; or { step = "part.step" }',
         size="20 mm",
         pad="         ",
+        accuracy="",
+        mesh=SHAPED,
         interfaces=BOX_INTERFACES,
         free="",
         clamp=CLAMP.format(part=PART_NAME, foot="foot", tip="tip"),
@@ -213,6 +218,7 @@ def write_part_scene(
     solid: int | str | None,
     free: bool = False,
     unit: str | None = None,
+    accuracy: bool = True,
 ) -> str:
     """The text of a scene around a part that lies beside it.
 
@@ -222,10 +228,12 @@ def write_part_scene(
         free: Without a support, and coupled nowhere in a way that would stiffen it; else at the first of
             its two ends.
         unit: Length unit of a mesh file; None of a STEP file.
+        accuracy: Ask for one, of a STEP file.
 
     Raises:
         HeadstockError: It has no two planes to hold it at.
     """
+    accuracy = accuracy and unit is None
     found = likely_interfaces(survey.faces)
     foot, tip = _choose_ends(found)
     screws = next((one for one in found if one.role == "screws" and not free), None)
@@ -241,6 +249,8 @@ def write_part_scene(
         solid=shape,
         size=f"{1e3 * max(survey.size) / 25:.2g} mm",
         pad="         ",
+        accuracy=ACCURACY if accuracy else "",
+        mesh=CHOSEN if accuracy else SHAPED,
         interfaces=_list_interfaces(survey, [tip] if free else [foot, tip], {foot, tip, screws}),
         free=FREE if free else "",
         clamp="" if free else CLAMP.format(part=PART_NAME, foot=foot.name, tip=tip.name),

@@ -23,6 +23,7 @@ WIDTH_WITHOUT_TERMINAL = 100
 
 # rich breaks lines at every kind of space; this stands for one where it must not
 UNBROKEN_SPACE = "\ue000"
+RANGE = re.compile(r"within a factor of ([\d.]+)")  # of a value of the catalogue
 BEFORE_PERCENT = re.compile(r"(?<=\d) (?=%)")
 
 
@@ -75,10 +76,21 @@ def print_remarks(remarks: Sequence[str]) -> None:
 
 
 def print_assumptions(assumptions: Sequence[str]) -> None:
-    """Print which values are the catalogue's, and how uncertain they are."""
-    console = make_console()
-    for assumption in assumptions:
-        console.print(f"assumed: {assumption}", markup=False)
+    """Print on one line which values are the catalogue's, and how uncertain they are."""
+    if not assumptions:
+        return
+    text, *others = assumptions
+    if others:
+        factors = sorted(map(float, RANGE.findall(" ".join(assumptions))))
+        ranges = (
+            f", stiffness within a factor of {factors[0]:g} to {factors[-1]:g}" if factors else ""
+        )
+        keys = ", ".join(assumption.partition(": ")[0] for assumption in assumptions)
+        text = (
+            f"{len(assumptions)} entries of the catalogue{ranges}; "
+            f"each range is in the report and with --json FILE: {keys}"
+        )
+    make_console().print(f"assumed: {text}", markup=False)
 
 
 def warn_of_unused_accuracy(scene: Scene) -> None:

@@ -6,6 +6,7 @@ import contextlib
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from headstock.app.terminal.console import is_terminal
 RENDERER = Path(__file__).with_name("progress_renderer.py")
 # a stage that is expected to take less is not worth a process
 SHORTEST_SECONDS = 2.0
+# how far earlier stages revise what is expected of the next one
+REVISED = (0.5, 5.0)
 NO_BREAKS = str.maketrans("\t\r\n", "   ")
 
 
@@ -28,17 +31,29 @@ class Progress:
         self._answers = -1
         self._silent = False
         self._running = False
+        self._expected = self._taken = 0.0  # of the stages so far, and of the one at work [s]
+        self._stage = (0.0, 0.0)
 
     def begin(self, label: str, expected_seconds: float | None = None) -> None:
-        """Something begins: what, and how long it is expected to take; None where nobody knows."""
+        """Something begins: what, and how long it is expected to take; None where nobody knows.
+
+        What is expected is revised by how long earlier stages took beside what was expected of them.
+        """
+        self._stage = (expected_seconds or 0.0, time.monotonic())
         if self._silent or (expected_seconds is not None and expected_seconds < SHORTEST_SECONDS):
             return
         if self._process is None:
             self._start()
-        self._running = self._tell(f"{expected_seconds or 0.0:.3f}\t{label.translate(NO_BREAKS)}\n")
+        expected = self._revision() * (expected_seconds or 0.0)
+        self._running = self._tell(f"{expected:.3f}\t{label.translate(NO_BREAKS)}\n")
 
     def end(self) -> None:
         """It ended; once this returns nothing is left of the bar."""
+        expected, begun = self._stage
+        if expected > 0.0:
+            self._expected += expected
+            self._taken += time.monotonic() - begun
+        self._stage = (0.0, 0.0)
         if self._running:
             self._running = False
             if self._tell("\n"):
@@ -52,6 +67,12 @@ class Progress:
             self._process.wait()
             os.close(self._answers)
             self._process = None
+
+    def _revision(self) -> float:
+        """Return how much longer than expected the stages so far took."""
+        if self._expected < SHORTEST_SECONDS:
+            return 1.0
+        return min(max(self._taken / self._expected, REVISED[0]), REVISED[1])
 
     def _start(self) -> None:
         self._answers, theirs = os.pipe()

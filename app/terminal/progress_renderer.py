@@ -31,7 +31,9 @@ def _render_bar(label: str, elapsed: float, expected: float, columns: int) -> st
     if expected > 0.0:
         ratio = elapsed / expected
         filled = int(WIDTH * (0.9 * ratio if ratio < 1.0 else 1.0 - 0.1 / ratio))
-        text += f"{'━' * filled}{'─' * (WIDTH - filled)} {elapsed:5.0f} s of about {expected:.0f} s"
+        text += f"{'━' * filled}{'─' * (WIDTH - filled)} {elapsed:5.0f} s"
+        late = f", longer than the {expected:.0f} s expected"
+        text += f" of about {expected:.0f} s" if ratio < 1.0 else late
     else:
         text += f"{elapsed:5.0f} s"
     return text[: max(1, columns - 1)]
@@ -44,7 +46,8 @@ def _render_line(label: str, elapsed: float, expected: float) -> str:
         elapsed: Since it began [s].
         expected: Estimate for all of it [s]; zero for none.
     """
-    about = f", about {expected:.0f} s expected" if expected > 0.0 else ""
+    said = "about" if elapsed < expected else "longer than the"
+    about = f", {said} {expected:.0f} s expected" if expected > 0.0 else ""
     return f"  {label:<26} for {elapsed:.0f} s{about}"
 
 

@@ -67,8 +67,8 @@ def print_summary(
     for view in find_views(run):
         for part in view.terminal(run):
             _print_part(console, part)
-    print_assumptions(run.assumptions)
     print_remarks([warning for warning in run.warnings if warning not in said])
+    print_assumptions(run.assumptions)
     for failure in run.failures:
         console.print(f"failed: {failure}", style="bold red", markup=False)
     console.print(
