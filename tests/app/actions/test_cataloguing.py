@@ -105,3 +105,19 @@ def test_an_unknown_element_is_refused_with_the_nearest_names(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert "ball_screw_40x10" in call(capsys, ["catalogue", "ball_screw_40x12"], 2).err
+
+
+def test_warnings_come_first_and_several_assumptions_are_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "feet.toml"
+    scene.write_text(
+        SLIDE.replace("rubber_mount_2kN", "air_spring_2kN")
+        + '[joints.drive]\nfrom = "catalogue:wedge_mount_5kN"\nbetween = ["slide.bottom", "ground"]\n'
+    )
+    assert main(["check", str(scene)]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.count("assumed:") == 1
+    assert "2 entries of the catalogue, stiffness within a factor of 2 to 3" in said
+    assert said.endswith("joints.feet, joints.drive")
+    assert "warning: " not in said.partition("assumed:")[2]

@@ -260,6 +260,7 @@ def test_a_new_scene_of_a_part_checks_and_holds_a_copy_of_it(
     assert (folder / "mine" / "support.step").read_bytes() == SUPPORT.read_bytes()
     assert main(["check", "mine/mine.toml"]) == 0
     scene = load_scene(folder / "mine" / "mine.toml")
+    assert scene.accuracy is not None and scene.accuracy.to == 0.02
     assert set(scene.machine.components["part"].interfaces) == {"bottom", "top"}
     said = capsys.readouterr().out
     assert "fixed at bottom: plane, 7.662 cm^2: 34.45 × 27.01 mm at (-8, 0, -10) mm\n" in said

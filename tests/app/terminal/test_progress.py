@@ -133,3 +133,20 @@ def test_a_narrow_terminal_gets_one_line_and_a_stage_nobody_can_estimate_gets_it
     assert len(_render_bar("reduce  a_component_with_a_long_name", 12.0, 30.0, 40)) == 39
     assert _render_bar("reduce  part", 12.0, 0.0, 80).split() == ["reduce", "part", "12", "s"]
     assert _render_line("reduce  part", 12.0, 0.0).split() == ["reduce", "part", "for", "12", "s"]
+
+
+def test_what_is_expected_is_revised_by_earlier_stages_and_by_the_stage_itself(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock, told = [0.0], []
+    shown = progress.Progress()
+    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(shown, "_start", lambda: None)
+    monkeypatch.setattr(shown, "_tell", lambda text: told.append(text))
+    for seconds, taken in ((10.0, 30.0), (4.0, 0.0)):
+        shown.begin("reduce  part", seconds)
+        clock[0] += taken
+        shown.end()
+    assert [line.split("\t")[0] for line in told] == ["10.000", "12.000"]
+    assert _render_line("lobes", 45.0, 12.0).endswith("for 45 s, longer than the 12 s expected")
+    assert _render_bar("lobes", 45.0, 12.0, 200).endswith("45 s, longer than the 12 s expected")
