@@ -37,7 +37,6 @@ from headstock.pipeline.results.files import (
 )
 from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, write_mode_files
 from headstock.pipeline.results.results import Results
-from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
 from headstock.pipeline.storage.outputs import claim_output, remove_outputs, replace_outputs
 from headstock.pipeline.storage.provenance import Provenance, SceneChoice, trace_content
@@ -166,7 +165,7 @@ def run(
             scene, folder, comm=comm, observer=progress, volume=volume, provenance=origin
         )
         if output is not None and comm.rank == 0:
-            write_mode_files(folder, summarise(results)["modal"], results.view)
+            write_mode_files(folder, results.modal, results.view)
             # of an earlier run: pages and pictures are made by `headstock report`
             remove_outputs(folder, [REPORT_FILE])
             for part in (TABLES_FOLDER, FIGURES_FOLDER):
