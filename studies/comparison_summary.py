@@ -2,14 +2,13 @@
 it agrees with, and which modes that lacks.
 """
 
-from collections.abc import Iterable
 from typing import NotRequired, TypedDict
 
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.answers.static import UM_PER_KN
-from headstock.pipeline.numbers.estimates import Estimate, scale_shares
+from headstock.pipeline.numbers.estimates import Estimate, list_left_out, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.json_texts import check_finite, null_open
 from headstock.pipeline.storage.provenance import ProvenanceSummary
@@ -229,7 +228,7 @@ def _summarise_variant(solution: VariantSolution, comparison: Comparison) -> Var
         "frequencies_hz": check_finite(f"frequencies of variant {choice.name}", frequencies),
         "error_hz": [error.total for error in errors],
         "error_share": [dict(error.shares) for error in errors],
-        "error_left_out": _left_out(errors),
+        "error_left_out": list_left_out(errors),
         "rigid_count": 0 if modal is None else min(modal.rigid_count, solution.wanted),
         "mode_names": list(solution.named.names[: solution.wanted]),
         "strain_share": list(solution.named.strain_shares[: solution.wanted]),
@@ -252,10 +251,9 @@ def _summarise_others(numbers: Numbers) -> dict[str, dict[str, OtherSummary]]:
     others: dict[str, dict[str, OtherSummary]] = {}
     for key, number in select_compared(numbers.values()).items():
         unit, factor = number.shown
-        total = None if number.error is None else number.error.total
         others.setdefault(key.group.label, {})[str(key)] = {
             "value": factor * number.value if np.isfinite(number.value) else None,
-            "error": None if total is None else factor * total,
+            "error": scale_total(number.error, factor),
             "unit": unit,
         }
     return others
@@ -277,13 +275,12 @@ def _summarise_point(
         ),
         "compliance_6x6": null_open(what, budget.compliance, free=budget.free),
         "error_um_per_kN": {
-            direction: None if error.total is None else UM_PER_KN * error.total
-            for direction, error in errors.items()
+            direction: scale_total(error, UM_PER_KN) for direction, error in errors.items()
         },
         "error_share": {
             direction: scale_shares(error, UM_PER_KN) for direction, error in errors.items()
         },
-        "error_left_out": _left_out(errors.values()),
+        "error_left_out": list_left_out(errors.values()),
         "budget": {direction: dict(shares) for direction, shares in budget.shares.items()},
         "weak_link": {
             direction: None
@@ -292,10 +289,6 @@ def _summarise_point(
             for direction, link in solution.weak_links[name].items()
         },
     }
-
-
-def _left_out(errors: Iterable[Estimate]) -> list[str]:
-    return sorted({words for error in errors for words in error.left_out})
 
 
 def summarise_effort(effort: Effort) -> EffortSummary:
