@@ -70,8 +70,8 @@ from headstock.studies.parameters.runs import (
 from headstock.studies.parameters.tables import StudyTable, tabulate_study
 from headstock.studies.points import Settle, compute_points
 from headstock.studies.sweeps.files import write_sweep
-from headstock.studies.sweeps.results import SweepResults, collect_results, name_tracked_modes
-from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
+from headstock.studies.sweeps.results import SweepResults, name_tracked_modes
+from headstock.studies.sweeps.runs import SweepJob, gather_sweep, run_sweep, select_analyses
 from headstock.studies.variants import (
     FidelityError,
     VariantChoice,
@@ -272,15 +272,7 @@ def sweep(
         outcome = run_sweep(job, comm=comm, observer=progress)
         results = None
         if comm.rank == 0:
-            results = collect_results(
-                job.scene,
-                chosen,
-                outcome.complete(),
-                outcome.superelements,
-                key=outcome.key,
-                remarks=outcome.remarks,
-            )
-            results = name_tracked_modes(outcome.parts, results)
+            results = name_tracked_modes(outcome.parts, gather_sweep(job, outcome))
             if output is not None:
                 write_sweep(folder, results)
     return share_from_root(comm, results)

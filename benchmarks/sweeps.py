@@ -22,15 +22,14 @@ from pathlib import Path
 from mpi4py import MPI
 from headstock.scene.building.loader import load_scene
 from headstock.studies.sweeps.files import write_sweep
-from headstock.studies.sweeps.results import collect_results
-from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
+from headstock.studies.sweeps.runs import SweepJob, gather_sweep, run_sweep, select_analyses
 
 comm, out = MPI.COMM_WORLD, Path(sys.argv[2])
 scene = load_scene(Path(sys.argv[1]))
 job = SweepJob(select_analyses(scene), scene.sweeps["line"], out)
 outcome = run_sweep(job, comm=comm)
 if comm.rank == 0:
-    write_sweep(out, collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key))
+    write_sweep(out, gather_sweep(job, outcome))
 usage = resource.getrusage(resource.RUSAGE_SELF)
 seconds = comm.gather(usage.ru_utime + usage.ru_stime)
 if comm.rank == 0:

@@ -45,8 +45,15 @@ from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.sweeps.files import SWEEP_FILE, summarise_sweep, write_sweep
 from headstock.studies.sweeps.journals import FOLDER, remove_other_journals
-from headstock.studies.sweeps.results import SweepResults, collect_results, name_tracked_modes
-from headstock.studies.sweeps.runs import Part, SweepJob, run_sweep, select_analyses, sweep_key
+from headstock.studies.sweeps.results import SweepResults, name_tracked_modes
+from headstock.studies.sweeps.runs import (
+    Part,
+    SweepJob,
+    gather_sweep,
+    run_sweep,
+    select_analyses,
+    sweep_key,
+)
 from headstock.studies.sweeps.slurm import SlurmError
 
 ARRAY_TASKS = 4
@@ -119,15 +126,7 @@ def sweep_command(options: SweepOptions, comm: MPI.Comm) -> int:
         outcome = run_sweep(job, comm=comm, observer=print_stage)
         results = None
         if comm.rank == 0:
-            results = collect_results(
-                job.scene,
-                job.sweep,
-                outcome.complete(),
-                outcome.superelements,
-                key=outcome.key,
-                remarks=outcome.remarks,
-            )
-            results = name_tracked_modes(outcome.parts, results)
+            results = name_tracked_modes(outcome.parts, gather_sweep(job, outcome))
             _write_numbers(results, options, job.folder, origin)
         figures = _draw_together(comm, results)
         failed = False

@@ -21,7 +21,6 @@ from headstock.solvers.pairing.response_peaks import ResponseLevel, ResponsePeak
 from headstock.solvers.second_order import Channel, ComplexArray, Motion, name_channel
 
 Spacing = Literal["linear", "log"]
-NumberKind = Literal["peak", "level"]
 type Height = ResponsePeak | ResponseLevel
 
 

@@ -39,6 +39,7 @@ from headstock.studies.sweeps.poses import (
     solve_lumped_poses,
     solve_machine_pose,
 )
+from headstock.studies.sweeps.results import SweepResults, collect_results
 
 SWEPT_ANALYSES = ("static", "modal", "frf", "lobes")
 POLL_SECONDS = 0.005
@@ -115,6 +116,18 @@ def sweep_key(scene: Scene) -> str:
     this program.
     """
     return hash_dependencies(scene.path.parent, scene.raw, without=("poses",))
+
+
+def gather_sweep(job: SweepJob, outcome: SweepOutcome) -> SweepResults:
+    """Return arrays over the poses of a sweep; modes have no names yet."""
+    return collect_results(
+        job.scene,
+        job.sweep,
+        outcome.complete(),
+        outcome.superelements,
+        key=outcome.key,
+        remarks=outcome.remarks,
+    )
 
 
 def run_sweep(

@@ -46,15 +46,14 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene
-from headstock.studies.sweeps.results import collect_results
-from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
+from headstock.studies.sweeps.runs import SweepJob, gather_sweep, run_sweep, select_analyses
 
 comm, scene, out = MPI.COMM_WORLD, load_scene(Path(sys.argv[1])), Path(sys.argv[2])
 results = run_scene(scene, out, comm=comm)
 job = SweepJob(select_analyses(scene), scene.sweeps["line"], out)
 outcome = run_sweep(job, comm=comm)
 if comm.rank == 0:
-    swept = collect_results(job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key)
+    swept = gather_sweep(job, outcome)
     curves = find_answers(results.answers, PoseResponse)[0].curves
     np.savez(
         out / "found.npz",

@@ -17,8 +17,8 @@ from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_lowest_modes
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.studies.sweeps import poses
-from headstock.studies.sweeps.results import SweepResults, collect_results
-from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
+from headstock.studies.sweeps.results import SweepResults
+from headstock.studies.sweeps.runs import SweepJob, gather_sweep, run_sweep, select_analyses
 
 pytestmark = pytest.mark.hard("H40")
 
@@ -59,9 +59,7 @@ def run(path: Path, name: str) -> SweepResults:
     scene = load_scene(path)
     job = SweepJob(select_analyses(scene), scene.sweeps[name], path.parent)
     outcome = run_sweep(job, comm=MPI.COMM_SELF)
-    return collect_results(
-        job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key
-    )
+    return gather_sweep(job, outcome)
 
 
 def screw_frequency(places: FloatArray) -> FloatArray:

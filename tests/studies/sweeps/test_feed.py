@@ -16,8 +16,8 @@ from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene, prepare_sweep
 from headstock.scene.reading.findings import SceneError
 from headstock.studies.sweeps.files import SWEEP_FILE, summarise_sweep, write_sweep
-from headstock.studies.sweeps.results import SweepResults, collect_results
-from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
+from headstock.studies.sweeps.results import SweepResults
+from headstock.studies.sweeps.runs import SweepJob, gather_sweep, run_sweep, select_analyses
 
 MACHINES = Path(__file__).parents[3] / "machines"
 RADIUS = 60.0  # of the circle [mm]
@@ -48,14 +48,7 @@ def sweep(
     folder.mkdir(exist_ok=True)
     job = SweepJob(select_analyses(loaded), loaded.sweeps["way"], folder)
     outcome = run_sweep(job, comm=MPI.COMM_SELF)
-    results = collect_results(
-        job.scene,
-        job.sweep,
-        outcome.complete(),
-        outcome.superelements,
-        key=outcome.key,
-        remarks=outcome.remarks,
-    )
+    results = gather_sweep(job, outcome)
     return results, outcome.computed
 
 

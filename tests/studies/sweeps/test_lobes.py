@@ -17,8 +17,7 @@ from headstock.pipeline.answers.lobes import MM, RPM, PoseLobes
 from headstock.pipeline.runner import run_scene
 from headstock.scene.building.loader import load_scene
 from headstock.studies.sweeps.files import summarise_sweep, write_sweep
-from headstock.studies.sweeps.results import collect_results
-from headstock.studies.sweeps.runs import SweepJob, run_sweep, select_analyses
+from headstock.studies.sweeps.runs import SweepJob, gather_sweep, run_sweep, select_analyses
 
 DATA = Path(__file__).parents[2] / "data"
 LOBES = """
@@ -45,9 +44,7 @@ def test_every_pose_of_a_sweep_has_the_limits_of_a_run_in_it(tmp_path: Path) -> 
     (tmp_path / "sweep").mkdir()
     job = SweepJob(select_analyses(scene), scene.sweeps["named"], tmp_path / "sweep")
     outcome = run_sweep(job, comm=MPI.COMM_SELF)
-    results = collect_results(
-        job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key
-    )
+    results = gather_sweep(job, outcome)
     write_sweep(tmp_path, results)
     run = run_scene(scene, tmp_path / "run", comm=MPI.COMM_SELF)
     found = {answer.pose: answer for answer in find_answers(run.answers, PoseLobes)}

@@ -29,8 +29,15 @@ from headstock.studies.sweeps.journals import (
     read_journals,
 )
 from headstock.studies.sweeps.poses import _MachinePoses, solve_machine_pose
-from headstock.studies.sweeps.results import SweepResults, collect_results
-from headstock.studies.sweeps.runs import Part, SweepJob, SweepOutcome, run_sweep, select_analyses
+from headstock.studies.sweeps.results import SweepResults
+from headstock.studies.sweeps.runs import (
+    Part,
+    SweepJob,
+    SweepOutcome,
+    gather_sweep,
+    run_sweep,
+    select_analyses,
+)
 
 SCENE = Path(__file__).parents[2] / "data" / "slide.toml"
 COMM = MPI.COMM_SELF
@@ -51,9 +58,7 @@ def make_job(
 
 def publish(job: SweepJob) -> tuple[SweepOutcome, SweepResults]:
     outcome = run_sweep(job, comm=COMM)
-    results = collect_results(
-        job.scene, job.sweep, outcome.complete(), outcome.superelements, key=outcome.key
-    )
+    results = gather_sweep(job, outcome)
     write_sweep(job.folder, results)
     return outcome, results
 
