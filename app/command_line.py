@@ -1,13 +1,14 @@
 """The command line: a thin skin over the Python API."""
 
+import gc
 import sys
 from typing import Annotated
 
 import click
-import typer
 
 from headstock.app.commands import batch_commands, scene_commands, tool_commands
 from headstock.app.commands.options import CommandOptions, make_command
+from headstock.app.commands.plain_typer import typer
 from headstock.app.terminal.guard import find_home, hand_over, prepare_streams
 
 PROGRAM = "headstock"
@@ -41,8 +42,6 @@ COMMANDS: dict[str, type[CommandOptions]] = {
     "catalogue": tool_commands.CatalogueOptions,
 }
 
-# help is plain text here, and typer would escape its brackets for rich all the same
-typer.core.rich = None  # type: ignore[assignment, attr-defined]
 app = typer.Typer(
     name=PROGRAM,
     help=PROGRAM_HELP,
@@ -101,4 +100,6 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(hand_over(main()))
+    ending = hand_over(main())
+    gc.freeze()  # all memory is given back anyway: a last search for garbage would be for nothing
+    sys.exit(ending)

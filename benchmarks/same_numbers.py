@@ -512,7 +512,7 @@ def _default_base() -> str:
     return _git("rev-parse", "HEAD~1")
 
 
-def _check_out(commit: str, place: Path) -> Path:
+def check_out(commit: str, place: Path) -> Path:
     """A clone of its own at a commit, which shares this one's objects."""
     tree = place / f"tree-{commit[:12]}"
     if not (tree / "headstock").is_file():
@@ -598,7 +598,7 @@ def main() -> int:
     start = time.perf_counter()
     with _work_folder(arguments.keep) as place, ThreadPoolExecutor(2) as pool:
         sides = (
-            Side(_check_out(commit, place), place / "base", commit if arguments.keep else None),
+            Side(check_out(commit, place), place / "base", commit if arguments.keep else None),
             Side(PROJECT, place / "now"),
         )
         for case in chosen:

@@ -4,7 +4,7 @@ probe_code='
 import importlib.util, sys
 if sys.version_info < (3, 13) or importlib.util.find_spec("dolfinx") is None:
     sys.exit(1)
-needed = "slepc4py mpi4py gmsh numpy scipy h5py pydantic pint typer rich matplotlib jinja2 meshio".split()
+needed = "slepc4py mpi4py gmsh numpy scipy h5py pydantic typer rich matplotlib jinja2 meshio".split()
 if any(importlib.util.find_spec(name) is None for name in needed):
     sys.exit(1)
 import dolfinx, numpy, os

@@ -1,6 +1,7 @@
 """The scene: a machine, its orientation, and what is to be computed of it."""
 
 import dataclasses
+import itertools
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,6 +31,15 @@ class Request:
     """
 
     analysis: ClassVar[str]
+
+    @property
+    def poses(self) -> tuple[str, ...] | None:
+        """Return the poses it is computed in, empty for all; None where it is computed once a run."""
+        return None
+
+    def names_pose(self, pose: str) -> bool:
+        """Return whether it is computed in a pose."""
+        return self.poses is not None and (not self.poses or pose in self.poses)
 
 
 @dataclass(frozen=True, init=False)
@@ -269,6 +279,18 @@ def keep_analyses(scene: Scene, names: Collection[str]) -> Scene:
     if lacking := [problem for name in names for problem in scene.deferred.get(name, ())]:
         raise SceneError(lacking)
     return dataclasses.replace(scene, analyses=_every_request(scene).keep(names))
+
+
+def choose_poses(scene: Scene) -> dict[str, Pose]:
+    """Return the poses that an analysis asks for, in the scene's order; without an analysis the first, to
+    show that the machine couples.
+    """
+    requested = {
+        name: pose
+        for name, pose in scene.poses.items()
+        if any(request.names_pose(name) for request in scene.analyses.requests)
+    }
+    return requested or dict(itertools.islice(scene.poses.items(), 1))
 
 
 def acting_assumptions(scene: Scene) -> tuple[str, ...]:

@@ -9,13 +9,10 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
-from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 
-# of the root of both diagonal entries: less is roundoff of zero
-UNCONNECTED = 1e-13
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 Channel = tuple[str, str]
 Positions = slice | NDArray[np.intp]
@@ -112,25 +109,6 @@ def output_rows(system: SecondOrderSystem, outputs: Sequence[Channel]) -> FloatA
     return np.array([_find(system.outputs, channel, "output") for channel in outputs]).reshape(
         len(outputs), len(system.mass)
     )
-
-
-def find_links(system: SecondOrderSystem, loads: FloatArray, rows: FloatArray) -> BoolArray:
-    """Return whether something connects where a load acts with where motion is seen
-    ``(n_outputs, n_inputs)``.
-
-    Args:
-        system: Without modal damping, whose roundoff connects everything.
-        loads: ``(n, n_inputs)``.
-        rows: ``(n_outputs, n)``.
-    """
-    connected = np.zeros(system.mass.shape, dtype=bool)
-    for matrix in (system.mass, system.stiffness, system.damping, system.hysteretic):
-        if matrix is not None:
-            scale = np.sqrt(np.abs(np.diag(matrix)))
-            connected |= np.abs(matrix) > UNCONNECTED * np.outer(scale, scale)
-    count, part = connected_components(connected, directed=False)
-    members = part == np.arange(count)[:, None]
-    return np.asarray((rows != 0.0) @ members.T @ members @ (loads != 0.0) > 0)
 
 
 def name_channel(channel: Channel) -> str:

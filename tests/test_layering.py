@@ -123,7 +123,6 @@ ADAPTERS = {
         "studies/identification",
         DOOR,
     },
-    "pint": {"scene/reading"},
     "typer": {"app", "app/commands", "app/actions", "app/terminal"},
     "click": {"app", "app/commands", "app/actions", "app/terminal"},
     "rich": {"app", "app/terminal", "app/actions", "app/commands"},

@@ -150,7 +150,6 @@ PYTHON_PACKAGES = (
     _Package("threadpoolctl"),
     _Package("pydantic"),
     _Package("pydantic_core"),
-    _Package("pint"),
     _Package("typer"),
     _Package("click"),
     _Package("rich"),

@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 from headstock.app.commands.options import (
     ClusterOptions,
     Debug,
@@ -27,6 +25,7 @@ from headstock.app.commands.options import (
     output_option,
     read_percent,
 )
+from headstock.app.commands.plain_typer import typer
 
 _Folder = Annotated[Path | None, output_option("DIR", "Folder of results [results/SCENE-NAME].")]
 

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import click
-import typer
 
+from headstock.app.commands.plain_typer import typer
 from headstock.app.terminal.guard import run_guarded
+from headstock.geometry.loading import without_collecting
 
 if TYPE_CHECKING:
     from headstock.pipeline.storage.provenance import Provenance, SceneChoice
@@ -246,9 +247,9 @@ def make_command(kind: type[CommandOptions]) -> Callable[..., int]:
 
 def _load_action(place: str) -> Callable[..., int]:
     module, _, name = place.partition(":")
-    action: Callable[..., int] = getattr(
-        importlib.import_module(f"headstock.app.actions.{module}"), name
-    )
+    with without_collecting():
+        loaded = importlib.import_module(f"headstock.app.actions.{module}")
+    action: Callable[..., int] = getattr(loaded, name)
     return action
 
 

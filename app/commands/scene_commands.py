@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Annotated
 
 import click
-import typer
 
 from headstock.app.commands.options import (
     Accuracy,
@@ -23,6 +22,7 @@ from headstock.app.commands.options import (
     option,
     output_option,
 )
+from headstock.app.commands.plain_typer import typer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class CheckOptions(SceneOptions):
 class PlanOptions(SceneOptions):
     """Print the stages of a run, with reasons, dofs and memory."""
 
-    action = "checking:plan_command"
+    action = "planning:plan_command"
     scene: SceneFile
     variant: Variant = None
     analysis: Names = None

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Annotated
 
 import click
-import typer
 
 from headstock.app.commands.options import (
     CommandOptions,
@@ -23,6 +22,7 @@ from headstock.app.commands.options import (
     option,
     output_option,
 )
+from headstock.app.commands.plain_typer import typer
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy  # whose search of neighbours is loaded where it is used
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Patch
@@ -426,7 +426,7 @@ def _place_features(
     places = left_out.places.reshape(-1, 3)
     corners = points[cells[:, :4]]
     candidates = np.atleast_2d(
-        KDTree(corners.mean(axis=1)).query(places, k=min(CANDIDATES, len(cells)))[1]
+        scipy.spatial.KDTree(corners.mean(axis=1)).query(places, k=min(CANDIDATES, len(cells)))[1]
     ).reshape(len(places), -1)
     edges = (corners[:, 1:] - corners[:, :1])[candidates]
     inside = np.linalg.solve(

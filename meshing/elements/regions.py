@@ -1,7 +1,7 @@
 """The faces of a mesh's surface: planes, and what is smooth between sharp edges."""
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy  # whose search of minima, a tenth of a second, is loaded where it is used
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -173,7 +173,7 @@ def _refine_cylinder(places: FloatArray, start: FittedCylinder) -> FittedCylinde
         return np.asarray((_distances(places, fitted) - fitted.radius) / start.radius)
 
     first = np.array([0.0, 0.0, 0.0, 0.0, 1.0])
-    return cylinder(least_squares(misses, first, max_nfev=MOST_EVALUATIONS).x)
+    return cylinder(scipy.optimize.least_squares(misses, first, max_nfev=MOST_EVALUATIONS).x)
 
 
 def _vector(values: FloatArray) -> Vector:

@@ -125,7 +125,7 @@ class AnalysisRecord:
     def plan_pose(self, machine: PlannedMachine, pose: Pose) -> Stage | None:
         """Return the stage in a pose; None where it is not asked for there."""
         request = self.find_request(machine.scene)
-        if self.stage is not None or request is None or not is_requested(pose.name, request.poses):
+        if self.stage is not None or request is None or not request.names_pose(pose.name):
             return None
         seconds = (
             pose_seconds(self.kind, machine.dofs)
@@ -146,11 +146,6 @@ class AnalysisRecord:
 def load_answer_types() -> list[type[Any]]:
     """Return the classes of everything that a run may find."""
     return [load_named(text) for text in (*(record.answer for record in RECORDS), *OTHER_ANSWERS)]
-
-
-def is_requested(pose: str, poses: tuple[str, ...]) -> bool:
-    """Return whether an analysis names a pose; without any name it is all of them."""
-    return not poses or pose in poses
 
 
 def load_named(text: str) -> Any:

@@ -20,7 +20,6 @@ from headstock.pipeline.planning.analyses import (
     RECORDS,
     PlannedMachine,
     is_dynamic,
-    is_requested,
 )
 from headstock.pipeline.planning.budgets import (
     STAGE_SECONDS,
@@ -55,7 +54,7 @@ from headstock.reduction.components.solver_choice import (
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.building.components import bounding_box
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Scene, choose_poses
 
 
 def plan_scene(
@@ -197,26 +196,6 @@ def _plan_comparisons(
         elif asked:
             warnings.append(nothing)
     return stages, warnings
-
-
-def choose_poses(scene: Scene) -> dict[str, Pose]:
-    """Return the poses that an analysis asks for, in the scene's order; without an analysis the first, to
-    show that the machine couples.
-    """
-    requests = [
-        request
-        for record in RECORDS
-        if record.stage is None and (request := record.find_request(scene)) is not None
-    ]
-    requested = {
-        name: pose
-        for name, pose in scene.poses.items()
-        if any(is_requested(name, request.poses) for request in requests)
-    }
-    if requested:
-        return requested
-    first = next(iter(scene.poses))
-    return {first: scene.poses[first]}
 
 
 def _reduction_key(component: Component, scene: Scene) -> Hashable:

@@ -18,7 +18,6 @@ from headstock.geometry.parts.components import Component, Support
 from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties
 from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.length_units import doubt_mesh_size
-from headstock.pipeline.planning.planner import choose_poses
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.preview.watched_numbers import find_unknown_numbers
 from headstock.pipeline.storage.part_files import describe_solid, find_missing_patches
@@ -35,7 +34,7 @@ from headstock.reduction.motions.body_motions import (
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.scene import Scene
+from headstock.scene.scene import Scene, choose_poses
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import solve_balanced
 

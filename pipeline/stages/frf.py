@@ -77,6 +77,7 @@ from headstock.solvers.linear.frequency_response import (
     FrfModel,
     StabilityFigures,
     evaluate_frf,
+    find_links,
     find_peaks,
     find_stability_figures,
     prepare_frf,
@@ -94,7 +95,6 @@ from headstock.solvers.second_order import (
     Channel,
     ComplexArray,
     SecondOrderSystem,
-    find_links,
     input_columns,
     output_rows,
 )

@@ -5,11 +5,9 @@ the program, time and place.
 import dataclasses
 import functools
 import hashlib
-import importlib.metadata
 import json
 import os
 import re
-import socket
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -144,7 +142,7 @@ def trace_content(
         ranks=ranks,
         threads=int(os.environ.get("OMP_NUM_THREADS", os.cpu_count() or 1)),
         command=tuple(command) if with_host and command is not None else None,
-        host=socket.gethostname() if with_host else None,
+        host=os.uname().nodename if with_host else None,
     )
 
 
@@ -159,6 +157,8 @@ def find_version(root: Path = PROJECT) -> _ProgramVersion:
             return _ProgramVersion(str(project["version"]), _read_head(root) or UNKNOWN)
     except (OSError, ValueError, KeyError):
         pass  # no checkout
+    import importlib.metadata  # loads the reader of e-mails, which no checkout needs
+
     try:
         distribution = importlib.metadata.distribution(DISTRIBUTION)
         origin = json.loads(distribution.read_text("direct_url.json") or "{}")

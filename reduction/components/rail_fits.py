@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
-from scipy.interpolate import BSpline
+import scipy  # whose interpolation, a third of a second, is loaded where it is used
 
 from headstock.geometry.frames import FloatArray, skew
 from headstock.geometry.machine.carriages import DEGREE
@@ -91,7 +90,9 @@ def fit_rail(
     center = np.array(patch.centroid)
     center[axis] = 0.5 * (low + high)
     fields = _section_fields(patch, axis, center)
-    splines = BSpline.design_matrix(patch.points[:, axis], knots, DEGREE).toarray()
+    splines = scipy.interpolate.BSpline.design_matrix(
+        patch.points[:, axis], knots, DEGREE
+    ).toarray()
     columns = np.einsum("nk,nif->nikf", splines, fields).reshape(3 * len(patch.nodes), -1)
     weighted = np.zeros_like(columns)
     for direction in range(3):
@@ -182,7 +183,7 @@ def line_condition(lines: Sequence[FloatArray], control_points: int, order: int)
         starts, lengths = ends[:-1], np.diff(ends)
         nodes = starts[:, None] + lengths[:, None] * np.linspace(0.0, 1.0, order + 1)
         nodes = np.clip(nodes, knots[0], knots[-1])
-        splines = BSpline.design_matrix(nodes.ravel(), knots, DEGREE).toarray()
+        splines = scipy.interpolate.BSpline.design_matrix(nodes.ravel(), knots, DEGREE).toarray()
         splines = splines.reshape(*nodes.shape, control_points)
         gram += np.einsum("e,ij,eik,ejl->kl", lengths, LINE_MASS[order], splines, splines)
     return _condition(gram)

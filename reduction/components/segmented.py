@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy  # whose interpolation, a third of a second, is loaded where it is used
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, rigid_transfer
 from headstock.geometry.machine.carriages import DEGREE
@@ -146,7 +146,7 @@ def _fit_rail(row: SegmentedBar, rail: Rail, name: str) -> Rail:
             control_point_motion(point, bar.axis, center) @ section_motion(row.chain, float(site))
         )
     values = _over_all_nodes(row, np.vstack(motions).T).T
-    spline = make_interp_spline(sites, values.reshape(len(sites), -1), k=DEGREE)
+    spline = scipy.interpolate.make_interp_spline(sites, values.reshape(len(sites), -1), k=DEGREE)
     return dataclasses.replace(rail, knots=spline.t, control=spline.c.reshape(len(values), -1))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy  # whose search of neighbours is loaded where it is used
 
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.reduction.coupling.coupling import CoupledMachine
@@ -64,7 +64,7 @@ def place_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
         return carried_motion(superelement, points)
     basis_points = superelement.recovery.points
     count = min(NEIGHBOURS, len(basis_points))
-    distances, neighbours = KDTree(basis_points).query(points, k=count)
+    distances, neighbours = scipy.spatial.KDTree(basis_points).query(points, k=count)
     result = np.zeros((len(points), 3, len(superelement.labels)))
     field = superelement.recovery.basis.reshape(len(basis_points), 3, -1)
     for row, (distance, near) in enumerate(

@@ -1,20 +1,17 @@
 """Quantities with units, read at the border: text in, SI floats inside."""
 
-import itertools
 import math
 import re
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Literal
 
-import pint
-
-# A registry of its own: the default one turns Hz into 1/s (so rad/s into Hz), drops the radian and
-# takes longer to build. Hertz and radian are dimensions here; Decimal makes "38 mm" and "0.038 m"
-# the same float.
+# Prefixes, which end with a dash, and units: first spelling, meaning, other spellings; any of them takes
+# a prefix, and the long ones an s. Hertz and radian are dimensions here; Decimal makes "38 mm" and
+# "0.038 m" the same float.
 _DEFINITIONS = """
 micro- = 1e-6 = u- = μ-
 milli- = 1e-3 = m-
@@ -34,14 +31,14 @@ inch = 25.4e-3 * meter = in
 foot = 304.8e-3 * meter = ft
 minute = 60 * second = min
 hour = 3600 * second = h
-newton = kilogram * meter / second ** 2 = N
-pascal = newton / meter ** 2 = Pa
+newton = kilogram * meter / second^2 = N
+pascal = newton / meter^2 = Pa
 bar = 1e5 * pascal = bar
-liter = 1e-3 * meter ** 3 = l = L
+liter = 1e-3 * meter^3 = l = L
 degree = 0.01745329251994329576923690768 * radian = deg = °
 revolution = 6.283185307179586476925286767 * radian = rev
 revolutions_per_minute = revolution / minute = rpm
-standard_gravity = 9.80665 * meter / second ** 2 = g_n
+standard_gravity = 9.80665 * meter / second^2 = g_n
 percent = 0.01 = %
 pound_force = 4.4482216152605 * newton = lbf
 psi = 6894.757293168361 * pascal = psi
@@ -55,6 +52,7 @@ _NUMBER = re.compile(
 )
 _FACTOR = r"[A-Za-zμ°%_]+(?:(?:\^|\*\*)-?[1-9])?"
 _UNIT = re.compile(rf"(?:1\s*/\s*)?{_FACTOR}(?:\s*[*/·]\s*{_FACTOR}|\s+{_FACTOR})*")
+_TERM = re.compile(r"([*/]?)\s*(?:([\d.]+(?:e-?\d+)?)|([A-Za-zμ°_]+|%)(?:(?:\^|\*\*)(-?\d))?)")
 _SUPERSCRIPTS = str.maketrans({"²": "^2", "³": "^3", "⁴": "^4", "·": "*", "⋅": "*"})
 MAX_TEXT = 80
 Sign = Literal["any", "not negative", "positive"]
@@ -131,15 +129,19 @@ class Unit:
     dimension: Dimension
 
 
-# symbols of what units are made of
+# what units are made of: symbol of the unit in which a quantity is held, and the size of the one that is
+# defined
 _BASES = {
-    "[length]": "m",
-    "[mass]": "kg",
-    "[time]": "s",
-    "[angle]": "rad",
-    "[frequency]": "Hz",
-    "[information]": "B",
+    "[length]": ("m", Decimal(1)),
+    "[mass]": ("kg", Decimal("1e-3")),
+    "[time]": ("s", Decimal(1)),
+    "[angle]": ("rad", Decimal(1)),
+    "[frequency]": ("Hz", Decimal(1)),
+    "[information]": ("B", Decimal(1)),
 }
+
+
+type Powers = tuple[tuple[str, int], ...]
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ class Measure:
     """
 
     value: Decimal
-    powers: tuple[tuple[str, int], ...] = ()
+    powers: Powers = ()
 
     @property
     def unit(self) -> str:
@@ -160,13 +162,19 @@ class Measure:
             symbol if power == 1 else f"{symbol}^{power}" for symbol, power in self.powers
         )
 
-    def times(self, other: "Measure") -> "Measure":
-        """The product."""
-        return Measure(self.value * other.value, _joined(self, other, 1))
+    def times(self, other: "Measure", power: int = 1) -> "Measure":
+        """Return the product with a power of another one."""
+        return Measure(self.value * other.value**power, self._join(other, power))
 
     def over(self, other: "Measure") -> "Measure":
-        """The quotient; raises ``decimal.DivisionByZero``."""
-        return Measure(self.value / other.value, _joined(self, other, -1))
+        """Return the quotient; raises ``decimal.DivisionByZero``."""
+        return Measure(self.value / other.value, self._join(other, -1))
+
+    def _join(self, other: "Measure", times: int) -> Powers:
+        powers = dict(self.powers)
+        for symbol, power in other.powers:
+            powers[symbol] = powers.get(symbol, 0) + times * power
+        return tuple(sorted((symbol, power) for symbol, power in powers.items() if power))
 
     def written(self) -> str | int | float:
         """As a scene writes it: text with a unit, or a plain number."""
@@ -174,22 +182,6 @@ class Measure:
             return f"{+self.value} {self.unit}"
         whole = abs(self.value) < LARGEST_WHOLE and self.value == self.value.to_integral_value()
         return int(self.value) if whole else float(self.value)
-
-
-def _joined(one: Measure, other: Measure, sign: int) -> tuple[tuple[str, int], ...]:
-    powers = dict(one.powers)
-    for symbol, power in other.powers:
-        powers[symbol] = powers.get(symbol, 0) + sign * power
-    return tuple(sorted((symbol, power) for symbol, power in powers.items() if power))
-
-
-def _build_registry() -> pint.UnitRegistry:
-    registry = pint.UnitRegistry(None, non_int_type=Decimal)
-    registry.load_definitions(_DEFINITIONS.strip().splitlines())
-    return registry
-
-
-_REGISTRY = _build_registry()
 
 
 def parse_quantity(text: object, *dimensions: Dimension) -> Quantity:
@@ -219,10 +211,10 @@ def parse_quantity(text: object, *dimensions: Dimension) -> Quantity:
             f'{shown} has no unit; write it in quotes with a unit, such as "{shown} {_likely_unit(text, dimensions[0])}"'
         )
     number, unit = _split_quantity(text, wanted, example)
-    factor, dimensionality = _resolve_unit(unit, example)
+    measured = _resolve_unit(unit, example)
     for dimension in dimensions:
-        if dimensionality == _resolve_unit(dimension.unit, example)[1]:
-            value = _scale_number(number, factor, text, wanted)
+        if measured.powers == _resolve_unit(dimension.unit, example).powers:
+            value = _scale_number(number, measured.value, text, wanted)
             if abs(value) > dimension.most:
                 raise UnitError(
                     f"{quote_value(text)} is {value:.3g} {dimension.unit}, more than any machine has ({dimension.most:g}); check its unit, "
@@ -230,29 +222,18 @@ def parse_quantity(text: object, *dimensions: Dimension) -> Quantity:
                 )
             return Quantity(value, dimension)
     raise UnitError(
-        f"{quote_value(text)} is {_describe(unit, dimensionality)}, not {wanted}; write for example {example}"
+        f"{quote_value(text)} is {_describe(unit, measured)}, not {wanted}; write for example {example}"
     )
 
 
 def read_measure(number: str, unit: str) -> Measure:
-    """A number with any unit this registry knows, such as ``38`` and ``mm``.
+    """Return a number with any known unit, such as ``38`` and ``mm``.
 
     Raises:
         UnitError: An unknown unit.
     """
-    factor, powers = _base_units(unicodedata.normalize("NFKC", unit.translate(_SUPERSCRIPTS)))
-    return Measure(Decimal(number) * factor, powers)
-
-
-@lru_cache(maxsize=1024)
-def _base_units(unit: str) -> tuple[Decimal, tuple[tuple[str, int], ...]]:
-    """Factor to SI of a unit, and symbol and exponent of each base unit in it."""
-    factor, _ = _resolve_unit(unit, "38 mm")
-    if not unit:
-        return Decimal(1), ()
-    parsed = _REGISTRY.parse_units(unit.replace("^", "**"))
-    powers = {_BASES[base]: int(power) for base, power in parsed.dimensionality.items()}
-    return factor, tuple(sorted(powers.items()))
+    clean = unicodedata.normalize("NFKC", unit.translate(_SUPERSCRIPTS))
+    return Measure(Decimal(number)).times(_resolve_unit(clean, "38 mm"))
 
 
 def read_unit(text: str, *dimensions: Dimension) -> Unit:
@@ -266,12 +247,12 @@ def read_unit(text: str, *dimensions: Dimension) -> Unit:
     if not text or len(text) > MAX_TEXT:
         raise UnitError(f"{quote_value(text)} is no unit of {wanted}; write for example {example}")
     unit = unicodedata.normalize("NFKC", text.translate(_SUPERSCRIPTS))
-    factor, dimensionality = _resolve_unit(unit, example)
+    measured = _resolve_unit(unit, example)
     for dimension in dimensions:
-        if dimensionality == _resolve_unit(dimension.unit, example)[1]:
-            return Unit(factor, dimension)
+        if measured.powers == _resolve_unit(dimension.unit, example).powers:
+            return Unit(measured.value, dimension)
     raise UnitError(
-        f"{quote_value(text)} measures {_describe(unit, dimensionality)}, not {wanted}; write for example {example}"
+        f"{quote_value(text)} measures {_describe(unit, measured)}, not {wanted}; write for example {example}"
     )
 
 
@@ -289,18 +270,20 @@ def quantity_pattern(*dimensions: Dimension, sign: Sign = "any") -> str:
     A single unit must measure one of the dimensions; of products and powers of units only the words
     are checked.
     """
-    prefixes, names = _unit_words()
-    wanted = {_resolve_unit(dimension.unit, "")[1] for dimension in dimensions}
+    prefixes, meanings = _read_definitions()
+    wanted = {_resolve_unit(dimension.unit, "").powers for dimension in dimensions}
+    fits = [name for name in meanings if _resolve_unit(name, "").powers in wanted]
     any_unit, fitting = (
-        f"(?:{_one_of(prefixes)})?(?:{_one_of(chosen)})"
-        for chosen in (names, [name for name in names if _resolve_unit(name, "")[1] in wanted])
+        # the two signs for micro are the same letter
+        f"(?:{_one_of(['µ', *prefixes])})?(?:{_one_of(names)})"
+        for names in ([*meanings], fits)
     )
     power = r"(?:(?:\^|\*\*)-?[1-9]|[²³⁴])"
     factor = f"{any_unit}{power}?"
     more = rf"(?:(?:\s*[*/·⋅]\s*|\s+){factor})"
-    single = f"{fitting}|" if any(_resolve_unit(name, "")[1] in wanted for name in names) else ""
+    single = f"{fitting}|" if fits else ""
     unit = rf"(?:{single}1\s*/\s*{factor}{more}*|{factor}{more}+|{any_unit}{power})"
-    needed = "?" if "dimensionless" in wanted else ""
+    needed = "?" if () in wanted else ""
     number = (
         r"[0-9]+\.?[0-9]*|\.[0-9]+"
         if sign != "positive"
@@ -309,29 +292,41 @@ def quantity_pattern(*dimensions: Dimension, sign: Sign = "any") -> str:
     return rf"^\s*{'[+-]?' if sign == 'any' else '[+]?'}(?:{number})(?:[eE][+-]?[0-9]{{1,5}})?(?:\s*{unit}){needed}\s*$"
 
 
+@cache
+def _read_definitions() -> tuple[dict[str, Decimal], dict[str, str]]:
+    """Return the factor of each prefix and the meaning of each unit, by every spelling."""
+    prefixes: dict[str, Decimal] = {}
+    meanings: dict[str, str] = {}
+    for meaning, *spellings in _split_definitions():
+        for spelling in spellings:
+            if spelling.endswith("-"):
+                prefixes[spelling.rstrip("-")] = Decimal(meaning)
+            else:
+                meanings[spelling] = meaning
+    return prefixes, meanings
+
+
+def _split_definitions() -> Iterator[list[str]]:
+    """Yield the meaning of each prefix and unit, with its spellings, the longest last."""
+    for line in _DEFINITIONS.strip().splitlines():
+        name, meaning, *others = (part.strip() for part in line.split("="))
+        yield [meaning, *dict.fromkeys([*others, name])]
+
+
 def list_spellings() -> tuple[list[list[str]], list[list[str]]]:
     """Return the spellings of each prefix and of each unit that quantities may have."""
     prefixes, names = list[list[str]](), list[list[str]]()
-    for line in _DEFINITIONS.strip().splitlines():
-        name, _, *others = (part.strip() for part in line.split("="))
-        spellings = dict.fromkeys([*others, name])
-        (prefixes if name.endswith("-") else names).append([text.rstrip("-") for text in spellings])
+    for _, *spellings in _split_definitions():
+        (prefixes if spellings[-1].endswith("-") else names).append(
+            [text.rstrip("-") for text in spellings]
+        )
     return prefixes, names
 
 
 def measure_unit(unit: str) -> tuple[Decimal, str]:
     """Return the size of a unit in SI units, and what it measures."""
-    factor, dimensionality = _resolve_unit(unit, "")
-    return factor, _describe(unit, dimensionality)
-
-
-@lru_cache(maxsize=1)
-def _unit_words() -> tuple[list[str], list[str]]:
-    """Prefixes and names of units, in every spelling; the two signs for micro are the same
-    letter.
-    """
-    prefixes, names = (list(itertools.chain(*each)) for each in list_spellings())
-    return ["µ", *prefixes], names
+    measured = _resolve_unit(unit, "")
+    return measured.value, _describe(unit, measured)
 
 
 def _one_of(words: Sequence[str]) -> str:
@@ -377,35 +372,56 @@ def _likely_unit(number: float, dimension: Dimension) -> str:
         return unit_of(dimension.example)
 
     def distance(unit: str) -> float:
-        return abs(math.log(abs(number) * float(_resolve_unit(unit, "")[0]) / example))
+        return abs(math.log(abs(number) * float(_resolve_unit(unit, "").value) / example))
 
     return min((unit_of(dimension.example), dimension.unit), key=distance)
 
 
 @lru_cache(maxsize=1024)
-def _resolve_unit(unit: str, example: str) -> tuple[Decimal, str]:
-    """Factor to the SI base units of this registry and the dimensionality as text."""
+def _resolve_unit(unit: str, example: str) -> Measure:
+    """Return one of a unit."""
     if not unit:
-        return Decimal(1), "dimensionless"
+        return Measure(Decimal(1))
     if _UNIT.fullmatch(unit) is None:
         raise UnitError(
             f"{unit!r} is not a unit; write units like N/um, kg/m^3 or N s/m, for example {example}"
         )
     try:
-        parsed = _REGISTRY.parse_units(unit.replace("^", "**"))
-    except (pint.errors.PintError, AttributeError) as error:
+        return _multiply_terms(unit)
+    except KeyError as error:
         raise UnitError(f"unknown unit {unit!r}; write for example {example}") from error
-    factor, _ = _REGISTRY.get_root_units(parsed)
-    # the registry's root mass is the gram
-    grams = 3 * int(dict(parsed.dimensionality).get("[mass]", 0))
-    return Decimal(str(factor)).scaleb(-grams), str(parsed.dimensionality)
 
 
-def _describe(unit: str, dimensionality: str) -> str:
+def _multiply_terms(text: str) -> Measure:
+    """Return a product such as ``60 * second`` or ``kN m/rad``; raises KeyError for an unknown unit."""
+    product = Measure(Decimal(1))
+    for sign, number, name, power in _TERM.findall(text):
+        term = Measure(Decimal(number)) if number else _find_unit(name)
+        product = product.times(term, int(power or 1) * (-1 if sign == "/" else 1))
+    return product
+
+
+@cache
+def _find_unit(name: str) -> Measure:
+    """Return one of a unit without a power; raises KeyError where it is unknown."""
+    prefixes, meanings = _read_definitions()
+    for plural in ("", "s"):
+        for prefix, factor in {"": Decimal(1), **prefixes}.items():
+            stem = name.removeprefix(prefix).removesuffix(plural)
+            if f"{prefix}{stem}{plural}" != name or (plural and len(stem) == 1):
+                continue
+            if meaning := meanings.get(stem):
+                symbol, size = _BASES.get(meaning, ("", Decimal(1)))
+                one = Measure(size, ((symbol, 1),)) if symbol else _multiply_terms(meaning)
+                return Measure(factor).times(one)
+    raise KeyError(name)
+
+
+def _describe(unit: str, measured: Measure) -> str:
     if not unit:
         return "a plain number"
     for dimension in DIMENSIONS:
-        if _resolve_unit(dimension.unit, "")[1] == dimensionality:
+        if _resolve_unit(dimension.unit, "").powers == measured.powers:
             return _with_article(dimension)
     return f"in {unit}"
 

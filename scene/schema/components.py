@@ -446,11 +446,11 @@ class ComponentTable(types.StrictTable):
     fidelity: Literal["rigid", "segmented", "polynomial", "elastic"] = "elastic"
     """`rigid`: 6 dofs, no mesh; `segmented`: a row of rigid segments on beam springs; `polynomial`: a box, plain plate or tube without a
     mesh, its displacements polynomials; `elastic`: FE and Craig–Bampton"""
-    mesh: MeshTable = MeshTable()
+    mesh: MeshTable = Field(default_factory=MeshTable.model_construct)
     """mesh of an elastic component"""
-    reduction: _ReductionTable = _ReductionTable()
+    reduction: _ReductionTable = Field(default_factory=_ReductionTable.model_construct)
     """modes kept of an elastic component; without it the planner keeps them as far as the analyses need them"""
-    segments: _SegmentsTable = _SegmentsTable()
+    segments: _SegmentsTable = Field(default_factory=_SegmentsTable.model_construct)
     """division of a segmented component"""
     interfaces: dict[types.Name, InterfaceTable] = {}
     """areas at which joints act"""

@@ -74,7 +74,7 @@ class DriveTable(types.StrictTable):
     """proportional gain of the PI velocity control: force per speed of the axis, or torque per angular speed of the motor"""
     integral_time: types.PositiveTime | None = None
     """integral time of the PI velocity control; default: none, proportional only"""
-    feed_forward: _FeedForwardTable = _FeedForwardTable()
+    feed_forward: _FeedForwardTable = Field(default_factory=_FeedForwardTable.model_construct)
     """shares that do not wait for an error: `{ velocity = "100 %", acceleration = "100 %" }`"""
     encoder: Literal["motor", "scale"] = "motor"
     """feedback of the position control: the motor encoder or a linear scale; the velocity control always uses the motor encoder"""

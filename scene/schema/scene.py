@@ -2,10 +2,11 @@
 
 import functools
 import re
+from collections.abc import Collection
 from importlib import import_module
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
-from pydantic import BeforeValidator, Field, create_model, field_validator
+from pydantic import BaseModel, BeforeValidator, Field, create_model, field_validator
 
 from headstock.geometry.machine.joints import JointEnd
 from headstock.scene.reading.names import NAMES
@@ -269,7 +270,7 @@ class SceneTable(types.StrictTable):
     variants: dict[types.Name, dict[str, Any]] = {}
     """named sets of overrides, keys in quotes: `"components.column.fidelity" = "rigid"`; chosen by `--variant`; `--variant A+B` applies
     `A`, then `B`"""
-    compare: _CompareTable = _CompareTable()
+    compare: _CompareTable = Field(default_factory=_CompareTable.model_construct)
     """what `headstock compare` shows, see [variants side by side](comparing.md)"""
     poses: Annotated[dict[types.Name, PoseTable], Field(max_length=types.MAX_POSES)] = {}
     """axis positions: `X = "10 mm"`; axes left out are at zero; default: one pose, `reference`, with all axes at zero"""
@@ -283,11 +284,11 @@ class SceneTable(types.StrictTable):
     """effects by name, each `true` or `false`, or a list of names, see [effects](effects.md); `gravity` may be an acceleration; `damping`
     may be a table: `{ modal = 0.02 }` adds this damping ratio to every mode (a list is for the first modes, its last value for all others),
     `{ rayleigh = { alpha = "2 1/s", beta = "1e-5 s" } }` adds `alpha M + beta K` of the whole machine; default: all off"""
-    analyses: AnalysesTable = AnalysesTable()
+    analyses: AnalysesTable = Field(default_factory=AnalysesTable.model_construct)
     """what is computed"""
-    orientation: OrientationTable = OrientationTable()
+    orientation: OrientationTable = Field(default_factory=OrientationTable.model_construct)
     """position and orientation of the whole machine"""
-    limits: _LimitsTable = _LimitsTable()
+    limits: _LimitsTable = Field(default_factory=_LimitsTable.model_construct)
     """limits of size, memory and time of a run"""
     accuracy: AccuracyEntry | None = None
     """allowed error of every requested number: meshes and modes are chosen accordingly, see [accuracy](accuracy.md); default: none, the
@@ -340,5 +341,30 @@ def complete_scene() -> type[SceneTable]:
         "SceneTable",
         __base__=SceneTable,
         __doc__=SceneTable.__doc__,
-        analyses=(analyses, analyses()),
+        analyses=(analyses, Field(default_factory=analyses.model_construct)),
     )
+
+
+@functools.cache
+def table_of(sections: frozenset[str], analyses: frozenset[str]) -> type[SceneTable]:
+    """Return the table of scenes in which only some sections and analyses are written; pydantic takes
+    long to build rules for all of them.
+    """
+    complete = complete_scene()
+    every = cast(type[AnalysesTable], complete.model_fields["analyses"].annotation)
+    written, narrowed = _narrow(every, analyses), _narrow(complete, sections)
+    if "analyses" not in sections:
+        return narrowed
+    return create_model(
+        complete.__name__, __base__=narrowed, __doc__=complete.__doc__, analyses=(written, ...)
+    )
+
+
+def _narrow[T: BaseModel](table: type[T], keys: Collection[str]) -> type[T]:
+    """Return a table that takes no notice of other keys than these: all others have their defaults."""
+    others: dict[str, Any] = {
+        name: (Any, field.get_default(call_default_factory=True))
+        for name, field in table.model_fields.items()
+        if name not in keys
+    }
+    return create_model(table.__name__, __base__=table, __doc__=table.__doc__, **others)

@@ -73,7 +73,9 @@ class StrictTable(BaseModel):
     follows ``DEFAULT`` in it holds where the key is left out.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True
+    )
 
     def _faults(self) -> Iterator[str]:
         """Yield what is wrong with keys of which each is right by itself, and what to write; the

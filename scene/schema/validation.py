@@ -12,12 +12,13 @@ from typing import Annotated, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from headstock.geometry.loading import without_collecting
 from headstock.scene.reading.expressions import is_expression
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.reading.names import REMOVED_KEYS, SCENE_KEYS
 from headstock.scene.reading.units import quote_value
-from headstock.scene.schema.scene import SceneTable, complete_scene
+from headstock.scene.schema.scene import SceneTable, complete_scene, table_of
 from headstock.scene.schema.types import table_name
 
 # what pydantic puts among the keys: a faulty key, and which kind of value was taken
@@ -34,7 +35,10 @@ _KINDS = {
 
 def validate_tables(raw: TomlTable, findings: Findings) -> SceneTable | None:
     """Validate a parsed scene, as ``validate_against`` does."""
-    return validate_against(complete_scene(), raw, findings)
+    analyses = raw.get("analyses")
+    names = frozenset(analyses) if isinstance(analyses, dict) else frozenset[str]()
+    with without_collecting():
+        return validate_against(table_of(frozenset(raw), names), raw, findings)
 
 
 def validate_against[T: BaseModel](model: type[T], raw: TomlTable, findings: Findings) -> T | None:

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy  # whose search of minima, a tenth of a second, is loaded where it is used
+from scipy.sparse.csgraph import connected_components
 
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.errors import AccuracyError, ModelError
@@ -50,6 +51,8 @@ GROWTH = 1.5
 UNDAMPED = 1e-9  # half-width over frequency below which a peak has no top
 NEAREST = 1e-6  # how near the grid comes to an undamped resonance
 REFINEMENT = 1e-9  # of the frequency of a stability figure
+# of the root of both diagonal entries: less is roundoff of zero
+UNCONNECTED = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -392,7 +395,7 @@ def _lowest(
     best = float(frequencies_hz[index]), float(values[index])
     if low == high:
         return best
-    minimum = minimize_scalar(
+    minimum = scipy.optimize.minimize_scalar(
         function, bounds=(low, high), method="bounded", options={"xatol": REFINEMENT * high}
     )
     return (float(minimum.x), float(minimum.fun)) if minimum.fun < best[1] else best
@@ -400,3 +403,22 @@ def _lowest(
 
 def _entry(response: FrequencyResponse, channel: Channel) -> ComplexArray:
     return response.receptance[:, response.outputs.index(channel), response.inputs.index(channel)]
+
+
+def find_links(system: SecondOrderSystem, loads: FloatArray, rows: FloatArray) -> BoolArray:
+    """Return whether something connects where a load acts with where motion is seen
+    ``(n_outputs, n_inputs)``.
+
+    Args:
+        system: Without modal damping, whose roundoff connects everything.
+        loads: ``(n, n_inputs)``.
+        rows: ``(n_outputs, n)``.
+    """
+    connected = np.zeros(system.mass.shape, dtype=bool)
+    for matrix in (system.mass, system.stiffness, system.damping, system.hysteretic):
+        if matrix is not None:
+            scale = np.sqrt(np.abs(np.diag(matrix)))
+            connected |= np.abs(matrix) > UNCONNECTED * np.outer(scale, scale)
+    count, part = connected_components(connected, directed=False)
+    members = part == np.arange(count)[:, None]
+    return np.asarray((rows != 0.0) @ members.T @ members @ (loads != 0.0) > 0)

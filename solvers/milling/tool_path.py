@@ -12,14 +12,16 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
-import scipy.interpolate
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.milling.forces import Side, part_sign
+
+if TYPE_CHECKING:  # every scene loads this module, and interpolation takes a third of a second
+    from scipy.interpolate import BSpline
 
 AVERAGES = 3
 BLOCK_FACES: dict[Side, tuple[str, ...]] = {
@@ -179,7 +181,7 @@ class TracedPath:
         span: When it starts and ends [s].
     """
 
-    law: scipy.interpolate.BSpline
+    law: "BSpline"
     span: tuple[float, float]
 
     def at(self, times: FloatArray) -> PathPoints:

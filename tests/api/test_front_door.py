@@ -37,7 +37,7 @@ def loaded_by(code: str) -> set[str]:
 
 @pytest.mark.parametrize("code", ["import headstock", "import headstock.geometry.frames"])
 def test_an_import_loads_neither_the_schema_nor_the_solvers(code: str) -> None:
-    heavy = {"pydantic", "pint", "dolfinx", "petsc4py", "mpi4py", "scipy", "h5py", "pyvista"}
+    heavy = {"pydantic", "dolfinx", "petsc4py", "mpi4py", "scipy", "h5py", "pyvista"}
     found = loaded_by(code)
     assert "headstock" in found
     assert found & heavy == set()

@@ -38,6 +38,10 @@ from headstock.scene.reading.units import DIMENSIONS, Dimension, UnitError, pars
         ("4 GB", units.MEMORY, 4e9),
         ("  -12mm ", units.LENGTH, -0.012),
         ("1 in", units.LENGTH, 0.0254),
+        ("2 hours", units.TIME, 7200.0),
+        ("3 kilonewtons", units.FORCE, 3000.0),
+        ("3 N/mm mm/m**2", units.PRESSURE, 3.0),
+        ("1 1/ms", units.RATE, 1000.0),
     ],
 )
 def test_a_quantity_is_read_in_si_to_the_last_bit(
@@ -69,6 +73,8 @@ def test_a_quantity_is_read_in_si_to_the_last_bit(
         ("1 m**9**9**9", units.LENGTH, "is not a unit"),
         ("0x10 mm", units.LENGTH, "is not a unit"),
         ("3 foo", units.LENGTH, "unknown unit 'foo'"),
+        ("3 k%", units.RATIO, "unknown unit 'k%'"),
+        ("3 ss", units.TIME, "unknown unit 'ss'"),
         ("", units.LENGTH, "not one real number"),
         ("1 " + "m" * 200, units.LENGTH, "too long"),
         (38, units.LENGTH, 'such as "38 mm"'),
