@@ -14,9 +14,10 @@ A name loads its module when it is first used, so that ``import headstock`` is q
 from importlib import import_module
 
 _HOMES = {  # module to its public names
-    "headstock.runs": (
-        *("check", "compare", "identify", "load", "open", "plan", "run", "study", "sweep"),
-    ),
+    "headstock.loading": ("load",),
+    "headstock.previews": ("check", "plan"),
+    "headstock.runs": ("open", "run"),
+    "headstock.repeated_runs": ("compare", "identify", "study", "sweep"),
     "headstock.machine": ("Machine",),
     "headstock.nouns": (
         *("Axis", "Box", "Column", "Component", "Interface", "Joint", "Load", "Material"),
@@ -40,7 +41,8 @@ def __getattr__(name: str) -> object:
     if name == "__version__":
         value = import_module("headstock.pipeline.storage.provenance").find_version().version
     elif name in _HOME_OF:
-        value = getattr(import_module(_HOME_OF[name]), name)
+        with import_module("headstock.geometry.loading").without_collecting():
+            value = getattr(import_module(_HOME_OF[name]), name)
     else:
         raise AttributeError(f"headstock has no public name {name!r}; it has: {', '.join(__all__)}")
     globals()[name] = value

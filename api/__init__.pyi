@@ -11,19 +11,19 @@ from headstock.machine import Noun
 from headstock.scene.schema import axes, components, joints, loads
 from headstock.values import Quantity
 from headstock.geometry.errors import HeadstockError as HeadstockError
+from headstock.loading import load as load
 from headstock.machine import Machine as Machine
 from headstock.nouns import Box as Box
 from headstock.pipeline.results.files import read_mesh as read_mesh
 from headstock.pipeline.results.results import Results as Results
-from headstock.runs import check as check
-from headstock.runs import compare as compare
-from headstock.runs import identify as identify
-from headstock.runs import load as load
+from headstock.previews import check as check
+from headstock.previews import plan as plan
+from headstock.repeated_runs import compare as compare
+from headstock.repeated_runs import identify as identify
+from headstock.repeated_runs import study as study
+from headstock.repeated_runs import sweep as sweep
 from headstock.runs import open as open
-from headstock.runs import plan as plan
 from headstock.runs import run as run
-from headstock.runs import study as study
-from headstock.runs import sweep as sweep
 from headstock.scene.reading.findings import SceneError as SceneError
 from headstock.studies.comparison import Comparison as Comparison
 from headstock.studies.identification.identification import Identification as Identification

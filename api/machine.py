@@ -27,7 +27,7 @@ from headstock.scene.reading.files import TomlTable, TomlValue, write_toml, writ
 from headstock.scene.reading.findings import Findings, Problem, SceneError
 from headstock.scene.reading.keys import split_key
 from headstock.scene.scene import Scene
-from headstock.scene.schema.scene import complete_scene
+from headstock.scene.schema.scene import SceneTable, complete_scene
 from headstock.scene.schema.validation import known_keys, validate_against
 from headstock.values import find_strange, freeze_table, write_at, write_table
 
@@ -151,7 +151,7 @@ class Sections(TypedDict, total=False):
     free: bool
 
 
-class Machine(Noun, schema=complete_scene()):
+class Machine(Noun, schema=SceneTable):
     """A scene: a machine, its poses and what is to be computed. It is checked as
     ``headstock check`` does when it is made, and is not changed afterwards.
 

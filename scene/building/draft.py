@@ -2,8 +2,7 @@
 and checks of names and channels.
 """
 
-import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -175,10 +174,9 @@ class SceneAnalysis[T: RequestTable, R: Request]:
     check_sweep: Callable[[Scene, Sweep], None] | None = None
 
 
-@functools.cache
-def list_records() -> tuple[SceneAnalysis[Any, Any], ...]:
-    """Return every analysis, in the order of their names."""
-    return tuple(load_record(name) for name in NAMES)
+def list_records(names: Collection[str] = NAMES) -> tuple[SceneAnalysis[Any, Any], ...]:
+    """Return analyses, in the order of ``NAMES``; the modules of others are not loaded."""
+    return tuple(load_record(name) for name in NAMES if name in names)
 
 
 def collect_sections(raw: TomlTable) -> dict[str, frozenset[str]]:

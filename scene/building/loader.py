@@ -182,8 +182,8 @@ def build_scene(
     # these need the machine in its poses
     rails.check_carriages(scene, findings)
     requests = list_analyses(scene)
-    for record in list_records():
-        if record.check_scene is not None and record.request.analysis in requests:
+    for record in list_records(requests):
+        if record.check_scene is not None:
             record.check_scene(requests[record.request.analysis], scene, findings)
     findings.raise_if_any()
     return scene
@@ -209,7 +209,7 @@ def prepare_sweep(scene: Scene, name: str, *, overrides: Sequence[str] = ()) -> 
     findings = Findings(str(scene.path))
     studies.check_sweep_carriages(scene.machine, scene.sweeps[name], findings)
     findings.raise_if_any()
-    for record in list_records():
+    for record in list_records(scene.analyses.names):
         if record.check_sweep is not None:
             record.check_sweep(scene, scene.sweeps[name])
     return scene
@@ -221,10 +221,9 @@ def _check_analyses(draft: Draft, *, complete: bool) -> None:
     Args:
         complete: Every entry of the scene passed the schema.
     """
-    for record in list_records():
-        table = draft.table.analyses.get(record.table)
-        if table is None:
-            continue
+    requested = draft.table.analyses.requested
+    for record in list_records(requested):
+        table = requested[record.request.analysis]
         poses = getattr(table, "poses", None)
         draft.check_poses(("analyses", record.request.analysis, "poses"), poses)
         for check in (record.check, record.check_complete if complete else None):
@@ -235,9 +234,12 @@ def _check_analyses(draft: Draft, *, complete: bool) -> None:
 def _build_scene(draft: Draft, path: Path, variant: str | None) -> Scene:
     table = draft.table
     name = table.name or path.stem
-    tables = {record: table.analyses.get(record.table) for record in list_records()}
+    requested = table.analyses.requested
     every = Analyses(
-        *(record.build(entry, draft) for record, entry in tables.items() if entry is not None)
+        *(
+            record.build(requested[record.request.analysis], draft)
+            for record in list_records(requested)
+        )
     )
     return Scene(
         name=name,

@@ -4,9 +4,9 @@ import functools
 import re
 from collections.abc import Collection
 from importlib import import_module
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, Field, create_model, field_validator
+from pydantic import BeforeValidator, Field, create_model, field_validator
 
 from headstock.geometry.machine.joints import JointEnd
 from headstock.scene.reading.names import NAMES
@@ -326,45 +326,34 @@ def load_record(name: str) -> Any:
     return import_module(f"headstock.scene.analyses.{name}").ANALYSIS
 
 
-@functools.cache
 def complete_scene() -> type[SceneTable]:
     """Return the table of a whole scene with the tables of all analyses."""
-    fields: dict[str, Any] = {}
-    for name in NAMES:
-        record = load_record(name)
-        meaning = Field(json_schema_extra={types.MEANING: record.meaning})
-        fields[name] = (Annotated[record.table | None, _LEFT_OUT, meaning], None)
-    analyses = create_model(
-        "AnalysesTable", __base__=AnalysesTable, __doc__=AnalysesTable.__doc__, **fields
-    )
-    return create_model(
-        "SceneTable",
-        __base__=SceneTable,
-        __doc__=SceneTable.__doc__,
-        analyses=(analyses, Field(default_factory=analyses.model_construct)),
-    )
+    return table_of(frozenset(SceneTable.model_fields), frozenset(NAMES))
 
 
 @functools.cache
 def table_of(sections: frozenset[str], analyses: frozenset[str]) -> type[SceneTable]:
-    """Return the table of scenes in which only some sections and analyses are written; pydantic takes
-    long to build rules for all of them.
+    """Return the table of scenes in which no other sections and analyses are written: their modules
+    are not loaded, and no rules built for them, which takes longer than all checks.
     """
-    complete = complete_scene()
-    every = cast(type[AnalysesTable], complete.model_fields["analyses"].annotation)
-    written, narrowed = _narrow(every, analyses), _narrow(complete, sections)
-    if "analyses" not in sections:
-        return narrowed
-    return create_model(
-        complete.__name__, __base__=narrowed, __doc__=complete.__doc__, analyses=(written, ...)
-    )
-
-
-def _narrow[T: BaseModel](table: type[T], keys: Collection[str]) -> type[T]:
-    """Return a table that takes no notice of other keys than these: all others have their defaults."""
-    others: dict[str, Any] = {
+    fields: dict[str, Any] = {
         name: (Any, field.get_default(call_default_factory=True))
-        for name, field in table.model_fields.items()
-        if name not in keys
+        for name, field in SceneTable.model_fields.items()
+        if name not in sections
     }
-    return create_model(table.__name__, __base__=table, __doc__=table.__doc__, **others)
+    if "analyses" in sections:
+        requests = _table_of_analyses(analyses)
+        fields["analyses"] = (requests, Field(default_factory=requests.model_construct))
+    return create_model("SceneTable", __base__=SceneTable, __doc__=SceneTable.__doc__, **fields)
+
+
+def _table_of_analyses(names: Collection[str]) -> type[AnalysesTable]:
+    fields: dict[str, Any] = dict.fromkeys(NAMES, (Any, None))
+    for name in NAMES:
+        if name in names:
+            record = load_record(name)
+            meaning = Field(json_schema_extra={types.MEANING: record.meaning})
+            fields[name] = (Annotated[record.table | None, _LEFT_OUT, meaning], None)
+    return create_model(
+        "AnalysesTable", __base__=AnalysesTable, __doc__=AnalysesTable.__doc__, **fields
+    )

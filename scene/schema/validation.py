@@ -18,7 +18,7 @@ from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.reading.names import REMOVED_KEYS, SCENE_KEYS
 from headstock.scene.reading.units import quote_value
-from headstock.scene.schema.scene import SceneTable, complete_scene, table_of
+from headstock.scene.schema.scene import SceneTable, table_of
 from headstock.scene.schema.types import table_name
 
 # what pydantic puts among the keys: a faulty key, and which kind of value was taken
@@ -93,7 +93,7 @@ def validate_part[T: BaseModel](
 
 def known_keys(path: KeyPath, root: type[BaseModel] | None = None) -> list[str] | None:
     """Keys a schema, by default the scene's, knows at a path; None where any key may stand."""
-    model = _resolve_model(root or complete_scene(), path)
+    model = _resolve_model(root or _root(path), path)
     return (
         [field.alias or name for name, field in model.model_fields.items()]
         if model is not None
@@ -103,7 +103,7 @@ def known_keys(path: KeyPath, root: type[BaseModel] | None = None) -> list[str] 
 
 def is_list(path: KeyPath) -> bool:
     """Return whether the scene's schema has a list at a path."""
-    model = _resolve_model(complete_scene(), path[:-1])
+    model = _resolve_model(_root(path), path[:-1])
     return model is not None and get_origin(_field_kind(model, str(path[-1]))) is list
 
 
@@ -111,7 +111,14 @@ def unknown_key(path: KeyPath) -> str:
     """Return what is wrong with the last key of a path that the scene's schema does not know, or no longer
     by this name.
     """
-    return _unknown_key(complete_scene(), path)
+    return _unknown_key(_root(path), path)
+
+
+def _root(path: KeyPath) -> type[SceneTable]:
+    """Return the table of a scene as far as a path needs it."""
+    if path[:1] != ("analyses",):
+        return SceneTable
+    return table_of(frozenset(("analyses",)), frozenset(str(part) for part in path[1:2]))
 
 
 def _unknown_key(root: type[BaseModel], path: KeyPath) -> str:

@@ -1,0 +1,1 @@
+../../api/repeated_runs.py
