@@ -156,6 +156,8 @@ export_settings() {
     # PETSc would end the process at a closed pipe, with a page of advice
     export PETSC_OPTIONS="-no_signal_handler${PETSC_OPTIONS:+ $PETSC_OPTIONS}"
     export UCX_LOG_LEVEL="${UCX_LOG_LEVEL:-fatal}"
+    # pydantic would ask every installed package for plugins, which the program has none of
+    export PYDANTIC_DISABLE_PLUGINS="${PYDANTIC_DISABLE_PLUGINS:-__all__}"
     # inside a container the kernel may refuse one process to read another's memory
     export OMPI_MCA_smsc="${OMPI_MCA_smsc:-^cma}"
     if [ "$me" = 0 ]; then export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1; fi

@@ -13,8 +13,7 @@ Parameters are those of ISO 21920-2 (ISO 4287 before): waviness by the Gaussian 
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.interpolate
-import scipy.ndimage
+import scipy  # whose interpolation and filters, a third of a second, are loaded where they are used
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
@@ -149,8 +148,8 @@ class _ToothPasses:
 
 def _lowest_edges(
     spindle: float,
-    along: scipy.interpolate.CubicSpline,
-    outward: scipy.interpolate.CubicSpline,
+    along: "scipy.interpolate.CubicSpline",
+    outward: "scipy.interpolate.CubicSpline",
     passes: _ToothPasses,
     positions: FloatArray,
 ) -> FloatArray:
@@ -211,8 +210,8 @@ def _tooth_passes(
 
 def _edge_heights(
     spindle: float,
-    along: scipy.interpolate.CubicSpline,
-    outward: scipy.interpolate.CubicSpline,
+    along: "scipy.interpolate.CubicSpline",
+    outward: "scipy.interpolate.CubicSpline",
     *,
     radii: FloatArray,
     passes: FloatArray,

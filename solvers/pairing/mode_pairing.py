@@ -5,7 +5,7 @@ by the space they span.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
+import scipy  # whose assignment, a tenth of a second, is loaded where it is used
 
 from headstock.geometry.frames import FloatArray
 
@@ -95,7 +95,7 @@ def assign_modes(
 
     Source: Kuhn (1955).
     """
-    rows, columns = linear_sum_assignment(
+    rows, columns = scipy.optimize.linear_sum_assignment(
         np.where(correlations >= mac_threshold, correlations + tie_break, 0.0), maximize=True
     )
     pairs = [
@@ -127,7 +127,7 @@ def match_frequencies(
     Source: Kuhn (1955).
     """
     distances = (logs[None, :] - wanted_logs[:, None]) / np.reshape(sigmas, (-1, 1))
-    return tuple(int(column) for column in linear_sum_assignment(distances**2 + costs)[1])
+    return tuple(int(column) for column in scipy.optimize.linear_sum_assignment(distances**2 + costs)[1])
 
 
 def find_clusters(modes: ModeSet) -> list[list[int]]:
