@@ -1,13 +1,15 @@
 """The command line: a thin skin over the Python API."""
 
 import gc
+import os
 import sys
+import time
 from typing import Annotated
 
 import click
 
 from headstock.app.commands import batch_commands, scene_commands, tool_commands
-from headstock.app.commands.options import CommandOptions, make_command
+from headstock.app.commands.options import CommandLine, CommandOptions, make_command
 from headstock.app.commands.plain_typer import typer
 from headstock.app.terminal.guard import find_home, hand_over, prepare_streams
 
@@ -81,6 +83,16 @@ def _read_program_options(
     """Options before any command."""
 
 
+def _describe(words: list[str], arguments: list[str] | None) -> CommandLine:
+    """Return the command line; where its words are those of the process it began with that."""
+    begun = time.clock_gettime(time.CLOCK_BOOTTIME)
+    if arguments is None:
+        with open("/proc/self/stat") as file:  # noqa: PTH123 (no pathlib at start-up)
+            ticks = file.read().rpartition(")")[2].split()[19]
+        begun = int(ticks) / os.sysconf("SC_CLK_TCK")
+    return CommandLine(tuple(words), begun)
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run a command line and return its exit code."""
     prepare_streams()
@@ -88,7 +100,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         words = sys.argv[1:] if arguments is None else arguments
         code = typer.main.get_command(app).main(
-            args=words, prog_name=PROGRAM, standalone_mode=False, obj=tuple(words)
+            args=words, prog_name=PROGRAM, standalone_mode=False, obj=_describe(words, arguments)
         )
     except click.ClickException as error:
         error.show()

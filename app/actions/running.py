@@ -11,7 +11,7 @@ import click
 
 from headstock.app.actions.checking import choose_fidelity, load_chosen
 from headstock.app.actions.publishing import PARTS, publish_run
-from headstock.app.commands.options import trace_command
+from headstock.app.commands.options import find_command_line, trace_command
 from headstock.app.commands.scene_commands import RunOptions
 from headstock.app.terminal.console import counted, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
@@ -46,7 +46,7 @@ def run_command(options: RunOptions, comm: MPI.Comm) -> int:
         click.UsageError: An option does not fit.
         HeadstockError: A computation failed.
     """
-    start = time.perf_counter()
+    line, start = find_command_line(), time.perf_counter()
     chosen, wanted = options.chosen, options.fidelity
     if wanted is not None:
         chosen, kept = make_on_root(comm, lambda: choose_fidelity(options.chosen, wanted))
@@ -74,7 +74,8 @@ def run_command(options: RunOptions, comm: MPI.Comm) -> int:
                 remarks = publish_run(output, results, figures=not options.no_figures)
             options.write_json(dump_summary(summarise(results)))
             print_remarks(remarks)
-            print_summary(results, seconds=time.perf_counter() - start, folder=output, said=said)
+            seconds = time.perf_counter() - start if line is None else line.seconds
+            print_summary(results, seconds=seconds, folder=output, said=said)
     return int(share_from_root(comm, FAILED if results.failures else DONE))
 
 

@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import time
 from collections.abc import Callable
 from dataclasses import MISSING, Field, dataclass, fields
 from pathlib import Path
@@ -253,11 +254,29 @@ def _load_action(place: str) -> Callable[..., int]:
     return action
 
 
-def _command_words() -> tuple[str, ...] | None:
-    """Return the words of the present command line; None without one."""
+@dataclass(frozen=True)
+class CommandLine:
+    """The present command line: its words, and when its process began, in seconds since the boot."""
+
+    words: tuple[str, ...]
+    begun: float
+
+    @property
+    def seconds(self) -> float:
+        """Return how long it has taken so far, loading what it needs included [s]."""
+        return time.clock_gettime(time.CLOCK_BOOTTIME) - self.begun
+
+
+def find_command_line() -> CommandLine | None:
+    """Return the present command line; None without one."""
     context = click.get_current_context(silent=True)
-    words: tuple[str, ...] | None = None if context is None else context.find_root().obj
-    return words
+    line: CommandLine | None = None if context is None else context.find_root().obj
+    return line
+
+
+def _command_words() -> tuple[str, ...] | None:
+    line = find_command_line()
+    return None if line is None else line.words
 
 
 def trace_command(choice: "SceneChoice", *, ranks: int = 1, with_host: bool) -> "Provenance | None":

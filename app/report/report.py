@@ -23,6 +23,7 @@ from headstock.app.drawings.markup import (
     write_data,
 )
 from headstock.app.report.notes import list_notes
+from headstock.app.report.template_code import TemplateCode
 from headstock.app.report.viewer_data import Caption, EncodedMachine, Kind, encode_machine
 from headstock.app.tables.static import PointRow, list_point_rows, shared_budget, top_shares
 from headstock.app.tables.table import PlainTable, encode_csv
@@ -278,6 +279,7 @@ def report_environment() -> jinja2.Environment:
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        bytecode_cache=TemplateCode(),
     )
     filters: dict[str, Any] = {
         "number": show_number,

@@ -6,13 +6,13 @@ run to run, so that a ParaView state fits the next one.
 """
 
 import base64
+import html
 import math
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import starmap
 from typing import Any, Literal
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,7 +150,7 @@ def pose_numbers(modal: Sequence[PoseModes], pose: str) -> dict[str, AnyArray]:
 def encode_collection(files: Sequence[str]) -> bytes:
     """Files next to it as steps of time 0, 1 and so on: ParaView's slider goes through them."""
     sets = [
-        f'<DataSet timestep="{step}" part="0" file={quoteattr(name)}/>'
+        f'<DataSet timestep="{step}" part="0" file="{html.escape(name)}"/>'
         for step, name in enumerate(files)
     ]
     return "\n".join(
@@ -222,4 +222,4 @@ def _data_array(name: str, array: AnyArray) -> str:
     data = np.ascontiguousarray(array).tobytes()
     text = base64.b64encode(struct.pack("<Q", len(data)) + data).decode()
     width = f' NumberOfComponents="{array.shape[1]}"' if array.ndim == 2 else ""
-    return f'<DataArray type="{kinds[array.dtype.str[1:]]}" Name={quoteattr(name)}{width} format="binary">{text}</DataArray>'
+    return f'<DataArray type="{kinds[array.dtype.str[1:]]}" Name="{html.escape(name)}"{width} format="binary">{text}</DataArray>'

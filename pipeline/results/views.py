@@ -183,52 +183,56 @@ def shift_skins(
     return found
 
 
-def surface_energy_density(
-    points: FloatArray, triangles: IntArray, shift: ShiftArray, material: Material
-) -> FloatArray:
-    """Strain energy per volume just below a free surface [J/m^3], from how the surface itself is
-    strained.
+class SurfaceGauges:
+    """The triangles of a free surface, each a strain gauge.
 
     No traction acts on a free surface, so the stress there is plane and its energy follows from the
-    strains in the surface, each triangle being a strain gauge. Where an interface, a load or a
-    support acts on the surface, the part of the energy that the traction does is missing.
+    strains in the surface. Where an interface, a load or a support acts on the surface, the part of
+    the energy that the traction does is missing.
 
     Args:
         points: ``(n, 3)`` [m].
         triangles: ``(m, 3)``.
-        shift: ``(n, 3)`` displacement [m], in the axes of the points.
-
-    Returns:
-        ``(n,)`` means over the triangles at each point, by area.
 
     Source: Timoshenko and Goodier (1970), Theory of Elasticity, plane stress.
     """
-    corners, moved = points[triangles], shift[triangles].astype(float)
-    sides, strained = corners[:, 1:] - corners[:, :1], moved[:, 1:] - moved[:, :1]
-    normals = np.cross(sides[:, 0], sides[:, 1])
-    doubled = np.linalg.norm(normals, axis=1)
-    whole = doubled > 0.0
-    sides, strained, normals, doubled = (
-        sides[whole],
-        strained[whole],
-        normals[whole],
-        doubled[whole],
-    )
-    first = sides[:, 0] / np.linalg.norm(sides[:, 0], axis=1, keepdims=True)
-    axes = np.stack([first, np.cross(normals / doubled[:, None], first)], axis=2)
-    # rows of both: the two sides; columns: the two axes in the plane. gradient^T = places^-1 shifts
-    places, shifts = sides @ axes, strained @ axes
-    gradient = np.linalg.solve(places, shifts)
-    strain = 0.5 * (gradient + gradient.transpose(0, 2, 1))
-    nu = material.poisson_ratio
-    trace, squares = strain[:, 0, 0] + strain[:, 1, 1], np.einsum("mij,mij->m", strain, strain)
-    density = 0.5 * material.youngs_modulus / (1.0 - nu**2) * (nu * trace**2 + (1.0 - nu) * squares)
-    corner = triangles[whole].ravel()
-    area = np.bincount(corner, np.repeat(doubled, 3), minlength=len(points))
-    return np.asarray(
-        np.bincount(corner, np.repeat(doubled * density, 3), minlength=len(points))
-        / np.where(area > 0.0, area, 1.0)
-    )
+
+    def __init__(self, points: FloatArray, triangles: IntArray) -> None:
+        sides = points[triangles[:, 1:]] - points[triangles[:, :1]]
+        normals = np.cross(sides[:, 0], sides[:, 1])
+        doubled = np.linalg.norm(normals, axis=1)
+        whole = doubled > 0.0
+        sides, normals, self._doubled = sides[whole], normals[whole], doubled[whole]
+        first = sides[:, 0] / np.linalg.norm(sides[:, 0], axis=1, keepdims=True)
+        across = np.cross(normals / self._doubled[:, None], first)
+        self._axes = np.stack([first, across], axis=2)
+        # rows: the two sides; columns: the two axes in the plane
+        self._inverses = np.linalg.inv(sides @ self._axes)
+        self._triangles = triangles[whole]
+        self._corner = self._triangles.ravel()
+        area = np.bincount(self._corner, np.repeat(self._doubled, 3), minlength=len(points))
+        self._area = np.where(area > 0.0, area, 1.0)
+
+    def energy_density(self, shift: ShiftArray, material: Material) -> FloatArray:
+        """Return the strain energy per volume just below the surface [J/m^3], ``(n,)`` means over the
+        triangles at each point, by area.
+
+        Args:
+            shift: ``(n, 3)`` displacement [m], in the axes of the points.
+        """
+        moved = shift.astype(float)
+        strained = moved[self._triangles[:, 1:]] - moved[self._triangles[:, :1]]
+        gradient = self._inverses @ (strained @ self._axes)
+        strain = 0.5 * (gradient + gradient.transpose(0, 2, 1))
+        nu = material.poisson_ratio
+        trace = strain[:, 0, 0] + strain[:, 1, 1]
+        squares = np.einsum("mij,mij->m", strain, strain)
+        factor = 0.5 * material.youngs_modulus / (1.0 - nu**2)
+        density = factor * (nu * trace**2 + (1.0 - nu) * squares)
+        weighed = np.repeat(self._doubled * density, 3)
+        return np.asarray(
+            np.bincount(self._corner, weighed, minlength=len(self._area)) / self._area
+        )
 
 
 def _skin_recovery(superelement: Superelement, skin: Skin) -> FloatArray:

@@ -7,6 +7,7 @@ but the dataclass to know the layout.
 """
 
 import dataclasses
+import functools
 import json
 import types
 import typing
@@ -97,7 +98,7 @@ def read_record[T](group: h5py.Group, kind: type[T]) -> T:
         RecordError: A field without default is missing, or holds something else than its type hint
             says.
     """
-    hints = typing.get_type_hints(kind)
+    hints = _read_hints(kind)
     values: dict[str, Any] = {}
     for field in dataclasses.fields(typing.cast(Any, kind)):
         has_default = (
@@ -115,6 +116,12 @@ def read_record[T](group: h5py.Group, kind: type[T]) -> T:
         return kind(**values)
     except ValueError as error:
         raise RecordError(f"{group.name} is no valid {kind.__name__}: {error}") from error
+
+
+@functools.cache
+def _read_hints(kind: type) -> dict[str, Any]:
+    """Return the type hints of a dataclass; reading them takes longer than its numbers."""
+    return typing.get_type_hints(kind)
 
 
 def _write_value(group: h5py.Group, name: str, value: object) -> None:

@@ -86,7 +86,7 @@ def read_entry[T](store: Store, key: str, kind: type[T]) -> StoreRead[T]:
         return StoreRead(None, f"store entry {path.name[:12]} {why}")
 
     try:
-        content = _read_own_file(path)
+        content = read_own_file(path)
     except FileNotFoundError:
         return StoreRead(None)
     except OSError as error:
@@ -164,7 +164,12 @@ def _folder(kind: type) -> str:
     return kind.__name__.lower()
 
 
-def _read_own_file(path: Path) -> bytes:
+def read_own_file(path: Path) -> bytes:
+    """Read a file that nobody else may have written.
+
+    Raises:
+        OSError: There is none, or it belongs to another user or may be written by one.
+    """
     handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
     with os.fdopen(handle, "rb") as file:
         status = os.fstat(file.fileno())

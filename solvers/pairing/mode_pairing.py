@@ -127,7 +127,9 @@ def match_frequencies(
     Source: Kuhn (1955).
     """
     distances = (logs[None, :] - wanted_logs[:, None]) / np.reshape(sigmas, (-1, 1))
-    return tuple(int(column) for column in scipy.optimize.linear_sum_assignment(distances**2 + costs)[1])
+    return tuple(
+        int(column) for column in scipy.optimize.linear_sum_assignment(distances**2 + costs)[1]
+    )
 
 
 def find_clusters(modes: ModeSet) -> list[list[int]]:

@@ -18,7 +18,7 @@ from headstock.geometry.parts.skins import box_skin, split_skin
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import mesh_skin
-from headstock.pipeline.results.views import _skin_recovery, surface_energy_density
+from headstock.pipeline.results.views import SurfaceGauges, _skin_recovery
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 
@@ -27,7 +27,8 @@ STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 
 def strained(gradient: FloatArray) -> FloatArray:
     skin = split_skin(box_skin(np.zeros(3), np.array([1.0, 2.0, 3.0])))
-    return surface_energy_density(skin.points, skin.triangles, skin.points @ gradient.T, STEEL)
+    gauges = SurfaceGauges(skin.points, skin.triangles)
+    return gauges.energy_density(skin.points @ gradient.T, STEEL)
 
 
 def test_a_pulled_bar_holds_stress_squared_over_twice_the_modulus_on_its_free_faces() -> None:
@@ -50,7 +51,7 @@ def test_single_precision_and_triangles_without_area_do_no_harm() -> None:
     skin = box_skin(np.zeros(3), np.ones(3))
     triangles = np.vstack([skin.triangles, [[0, 0, 1], [2, 2, 2]]])
     shift = (skin.points * 1e-6).astype(np.float32)
-    density = surface_energy_density(skin.points, triangles, shift, STEEL)
+    density = SurfaceGauges(skin.points, triangles).energy_density(shift, STEEL)
     np.testing.assert_allclose(
         density, 1e-12 * STEEL.youngs_modulus / (1.0 - STEEL.poisson_ratio), rtol=1e-5
     )
@@ -72,7 +73,7 @@ def test_a_bent_cantilever_is_strained_as_beam_theory_says() -> None:
     loads = np.zeros(len(bar.labels))
     loads[[label[-1] for label in bar.labels].index("x")] = force
     shift = (_skin_recovery(bar, skin) @ np.linalg.solve(bar.stiffness, loads)).reshape(-1, 3)
-    density = surface_energy_density(skin.points, skin.triangles, shift, STEEL)
+    density = SurfaceGauges(skin.points, skin.triangles).energy_density(shift, STEEL)
     x, y, z = skin.points.T
     inside = (
         (np.abs(x) > 0.499 * width)
