@@ -5,6 +5,7 @@ the program, time and place.
 import dataclasses
 import functools
 import hashlib
+import importlib
 import json
 import os
 import re
@@ -157,15 +158,15 @@ def find_version(root: Path = PROJECT) -> _ProgramVersion:
             return _ProgramVersion(str(project["version"]), _read_head(root) or UNKNOWN)
     except (OSError, ValueError, KeyError):
         pass  # no checkout
-    import importlib.metadata  # loads the reader of e-mails, which no checkout needs
-
+    # it loads the reader of e-mails, which no checkout needs
+    metadata = importlib.import_module("importlib.metadata")
     try:
-        distribution = importlib.metadata.distribution(DISTRIBUTION)
+        distribution = metadata.distribution(DISTRIBUTION)
         origin = json.loads(distribution.read_text("direct_url.json") or "{}")
         return _ProgramVersion(
             distribution.version, str(origin.get("vcs_info", {}).get("commit_id", UNKNOWN))
         )
-    except (importlib.metadata.PackageNotFoundError, ValueError, AttributeError):
+    except (ModuleNotFoundError, ValueError, AttributeError):
         return _ProgramVersion(UNKNOWN, UNKNOWN)
 
 
