@@ -9,6 +9,7 @@ import importlib
 import json
 import os
 import re
+import socket
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -143,7 +144,7 @@ def trace_content(
         ranks=ranks,
         threads=int(os.environ.get("OMP_NUM_THREADS", os.cpu_count() or 1)),
         command=tuple(command) if with_host and command is not None else None,
-        host=os.uname().nodename if with_host else None,
+        host=socket.gethostname() if with_host else None,
     )
 
 
