@@ -36,6 +36,13 @@ WITHOUT_BOUND = {
     REDUCTION: "no bound of the reduction error: the range lies beyond the cut-off of the modes kept",
     DISCRETISATION: "nothing is known of the discretisation error",
 }
+# of modes whose ± has no part from a source
+LACKING = {
+    REDUCTION: "beyond the cut-off of the modes kept, where there is no bound; see the warnings",
+    DISCRETISATION: "parts take part whose mesh error is not known",
+    MODEL: "with elastic bodies in place of rigid and segmented ones no mode has this shape",
+    INTERFACE: "with deformation shapes at rigid joints no mode has this shape; see the warnings",
+}
 FREE = "free"  # in place of a compliance that a free motion of the machine leaves open
 
 
@@ -275,31 +282,28 @@ def error_words(shares: Shares, left_out: Sequence[str]) -> list[str]:
         marks = [NO_BOUND] * wholly + [f"± .. {AND_MORE}"] * partly
         return ", ".join(marks) or None
 
-    words = [f"not in ±: {'; '.join(left_out)}"] if left_out else []
-    if marked := mark(REDUCTION):
-        words.append(
-            f"{marked} : beyond the cut-off of the modes kept, where there is no bound; see the warnings"
-        )
-    if marked := mark(DISCRETISATION):
-        words.append(f"{marked} : parts take part whose mesh error is not known")
-    if marked := mark(MODEL):
-        words.append(
-            f"{marked} : with elastic bodies in place of rigid and segmented ones no mode has this shape"
-        )
-    if marked := mark(INTERFACE):
-        words.append(
-            f"{marked} : with deformation shapes at rigid joints no mode has this shape; see the warnings"
-        )
-    return words
+    return left_out_words(left_out) + [
+        f"{marked} : {why}" for source, why in LACKING.items() if (marked := mark(source))
+    ]
+
+
+def left_out_words(left_out: Sequence[str], *, known: bool = True) -> list[str]:
+    """Say what is not in ±; nothing where all is.
+
+    Args:
+        known: Something is known of ±.
+    """
+    begin = "not in ±:" if known else f"{NO_BOUND} : nothing is known of"
+    return [f"{begin} {'; '.join(left_out)}"] if left_out else []
 
 
 def response_error_words(response: PoseResponse) -> list[str]:
     """Say how far the lines of a frequency response may be off, by source, and what is not in it; empty
     where nothing is known.
     """
-    errors, left_out = response.curves.line_errors, "; ".join(response.error_left_out)
+    errors = response.curves.line_errors
     if errors is None:
-        return [f"{NO_BOUND} : nothing is known of {left_out}"] if left_out else []
+        return left_out_words(response.error_left_out, known=False)
     unknown = [
         WITHOUT_BOUND.get(source, f"nothing is known of {source}")
         for source, shares in errors.sources.items()
@@ -317,9 +321,7 @@ def response_error_words(response: PoseResponse) -> list[str]:
         words.append(f"{begin} {'; '.join(parts)}")
     if not unknown and errors.bounded_to_hz < response.curves.frequencies_hz[-1]:
         words.append(f"no bound above {errors.bounded_to_hz:.4g} Hz")
-    if left_out:
-        words.append(f"not in ±: {left_out}")
-    return words
+    return words + left_out_words(response.error_left_out)
 
 
 def limit_error_words(lobes: Sequence[PoseLobes]) -> list[str]:
@@ -371,8 +373,7 @@ def transient_words(found: TransientAnswer) -> list[str]:
         words.append(f"± of a peak, from {show_parts(known)}")
     if unknown:
         words.append(f"{NO_BOUND} : nothing is known of {', '.join(unknown)}")
-    if left_out := list_left_out(found.errors.values()):
-        words.append(f"not in ±: {'; '.join(left_out)}")
+    words += left_out_words(list_left_out(found.errors.values()))
     energy = found.energy
     if energy is not None:
         words.append(

@@ -22,7 +22,7 @@ from headstock.app.tables.table import (
     show_deviation,
     tabulate_curves,
 )
-from headstock.app.texts.bounded_values import NO_BOUND, largest_parts, show_parts
+from headstock.app.texts.bounded_values import NO_BOUND, largest_parts, left_out_words, show_parts
 from headstock.app.views.view import Section, TerminalPart, View
 from headstock.geometry.machine.machine import SCENE_UNITS, show_position
 from headstock.pipeline.answers.path import (
@@ -180,10 +180,7 @@ def _path_error_words(found: PathResult) -> list[str]:
         words.append(f"± of a peak, from {show_parts(largest)}; in the pose of the middle")
     if unknown:
         words.append(f"{NO_BOUND} : nothing is known of {', '.join(unknown)}")
-    if found.left_out:
-        begin = "not in ±" if largest else f"{NO_BOUND} : nothing is known of"
-        words.append(f"{begin}{':' if largest else ''} {'; '.join(found.left_out)}")
-    return words
+    return words + left_out_words(found.left_out, known=bool(largest))
 
 
 def _path_stem(feed: str) -> str:

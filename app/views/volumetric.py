@@ -21,7 +21,7 @@ from headstock.app.tables.table import (
     show_deviation,
     tabulate,
 )
-from headstock.app.texts.bounded_values import NO_BOUND, show_bound, show_bounded
+from headstock.app.texts.bounded_values import NO_BOUND, left_out_words, show_bound, show_bounded
 from headstock.app.views.view import Section, Shares, TerminalPart, View
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.map import PoseGrid, WorkspaceMap
@@ -186,10 +186,9 @@ def _volumetric_words(found: VolumetricAnswer) -> list[str]:
     )
     estimate = found.error_of(largest_key(found.point))
     size, error = MICRO * largest_error, scale_total(estimate, MICRO)
-    left_out = "; ".join(estimate.left_out)
     if error is None:
         words = f"largest position error {size:.4g} µm {NO_BOUND} at {place}"
-        return [words, *([f"{NO_BOUND} : nothing is known of {left_out}"] if left_out else [])]
+        return [words, *left_out_words(estimate.left_out, known=False)]
     shown = f"{show_bounded(size, error)} {show_bound(size, error)}"
     largest = {
         symbol: max(
@@ -207,7 +206,7 @@ def _volumetric_words(found: VolumetricAnswer) -> list[str]:
         told.append(
             f"± covers 95 % of errors by meshes; most by {name}: {source}, {own:.2g} {unit} of the range of {most}"
         )
-    return told + ([f"not in ±: {left_out}"] if left_out else [])
+    return told + left_out_words(estimate.left_out)
 
 
 def _list_tables(run: Results) -> Iterator[PlainTable]:
