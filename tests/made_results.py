@@ -15,11 +15,8 @@ from headstock.pipeline.results.results import Results
 
 def make_results(*answers: Answer, **fields: Any) -> Results:
     """Return results of a run of nothing but some answers."""
-    return Results(
-        **{"name": "beam", "versions": {}, "stages": (), "components": {}, "joint_springs": {}}
-        | {"answers": answers}
-        | fields
-    )
+    empty: dict[str, Any] = {"stages": (), "components": {}, "joint_springs": {}}
+    return Results(**{"name": "beam", "versions": {}, "answers": answers} | empty | fields)
 
 
 def make_modes(
@@ -35,21 +32,19 @@ def make_modes(
         errors: Kind of number and mode to the shares of its ±.
     """
     count = len(frequencies_hz)
-    return PoseModes(
-        **{
-            "pose": Pose(pose),
-            "frequencies_hz": np.array(frequencies_hz),
-            "rigid_count": 0,
-            "damping_ratio": (None,) * count,
-            "mode_names": tuple(names),
-            "energy_share": ({},) * count,
-            "kinetic_share": ({},) * count,
-            "shapes": np.zeros((0, count)),
-            "damped_hz": (None,) * count,
-            "errors": {
-                make_key(kind, pose=pose, mode=mode): Estimate(shares)
-                for (kind, mode), shares in (errors or {}).items()
-            },
-        }
-        | fields
-    )
+    plain: dict[str, Any] = {
+        "pose": Pose(pose),
+        "frequencies_hz": np.array(frequencies_hz),
+        "rigid_count": 0,
+        "damping_ratio": (None,) * count,
+        "mode_names": tuple(names),
+        "energy_share": ({},) * count,
+        "kinetic_share": ({},) * count,
+        "shapes": np.zeros((0, count)),
+        "damped_hz": (None,) * count,
+        "errors": {
+            make_key(kind, pose=pose, mode=mode): Estimate(shares)
+            for (kind, mode), shares in (errors or {}).items()
+        },
+    }
+    return PoseModes(**plain | fields)

@@ -16,6 +16,7 @@ from headstock.app.tables.table import (
     Listing,
     PlainTable,
     bound_column,
+    plain_column,
     tabulate,
     tabulate_curves,
 )
@@ -144,8 +145,8 @@ PROBE_PEAK_COLUMNS: tuple[Column[_ProbePeakRow], ...] = (
         ">largest",
         "largest over a cycle",
     ),
-    Column(lambda row: row.hz, "at [Hz]", ">at Hz", "at [Hz]"),
-    Column(lambda row: row.unit, "unit", "unit", "Unit"),
+    plain_column(lambda row: row.hz, "at [Hz]", ">at Hz", "at [Hz]"),
+    plain_column(lambda row: row.unit, "unit", "unit", "Unit"),
 )
 
 
@@ -194,7 +195,9 @@ PROBE_MOTION_PEAKS: tuple[Column[_ProbeRow], ...] = (
         ">von Mises MPa",
         "von Mises [MPa]",
     ),
-    Column(lambda row: 1e3 * row.found.von_mises.time, "von Mises at [ms]", ">at ms", "at [ms]"),
+    plain_column(
+        lambda row: 1e3 * row.found.von_mises.time, "von Mises at [ms]", ">at ms", "at [ms]"
+    ),
     *bound_column(
         lambda row: MICRO * row.found.displacement.value,
         lambda row: _probe_error(row, 1, MICRO),
@@ -202,7 +205,7 @@ PROBE_MOTION_PEAKS: tuple[Column[_ProbeRow], ...] = (
         ">displacement µm",
         "Displacement [µm]",
     ),
-    Column(
+    plain_column(
         lambda row: 1e3 * row.found.displacement.time, "displacement at [ms]", ">at ms ", "at [ms]"
     ),
 )
@@ -278,7 +281,7 @@ MOTOR_COLUMNS: tuple[Column[_DriveRow], ...] = (
         error_file="± torque [N m]",
         open_errors=False,
     ),
-    Column(lambda row: 1e3 * row.found.torque.time, "torque at [ms]", ">at ms", "at [ms]"),
+    plain_column(lambda row: 1e3 * row.found.torque.time, "torque at [ms]", ">at ms", "at [ms]"),
     *bound_column(
         lambda row: MICRO * row.found.position_error.value,
         lambda row: row.total("position_error", MICRO, drive=row.name),
@@ -288,7 +291,7 @@ MOTOR_COLUMNS: tuple[Column[_DriveRow], ...] = (
         error_file="± position error [um]",
         open_errors=False,
     ),
-    Column(
+    plain_column(
         lambda row: 1e3 * row.found.position_error.time,
         "position error at [ms]",
         ">at ms ",

@@ -79,6 +79,13 @@ def bound_column(
     )
 
 
+def plain_column(
+    value: Callable[[Any], Cell], file: str = "", screen: str = "", report: str = ""
+) -> Column[Any]:
+    """Return a column of rows of any type, for tables that hold those of ``bound_column``."""
+    return Column(value, file, screen, report)
+
+
 def tabulate[Row](name: str, columns: Sequence[Column[Row]], rows: Iterable[Row]) -> PlainTable:
     """The columns of a table that files have.
 

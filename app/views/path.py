@@ -47,7 +47,7 @@ PART_NAMES = {
 }
 
 
-class _ZoneRow[Figures: (ZoneFigures, CruiseFigures)](NamedTuple):
+class _ZoneRow[Figures](NamedTuple):
     """What a path analysis says of an output while a ramp lasts, or at constant feed."""
 
     found: PathResult

@@ -89,10 +89,13 @@ COMPONENT_COLUMNS: tuple[Column[tuple[str, ComponentFacts]], ...] = (
     ),
     Column(lambda row: row[1].residual, "residual", report="Residual", digits=3),
     Column(
-        lambda row: row[1].quality and row[1].quality.minimum_scaled_jacobian,
+        lambda row: None if row[1].quality is None else row[1].quality.minimum_scaled_jacobian,
         file="worst scaled Jacobian",
         report="Worst element (1 is ideal)",
         digits=2,
     ),
-    Column(lambda row: row[1].quality and row[1].quality.repaired, report="Repaired elements"),
+    Column(
+        lambda row: None if row[1].quality is None else row[1].quality.repaired,
+        report="Repaired elements",
+    ),
 )

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.geometry.frames import DOF_NAMES
+from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.results.views import MachineView
 from headstock.solvers.second_order import Channel, name_channel
@@ -87,12 +87,12 @@ def harmonic_array(given: Channel, hz: float, quantity: Quantity, part: Part = "
 
 
 def mode_numbers(
-    frequencies_hz: Sequence[float], damping_ratio: Sequence[float | None]
+    frequencies_hz: FloatArray, damping_ratio: Sequence[float | None]
 ) -> dict[str, AnyArray]:
     """Frequencies [Hz] and damping ratios of the modes of a pose as arrays, NaN where there is no
     ratio; no ratios where nothing is damped.
     """
-    found = {FREQUENCIES: np.array(frequencies_hz, dtype=np.float64)}
+    found = {FREQUENCIES: frequencies_hz}
     if any(ratio is not None for ratio in damping_ratio):
         found[DAMPING] = np.array([math.nan if ratio is None else ratio for ratio in damping_ratio])
     return found if len(frequencies_hz) else {}
@@ -144,7 +144,7 @@ def merge_grids(grids: Sequence[Grid]) -> Grid:
 def pose_numbers(modal: Sequence[PoseModes], pose: str) -> dict[str, AnyArray]:
     """Numbers of the modes of a pose; empty where it has none."""
     found = next((modes for modes in modal if modes.pose.name == pose), None)
-    return {} if found is None else mode_numbers(list(found.frequencies_hz), found.damping_ratio)
+    return {} if found is None else mode_numbers(found.frequencies_hz, found.damping_ratio)
 
 
 def encode_collection(files: Sequence[str]) -> bytes:

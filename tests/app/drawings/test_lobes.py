@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from headstock.app.drawings.lobes import LETTER, SIZE, WIDTH, draw_lobes
+from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.lobes import DirectionLobes, Lobe, PoseLobes
 
 LONG = "Y translation of y_slider + z_slider on y_carriage_1..4 + y_drive"
@@ -19,7 +20,7 @@ READABLE = 7.5  # height of a font [px]
 
 
 def make_lobes(lowest_at: float, *, confirmed: bool = True) -> tuple[PoseLobes, DirectionLobes]:
-    rpm = 3000.0 + 1000.0 * np.arange(13)
+    rpm: FloatArray = 3000.0 + 1000.0 * np.arange(13.0)
     place, count = int(np.argmin(abs(rpm - lowest_at))), len(rpm)
     direction = DirectionLobes(
         name="x",
@@ -47,7 +48,7 @@ def make_lobes(lowest_at: float, *, confirmed: bool = True) -> tuple[PoseLobes, 
         deepest=0.01,
         method="multipliers",
         confirmed=confirmed,
-        speeds=rpm * np.pi / 30.0,
+        speeds=rpm * (np.pi / 30.0),
         directions=(direction,),
     )
     return found, direction

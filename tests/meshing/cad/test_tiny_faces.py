@@ -131,7 +131,10 @@ def test_a_mesh_that_takes_too_long_is_stopped_by_its_time_limit() -> None:
 
 def test_a_sheet_of_a_millimetre_takes_no_longer_than_a_plate() -> None:
     sheet = Component(
-        "sheet", Box((0.3, 0.2, 0.001)), STEEL, interfaces={"foot": Interface("foot", (Patch("x-"),))}
+        "sheet",
+        Box((0.3, 0.2, 0.001)),
+        STEEL,
+        interfaces={"foot": Interface("foot", (Patch("x-"),))},
     )
     # 0.2 s; an improvement of tets that cannot become better took 22 s
     quality = mesh_component(sheet, time_limit=8.0).quality
