@@ -13,6 +13,7 @@ import pytest
 from common import approx, call, present
 from headstock.app.charts.sweep import _middle_plane, _way_of
 from headstock.app.command_line import main
+from headstock.scene.studies import Sweep
 
 SCENE = Path(__file__).parents[2] / "data" / "slide.toml"
 MACHINES = Path(__file__).parents[3] / "machines"
@@ -139,12 +140,12 @@ def test_an_unknown_sweep_and_a_scene_that_asks_for_nothing_are_bad_input(
 
 
 def test_a_way_with_corners_is_counted_in_poses() -> None:
-    places, label = _way_of(
-        {"positions": [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]], "units": ["m", "m"], "axes": ["X", "Y"]}
-    )
+    corner = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]])
+    places, label = _way_of(Sweep("way", "path", ("X", "Y"), ("m", "m"), corner, (3,)))
     assert places.tolist() == [1.0, 2.0, 3.0]
     assert label == "pose"
-    places, label = _way_of({"positions": [[0.0], [0.1]], "units": ["m"], "axes": ["X"]})
+    line = np.array([[0.0], [0.1]])
+    places, label = _way_of(Sweep("way", "path", ("X",), ("m",), line, (2,)))
     assert places.tolist() == [0.0, 100.0]
     assert label == "X [mm]"
 

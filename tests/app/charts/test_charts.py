@@ -20,7 +20,6 @@ from headstock.app.drawings.frf import draw_overlay
 from headstock.app.report.pages import render_comparison
 from headstock.app.texts.curves import response_unit, round_ticks
 from headstock.pipeline.answers.frf import ResponseCurves
-from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.studies import Study, StudyFamily, Sweep
 from headstock.studies.comparison_summary import ComparisonSummary, _LinkSummary
 from headstock.studies.parameters.records import StudyRecord
@@ -62,19 +61,16 @@ def make_table(counts: int, youngs: tuple[str | float, ...], watched: int = 2) -
             family="",
             varied={YOUNG: young, COUNT: count},
             status="done",
-            summary=sketch(
-                RunSummary,
-                {
-                    "modal": [
-                        {
-                            "pose_name": "p",
-                            "frequencies_hz": [
-                                100.0 * number + count + index for index in range(watched)
-                            ],
-                        }
-                    ]
-                },
-            ),
+            summary={
+                "modal": [
+                    {
+                        "pose_name": "p",
+                        "frequencies_hz": [
+                            100.0 * number + count + index for index in range(watched)
+                        ],
+                    }
+                ]
+            },
         )
         for (number, young), count in itertools.product(enumerate(youngs), range(1, counts + 1))
     ]

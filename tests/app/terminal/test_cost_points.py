@@ -4,10 +4,9 @@ import math
 
 import pytest
 
-from common import approx, sketch
+from common import approx
 from headstock.app.charts.study import draw_costs
 from headstock.app.terminal.study import cost_table, digit_words, list_costs
-from headstock.pipeline.results.summary import RunSummary
 from headstock.scene.reading.files import TomlValue
 from headstock.scene.studies import REFERENCE_RUN, Study, StudyFamily
 from headstock.studies.parameters.costs import CostPoint, cheapest_within, pareto_front, weigh_costs
@@ -43,7 +42,7 @@ def make_record(
         family,
         varied,
         "done",
-        summary=sketch(RunSummary, summary),
+        summary=summary,
         seconds=times,
         cpu_seconds=times,
         peak_mb=peak_mb,
