@@ -118,6 +118,7 @@ def tabulate_sweep(results: SweepResults) -> PlainTable:
     """
     quantities, sweep = list_swept(results), results.sweep
     labels = sweep.labels or [""] * len(sweep.positions)
+    places: list[list[float]] = [[*map(float, row)] for row in sweep.positions]
     axes = [f"{axis} [{unit}]" for axis, unit in zip(sweep.axes, sweep.units, strict=True)]
     names = [
         f"{quantity.name} [{quantity.unit.replace('µ', 'u')}]" if quantity.unit else quantity.name
@@ -134,9 +135,7 @@ def tabulate_sweep(results: SweepResults) -> PlainTable:
             *(part or None for point in results.points.values() for part in point.links[number]),
             results.errors[number] or None,
         )
-        for number, (positions, label) in enumerate(
-            zip(sweep.positions.tolist(), labels, strict=True)
-        )
+        for number, (positions, label) in enumerate(zip(places, labels, strict=True))
     )
     heads = ("pose", "name", *axes, "state", *names, *weakest, "error")
     return PlainTable("sweep", heads, rows)

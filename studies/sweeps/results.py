@@ -116,7 +116,7 @@ class LimitMap:
         known = looked.any(axis=1)
         return {name: np.where(known, values, np.nan) for name, values in extremes.items()} | {
             "chatter_hz": self.chatter_hz,
-            "at_common_best_mm": np.full(len(known), np.nan)
+            "at_common_best_mm": np.full(len(self.depths), np.nan)
             if best is None
             else MM * self.depths[:, best],
         }
