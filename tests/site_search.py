@@ -46,7 +46,7 @@ class Section(NamedTuple):
 
 def read_markdown(project: Path) -> list[Section]:
     """Return the sections of all pages in the menu of the site, but for those made by mkdocstrings."""
-    boosts = dict(re.findall(r"^    ([\w-]+): ([\d.]+)$", SETTINGS, re.M))
+    boosts: dict[str, str] = dict(re.findall(r"^    ([\w-]+): ([\d.]+)$", SETTINGS, re.M))
     sections, kind = list[Section](), ""
     for line in SETTINGS.partition("\nnav:\n")[2].splitlines():
         if top := re.match(r"  - ([\w-]+):", line):
@@ -55,21 +55,21 @@ def read_markdown(project: Path) -> list[Section]:
             page = project / "docs" / f"{named[1]}.md"
             text = page.read_text() if page.exists() else _read_notebook(page.with_suffix(".ipynb"))
             sections += _split_page(
-                named[1], text, float(boosts.get(named[1], boosts.get(kind, 1)))
+                named[1], text, float(boosts.get(named[1]) or boosts.get(kind, "1"))
             )
     return sections
 
 
 def read_built(site: Path) -> list[Section]:
     """Return the sections that a built site searches."""
-    found, seen = list[Section](), set[str]()
+    sections, seen = list[Section](), set[str]()
     for entry in json.loads((site / "search" / "search_index.json").read_text())["docs"]:
         page = entry["location"].partition("#")[0].removesuffix(".html")
-        found.append(
+        sections.append(
             Section(page, entry["title"], entry["text"], entry.get("boost", 1), page not in seen)
         )
         seen.add(page)
-    return found
+    return sections
 
 
 class SiteSearch:
