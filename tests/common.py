@@ -3,10 +3,12 @@ matrices.
 """
 
 import contextlib
+import csv
 import dataclasses
 import io
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -21,6 +23,7 @@ import scipy.linalg
 from _pytest.capture import CaptureResult
 from mpi4py import MPI
 
+from fixture_machines import write_scene
 from headstock.app.command_line import main
 from headstock.app.pictures import pictures
 from headstock.app.pictures import worker as renderer
@@ -98,12 +101,54 @@ def run_command(ranks: int, folder: Path, *words: str) -> subprocess.CompletedPr
     return run_on_ranks(ranks, folder, "-m", "mpi4py", "-m", "headstock.app.command_line", *words)
 
 
-def call(
-    capsys: pytest.CaptureFixture[str], words: Sequence[str], code: int = 0
-) -> CaptureResult[str]:
-    """What a command prints here; it has to end with this code."""
-    assert main([*words]) == code
-    return capsys.readouterr()
+def read_json(path: Path) -> Any:
+    return json.loads(path.read_text())
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Rows of a CSV file by their headings."""
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+class Shell:
+    """Commands in this process, typed in a folder that has a store of its own."""
+
+    def __init__(self, folder: Path, capture: pytest.CaptureFixture[str]) -> None:
+        self.folder = folder
+        self.capture = capture
+
+    def __call__(self, line: str, *words: str | Path, code: int = 0) -> CaptureResult[str]:
+        """What a command prints; behind its line stand words that hold blanks or quotes."""
+        self.capture.readouterr()
+        found = main([*shlex.split(line), *map(str, words)])
+        printed = self.capture.readouterr()
+        assert found == code, printed.out + printed.err
+        return printed
+
+    def prints(self, line: str, *words: str | Path, code: int = 0) -> str:
+        """Its output with the lines joined, however wide the terminal is."""
+        return " ".join(self(line, *words, code=code).out.split())
+
+    def refuses(self, line: str, *words: str | Path, code: int = 2) -> str:
+        """Its message with the lines joined."""
+        return " ".join(self(line, *words, code=code).err.split())
+
+    def write(self, text: str, *changes: tuple[str, str], name: str = "scene") -> Path:
+        return write_scene(self.folder, text, *changes, name=name)
+
+    def text(self, name: str) -> str:
+        return (self.folder / name).read_text()
+
+    def json(self, name: str) -> Any:
+        return read_json(self.folder / name)
+
+    def rows(self, name: str) -> list[dict[str, str]]:
+        return read_rows(self.folder / name)
+
+    def files(self, name: str = ".") -> set[str]:
+        """Names of what lies in a folder."""
+        return {path.name for path in (self.folder / name).iterdir()}
 
 
 def approx(expected: object, rel: float | None = None, abs: SupportsFloat | None = None) -> object:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings, strategies
 
-from common import Dense, draw_here, work_here
+from common import Dense, Shell, draw_here, work_here
 
 ROOT = Path(__file__).resolve().parent.parent
 ELASTIC = {"dolfinx", "petsc4py", "slepc4py"}
@@ -101,7 +101,7 @@ def kinds_of(path: Path) -> frozenset[str]:
     imports = {name.split(".")[0] for name in imported_by(path)}
     text = path.read_text()
     elements = uses_elements(path, by_name=False)
-    runs = any(word in text for word in ("run_alone", "run_command"))
+    runs = any(word in text for word in ("run_alone", "run_command", "Shell"))
     signs = {
         "fem": elements,
         "scenes": runs or (not elements and uses_elements(path, by_name=True)),
@@ -253,3 +253,12 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
 @pytest.fixture(scope="session")
 def dense() -> Dense:
     return Dense()
+
+
+@pytest.fixture
+def shell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Shell:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+    return Shell(tmp_path, capsys)
