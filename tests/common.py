@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, SupportsFloat, cast
 
+import h5py
 import numpy as np
 import pytest
 import scipy.linalg
@@ -47,14 +48,13 @@ from headstock.validation.parts.structured_meshes import (
 )
 
 RUN_RENDERER = pictures._run
+Done = subprocess.CompletedProcess[str]
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 # a side such as ``z+``, or from facet centres ``(n, 3)`` those wanted
 Choice = str | Callable[[FloatArray], BoolArray]
 
 
-def run_process(
-    command: Sequence[str | Path], *, check: bool = False, **options: Any
-) -> subprocess.CompletedProcess[str]:
+def run_process(command: Sequence[str | Path], *, check: bool = False, **options: Any) -> Done:
     """Run a program to its end, with what it prints as text."""
     return subprocess.run(command, capture_output=True, text=True, check=check, **options)
 
@@ -67,7 +67,7 @@ def rank_words(ranks: int) -> list[str]:
     return [mpirun, *shared, "--bind-to", "none", "-n", str(ranks), sys.executable]
 
 
-def run_on_ranks(ranks: int, folder: Path, *program: str) -> subprocess.CompletedProcess[str]:
+def run_on_ranks(ranks: int, folder: Path, *program: str) -> Done:
     """A Python program on so many ranks, with a store of their own, started as the launcher does."""
     start = Path(__file__).parents[1] / "environment" / "start_ranks.sh"
     variables = {
@@ -80,7 +80,7 @@ def run_on_ranks(ranks: int, folder: Path, *program: str) -> subprocess.Complete
     return subprocess.run(command, capture_output=True, text=True, timeout=120, env=variables)
 
 
-def run_alone(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+def run_alone(folder: Path, *words: str) -> Done:
     """A command in this process, with the store and the thread that `run_on_ranks` gives one rank."""
     printed, said = io.StringIO(), io.StringIO()
     with (
@@ -94,7 +94,15 @@ def run_alone(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.CompletedProcess(words, code, printed.getvalue(), said.getvalue())
 
 
-def run_command(ranks: int, folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+def run_once(folder: Path, text: str, *words: str) -> Path:
+    """The results of a scene that several tests look at."""
+    scene, out = write_scene(folder, text), folder / "out"
+    done = run_alone(folder, "run", str(scene), "-o", str(out), "--no-figures", *words)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return out
+
+
+def run_command(ranks: int, folder: Path, *words: str) -> Done:
     """A command on so many ranks, on one in this process: starting it takes longer than the command."""
     if ranks == 1:
         return run_alone(folder, *words)
@@ -109,6 +117,19 @@ def read_rows(path: Path) -> list[dict[str, str]]:
     """Rows of a CSV file by their headings."""
     with path.open(newline="") as file:
         return list(csv.DictReader(file))
+
+
+def read_units(path: Path) -> dict[str, str | None]:
+    """Unit of each array of an HDF5 file, by its name; None for one without."""
+    found: dict[str, str | None] = {}
+
+    def keep(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset):
+            found[name] = item.attrs.get("unit")
+
+    with h5py.File(path) as file:
+        file.visititems(keep)
+    return found
 
 
 class Shell:
@@ -136,6 +157,12 @@ class Shell:
 
     def write(self, text: str, *changes: tuple[str, str], name: str = "scene") -> Path:
         return write_scene(self.folder, text, *changes, name=name)
+
+    def change(self, *changes: tuple[str, str], add: str = "") -> Path:
+        """Replace texts in ``scene.toml``, and add others behind it."""
+        path = self.write(self.text("scene.toml"), *changes)
+        path.write_text(path.read_text() + add)
+        return path
 
     def text(self, name: str) -> str:
         return (self.folder / name).read_text()

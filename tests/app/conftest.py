@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from fixture_machines import machine, write_scene
-from headstock.app.command_line import main
+from common import Shell, run_once
+from fixture_machines import machine
 
 BLOCK = machine("""
 machine = "block"
@@ -30,20 +30,14 @@ bounds = ["5 N/um", "20 N/um"]
 
 
 @pytest.fixture
-def scene_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The block as ``block.toml``, ``targets.toml`` beside it for an identification, and a store of
-    its own.
-    """
-    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    path = write_scene(tmp_path, BLOCK, name="block")
-    path.with_name("targets.toml").write_text(TARGETS)
-    return path
+def block(shell: Shell) -> Shell:
+    """The block as ``scene.toml``, and ``targets.toml`` for an identification."""
+    shell.write(BLOCK)
+    shell.write(TARGETS, name="targets")
+    return shell
 
 
 @pytest.fixture(scope="session")
 def block_results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a finished run of the block, to be copied."""
-    folder = tmp_path_factory.mktemp("block")
-    (folder / "block.toml").write_text(BLOCK)
-    assert main(["run", str(folder / "block.toml"), "--no-figures", "-o", str(folder / "out")]) == 0
-    return folder / "out"
+    return run_once(tmp_path_factory.mktemp("block"), BLOCK)

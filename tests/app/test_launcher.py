@@ -15,9 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from common import run_process
+from common import Done, run_process
 
-Done = subprocess.CompletedProcess[str]
 ROOT = Path(__file__).resolve().parent.parent.parent
 SLURM_TESTS = "tests/faults/test_slurm.py"
 

@@ -3,122 +3,99 @@ just works.
 """
 
 import dataclasses
-from pathlib import Path
 
 import pytest
 
+from common import Shell
 from headstock.app.charts.axis_kit import FIGURE_NAME
-from headstock.app.command_line import main
 from headstock.pipeline.storage.outputs import LIST_FILE
 from headstock.validation.machines.axis_kit_cases import CASE, FIDELITIES, VARIANTS, compliance_name
 from headstock.validation.references.rows import Target, compare_value
 
-# what each command writes into OUT whatever it computes
+# what each command writes into a folder whatever it computes
 FOLDER_COMMANDS = {
-    "run {scene} --no-figures -o {out}": ("results.h5", "summary.json", "report.html"),
-    "sweep {scene} line -o {out}": ("sweep.h5", "sweep.json", "report.html"),
-    "study {scene} E -o {out}": ("study.csv", "study.json", "points.jsonl"),
-    "compare {scene} -o {out}": ("compare.json", "compare.html"),
-    "identify {scene} {targets} -o {out}": ("calibrated.toml", "identification.json"),
+    "run scene.toml --no-figures": ("results.h5", "summary.json", "report.html"),
+    "sweep scene.toml line": ("sweep.h5", "sweep.json", "report.html"),
+    "study scene.toml E": ("study.csv", "study.json", "points.jsonl"),
+    "compare scene.toml": ("compare.json", "compare.html"),
+    "identify scene.toml targets.toml": ("calibrated.toml", "identification.json"),
 }
+TRIAL = pytest.mark.trials
 FILE_COMMANDS = (
-    "check {scene} --json {file}",
-    "plan {scene} --json {file}",
-    "run {scene} --no-figures -o {out} --json {file}",
-    "sweep {scene} line -o {out} --json {file}",
-    "study {scene} E -o {out} --json {file}",
-    "compare {scene} -o {out} --json {file}",
-    pytest.param("effects {scene} --json {file}", marks=pytest.mark.trials),
-    "identify {scene} {targets} -o {out} --json {file}",
-    "export {scene} block -o {file}",
-    "export {scene} --state-space 500_Hz -o {file}",
-    pytest.param("show {scene} -o {file}", marks=pytest.mark.trials),
-    "schema --json {file}",
-    "catalogue --json {file}",
-    "validate torsion-constant --json {file}",
-    pytest.param("doctor --json {file}", marks=pytest.mark.trials),
+    "check scene.toml --json",
+    "plan scene.toml --json",
+    *(f"{line} -o out --json" for line in FOLDER_COMMANDS),
+    pytest.param("effects scene.toml --json", marks=TRIAL),
+    "export scene.toml block -o",
+    "export scene.toml --state-space '500 Hz' -o",
+    pytest.param("show scene.toml -o", marks=TRIAL),
+    "schema --json",
+    "catalogue --json",
+    "validate torsion-constant --json",
+    pytest.param("doctor --json", marks=TRIAL),
 )
 
 
-def call(text: str, scene: Path, *, out: Path | None = None, file: Path | None = None) -> int:
-    places = {"scene": scene, "targets": scene.with_name("targets.toml"), "out": out, "file": file}
-    words = [word.format(**places).replace("_Hz", " Hz") for word in text.split()]
-    return main(words)
-
-
-@pytest.mark.parametrize("text", FOLDER_COMMANDS)
+@pytest.mark.parametrize("line", FOLDER_COMMANDS)
 def test_a_command_runs_again_into_its_folder_and_keeps_what_the_user_put_there(
-    scene_file: Path, tmp_path: Path, text: str
+    block: Shell, line: str
 ) -> None:
-    out = tmp_path / "out"
-    assert call(text, scene_file, out=out) == 0
+    out = block.folder / "out"
+    block(f"{line} -o out")
     folders = (out, *(path for path in out.iterdir() if path.is_dir()))
-    mine = [
-        folder / f"mine.{suffix}"
-        for folder in folders
-        for suffix in ("csv", "png", "glb", "vtu", "h5", "journal")
-    ]
+    suffixes = ("csv", "png", "glb", "vtu", "h5", "journal")
+    mine = [folder / f"mine.{suffix}" for folder in folders for suffix in suffixes]
     for path in mine:
         path.write_text("mine")
-    assert call(text, scene_file, out=out) == 0
+    block(f"{line} -o out")
     assert [path.read_text() for path in mine] == ["mine"] * len(mine)
 
 
 @pytest.mark.parametrize(
-    ("text", "name"), [(text, name) for text, names in FOLDER_COMMANDS.items() for name in names]
+    ("line", "name"), [(line, name) for line, names in FOLDER_COMMANDS.items() for name in names]
 )
 def test_a_file_of_the_user_with_a_fixed_name_is_refused_by_name_before_anything_is_computed(
-    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, name: str
+    block: Shell, line: str, name: str
 ) -> None:
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / name).write_text("mine")
-    assert call(text, scene_file, out=out) == 2
-    captured = capsys.readouterr()
-    assert name in captured.err and "Traceback" not in captured.err
-    assert (out / name).read_text() == "mine"
-    assert [path.name for path in out.iterdir()] == [name]
-    assert not (tmp_path / "store").exists()
+    (block.folder / "out").mkdir()
+    (block.folder / "out" / name).write_text("mine")
+    said = block(f"{line} -o out", code=2).err
+    assert name in said and "Traceback" not in said
+    assert (block.files("out"), block.text(f"out/{name}")) == ({name}, "mine")
+    assert "store" not in block.files()
 
 
-@pytest.mark.parametrize("text", FOLDER_COMMANDS)
-def test_an_output_folder_that_is_a_link_is_refused(
-    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str
-) -> None:
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "out").symlink_to("mine")
-    assert call(text, scene_file, out=tmp_path / "out") == 2
-    assert "it is a link" in capsys.readouterr().err
-    assert list((tmp_path / "mine").iterdir()) == []
+@pytest.mark.parametrize("line", FOLDER_COMMANDS)
+def test_an_output_folder_that_is_a_link_is_refused(block: Shell, line: str) -> None:
+    (block.folder / "mine").mkdir()
+    (block.folder / "out").symlink_to("mine")
+    assert "it is a link" in block(f"{line} -o out", code=2).err
+    assert block.files("mine") == set()
 
 
-@pytest.mark.parametrize("text", FILE_COMMANDS)
+@pytest.mark.parametrize("line", FILE_COMMANDS)
 def test_a_command_writes_its_file_again_but_not_over_one_of_the_user(
-    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str
+    block: Shell, line: str
 ) -> None:
-    file = tmp_path / "files" / "written"
+    file = block.folder / "files" / "written"
     file.parent.mkdir()
-    assert call(text, scene_file, out=tmp_path / "out", file=file) == 0
-    written = file.read_bytes()
-    assert call(text, scene_file, out=tmp_path / "out", file=file) == 0
-    assert file.read_bytes()[:1] == written[:1]
+    starts = []
+    for _ in range(2):
+        block(f"{line} {file}")
+        starts.append(file.read_bytes()[:1])
+    assert starts[0] == starts[1] != b""
     file.write_text("mine")
-    capsys.readouterr()
-    assert call(text, scene_file, out=tmp_path / "out", file=file) != 0
-    assert str(file) in capsys.readouterr().err
+    assert str(file) in block.refuses(f"{line} {file}")
     assert file.read_text() == "mine"
     file.unlink()
-    file.symlink_to(tmp_path / "nowhere")
-    assert call(text, scene_file, out=tmp_path / "out", file=file) != 0
-    assert not (tmp_path / "nowhere").exists()
-    assert {path.name for path in file.parent.iterdir()} == {LIST_FILE, "written"}
+    file.symlink_to(block.folder / "nowhere")
+    block(f"{line} {file}", code=2)
+    assert "nowhere" not in block.files()
+    assert block.files("files") == {LIST_FILE, "written"}
 
 
 def test_a_validation_writes_its_figures_beside_those_of_the_user_and_not_through_a_link(
-    scene_file: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    shell: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown = Target(1.0, "um/kN", float("nan"), "shown only")
     rows = [
@@ -129,46 +106,37 @@ def test_a_validation_writes_its_figures_beside_those_of_the_user_and_not_throug
         for kind in FIDELITIES
         for axis in "xyz"
     ]
-    monkeypatch.setattr(
-        "headstock.app.actions.validating.run_validation", lambda *args, **settings: rows
-    )
-    out = tmp_path / "out"
+    runs = "headstock.app.actions.validating.run_validation"
+    monkeypatch.setattr(runs, lambda *args, **settings: rows)
+    figure, out = f"{FIGURE_NAME}.png", shell.folder / "out"
     for _ in range(2):
-        assert call("validate -o {out}", scene_file, out=out) == 0
-        assert {path.name for path in out.iterdir()} == {LIST_FILE, f"{FIGURE_NAME}.png"}
-    (out / f"{FIGURE_NAME}.png").write_text("mine")
-    assert call("validate -o {out}", scene_file, out=out) == 0
-    assert (out / f"{FIGURE_NAME}.png").read_text() == "mine" and (
-        out / f"{FIGURE_NAME}-2.png"
-    ).stat().st_size > 1000
-    (tmp_path / "linked").symlink_to("out")
+        shell("validate -o out")
+        assert shell.files("out") == {LIST_FILE, figure}
+    (out / figure).write_text("mine")
+    shell("validate -o out")
+    assert shell.text(f"out/{figure}") == "mine"
+    assert (out / f"{FIGURE_NAME}-2.png").stat().st_size > 1000
+    (shell.folder / "linked").symlink_to("out")
     before = {path.name: path.read_bytes() for path in out.iterdir()}
-    capsys.readouterr()
-    assert call("validate -o {out}", scene_file, out=tmp_path / "linked") == 2
-    assert "it is a link" in capsys.readouterr().err
+    assert "it is a link" in shell("validate -o linked", code=2).err
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 
+@pytest.mark.parametrize("folder", ["mine", "linked", "nowhere"])
 def test_a_new_scene_is_not_written_into_a_folder_that_exists_or_through_a_link(
-    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    shell: Shell, folder: str
 ) -> None:
-    mine = tmp_path / "mine"
-    mine.mkdir()
-    (mine / "scene.toml").write_text("mine")
-    (tmp_path / "linked").symlink_to("mine")
-    (tmp_path / "nowhere").symlink_to("nothing")
-    for folder in (mine, tmp_path / "linked", tmp_path / "nowhere"):
-        assert call("new {out}", scene_file, out=folder) != 0
-        assert "Traceback" not in capsys.readouterr().err
-    assert [path.name for path in mine.iterdir()] == ["scene.toml"] and (
-        mine / "scene.toml"
-    ).read_text() == "mine"
-    assert not (tmp_path / "nothing").exists()
+    (shell.folder / "mine").mkdir()
+    (shell.folder / "mine" / "scene.toml").write_text("mine")
+    (shell.folder / "linked").symlink_to("mine")
+    (shell.folder / "nowhere").symlink_to("nothing")
+    assert "Traceback" not in shell(f"new {folder}", code=2).err
+    assert (shell.files("mine"), shell.text("mine/scene.toml")) == ({"scene.toml"}, "mine")
+    assert "nothing" not in shell.files()
 
 
-def test_a_report_is_not_written_over_one_that_was_edited(scene_file: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    assert call("run {scene} --no-figures -o {out}", scene_file, out=out) == 0
-    (out / "report.html").write_text("edited")
-    assert call("report {out}", scene_file, out=out) == 2
-    assert (out / "report.html").read_text() == "edited"
+def test_a_report_is_not_written_over_one_that_was_edited(block: Shell) -> None:
+    block("run scene.toml --no-figures -o out")
+    (block.folder / "out" / "report.html").write_text("edited")
+    block("report out", code=2)
+    assert block.text("out/report.html") == "edited"

@@ -4,15 +4,13 @@ every command the machine that is written in full; what is wrong is named in the
 
 import json
 from collections.abc import Mapping
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
 import headstock as hs
-from common import approx
-from headstock.app.command_line import main
+from common import Shell, approx
 
 REQUESTS = """
 [poses.middle]
@@ -182,53 +180,33 @@ prior_sigma = 0.1
 """
 # what a command finds of the machine, as JSON
 COMMANDS = (
-    "plan {scene} --json {json}",
-    "run {scene} --no-figures -o {out} --json {json}",
-    "run {scene} --no-figures --variant loose+thick -o {out} --json {json}",
-    "sweep {scene} line -o {out} --json {json}",
-    "compare {scene} -o {out} --json {json}",
-    "effects {scene} --json {json}",
-    "identify {scene} {targets} -o {out} --json {json}",
-    "show {scene} -o {out}.png --json {json}",
-    "converge {scene} --set components.x_slider.fidelity=elastic --accuracy 20% --most-dofs 6000 -o {out} --json {json}",
+    "plan {0}.toml",
+    "run {0}.toml --no-figures -o {0}",
+    "run {0}.toml --no-figures --variant loose+thick -o {0}",
+    "sweep {0}.toml line -o {0}",
+    "compare {0}.toml -o {0}",
+    "effects {0}.toml",
+    "identify {0}.toml targets.toml -o {0}",
+    "show {0}.toml -o {0}.png",
+    "converge {0}.toml --set components.x_slider.fidelity=elastic --accuracy 20% --most-dofs 6000 -o {0}",
 )
 LONG_COMMANDS = ("effects", "show", "converge", "compare")
 # what differs from one run to the next, and names of files
 NOT_FOUND = (
-    "second",
-    "time_",
-    "verdict",
-    "over_price",
-    "memory",
-    "rss",
-    "provenance",
-    "files",
-    "scene",
-    "text",
-    "cached",
+    *("second", "time_", "verdict", "over_price", "memory", "rss", "provenance", "files", "scene"),
+    *("text", "cached"),
 )
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    (tmp_path / "parts").mkdir()
-    (tmp_path / "parts" / "slide.toml").write_text(PART)
-    (tmp_path / "short.toml").write_text(SHORT + REQUESTS)
-    (tmp_path / "full.toml").write_text(FULL + REQUESTS)
-    (tmp_path / "targets.toml").write_text(TARGETS)
-    return tmp_path
-
-
-def call(text: str, folder: Path, name: str) -> int:
-    """Run a command on one of the scenes."""
-    places = {
-        "scene": folder / f"{name}.toml",
-        "targets": folder / "targets.toml",
-        "out": folder / f"out_{name}",
-        "json": folder / f"{name}.json",
-    }
-    return main([word.format(**places) for word in text.split()])
+def both(shell: Shell) -> Shell:
+    """The machine as ``short.toml`` and as ``full.toml``."""
+    (shell.folder / "parts").mkdir()
+    shell.write(PART, name="parts/slide")
+    shell.write(SHORT + REQUESTS, name="short")
+    shell.write(FULL + REQUESTS, name="full")
+    shell.write(TARGETS, name="targets")
+    return shell
 
 
 def found(value: object) -> object:
@@ -243,37 +221,35 @@ def found(value: object) -> object:
 
 
 @pytest.mark.parametrize(
-    "text",
+    "line",
     [
-        pytest.param(text, marks=[pytest.mark.trials] * text.startswith(LONG_COMMANDS))
-        for text in COMMANDS
+        pytest.param(line, marks=[pytest.mark.trials] * line.startswith(LONG_COMMANDS))
+        for line in COMMANDS
     ],
 )
-def test_a_command_finds_the_same_of_both(folder: Path, text: str) -> None:
-    assert [call(text, folder, name) for name in ("short", "full")] == [0, 0]
-    short, full = (
-        found(json.loads((folder / f"{name}.json").read_text())) for name in ("short", "full")
-    )
+def test_a_command_finds_the_same_of_both(both: Shell, line: str) -> None:
+    for name in ("short", "full"):
+        both(f"{line.format(name)} --json {name}.json")
+    short, full = (found(both.json(f"{name}.json")) for name in ("short", "full"))
     assert len(json.dumps(full)) > 300
     assert short == full
 
 
-def test_a_component_is_exported_the_same(folder: Path) -> None:
+def test_a_component_is_exported_the_same(both: Shell) -> None:
     arrays = []
     for name in ("short", "full"):
-        assert call("export {scene} x_slider -o {out}.h5", folder, name) == 0
-        with h5py.File(folder / f"out_{name}.h5") as file:
+        both(f"export {name}.toml x_slider -o {name}.h5")
+        with h5py.File(f"{name}.h5") as file:
             arrays.append((file["stiffness"][()], file["mass"][()]))
     assert all(np.array_equal(*pair) for pair in zip(*arrays, strict=True))
 
 
-def test_a_study_reaches_what_is_included_by_its_prefixed_names(folder: Path) -> None:
-    table = hs.study(folder / "short.toml", "guides")
+def test_a_study_reaches_what_is_included_by_its_prefixed_names(both: Shell) -> None:
+    table = hs.study("short.toml", "guides")
     assert len(table.rows) == 4
     for row in table.rows:
         keys = {key: str(value) for key, value in row.record.varied.items()}
-        machine = hs.load(folder / "full.toml", set=in_full(keys))
-        single = hs.run(machine)
+        single = hs.run(hs.load("full.toml", set=in_full(keys)))
         watched = [row.values[f"modal.frequencies_hz[{number}]"] for number in range(6)]
         assert watched == approx(single.modes["middle"].frequencies_hz[:6], rel=1e-12)
 
@@ -292,7 +268,7 @@ def in_full(keys: Mapping[str, str]) -> dict[str, str]:
 
 FAULTS = {
     "unit": ('rho = "7850 kg/m^3"', 'rho = "7850 kg"', 8, "materials.x_steel.rho"),
-    "face": ('face = "z-"', 'face = "q-"', 14, "components.x_slider.interfaces.bottom"),
+    "face": ('bottom = { face = "z-"', 'bottom = { face = "q-"', 14, "components.x_slider.interfaces.bottom"),
     "file": ('box = ["300 mm", "240 mm", "= height"]', 'step = "no.step"', 10, "components.x_slider.solid.step"),
     "parameter": ('"= height"', '"= hight"', 10, "components.x_slider.solid.box[2]"),
     "syntax": ("[points.tcp]", "[points", 29, ""),
@@ -300,35 +276,28 @@ FAULTS = {
 
 
 @pytest.mark.parametrize(
-    ("text", "fault"),
+    ("line", "fault"),
     [
-        *(("check {scene}", fault) for fault in FAULTS),
-        *(
-            (text.partition(" --json")[0], "unit")
-            for text in ("study {scene} guides", "export {scene} x_slider -o {out}", *COMMANDS)
-        ),
+        *(("check {0}.toml", fault) for fault in FAULTS),
+        *((line, "unit") for line in COMMANDS),
+        ("study {0}.toml guides", "unit"),
+        ("export {0}.toml x_slider -o {0}", "unit"),
     ],
 )
 def test_what_is_wrong_in_an_included_file_is_named_there(
-    folder: Path, capsys: pytest.CaptureFixture[str], text: str, fault: str
+    both: Shell, line: str, fault: str
 ) -> None:
-    old, new, line, key = FAULTS[fault]
-    assert old in PART
-    part = folder / "parts" / "slide.toml"
-    part.write_text(PART.replace(old, new, 1))
-    assert call(text, folder, "short") == 2
-    message = capsys.readouterr().err
-    assert f"{part}:{line}" + (f": {key}" if key else "") in message
-    assert not (folder / "out_short").exists()
+    old, new, number, key = FAULTS[fault]
+    part = both.write(PART, (old, new), name="parts/slide")
+    message = both(line.format("short"), code=2).err
+    assert f"{part.relative_to(both.folder)}:{number}" + (f": {key}" if key else "") in message
+    assert "short" not in both.files()
 
 
-def test_a_setting_of_an_included_parameter_is_named_where_its_value_is_wrong(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_setting_of_an_included_parameter_is_named_where_its_value_is_wrong(both: Shell) -> None:
     """Once for all carriages that have it."""
     setting = "parameters.x_guide=60kg"
-    assert main(["run", str(folder / "short.toml"), "--set", setting]) == 2
-    message = capsys.readouterr().err
-    place = f"{folder / 'parts' / 'slide.toml'}:20 (--set {setting}): joints.x_carriage_"
+    message = both(f"run short.toml --set {setting}", code=2).err
+    place = f"parts/slide.toml:20 (--set {setting}): joints.x_carriage_"
     assert message.count(place) == 3
     assert f"{place}1.stiffness.normal" in message

@@ -1,59 +1,52 @@
 """Every number of a run by its name, on the command line, in files and in Python."""
 
-import csv
+import hashlib
 import json
+import shutil
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from cross_slide import SCENE
 
 import headstock as hs
-from common import approx, call, run_process
-from headstock.app.command_line import main
+from common import Shell, approx, read_json, run_once, run_process
 
 FIRST = "frequency(pose=left,mode=1)"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("numbers")
-    (path / "scene.toml").write_text(SCENE)
-    assert main(["run", str(path / "scene.toml"), "-o", str(path / "out"), "--no-figures"]) == 0
-    return path / "out"
+    return run_once(tmp_path_factory.mktemp("numbers"), SCENE)
 
 
-def test_a_table_lists_numbers_with_units_of_the_report(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    printed = call(capsys, ["numbers", str(folder)]).out
+def test_a_table_lists_numbers_with_units_of_the_report(folder: Path, shell: Shell) -> None:
+    printed = shell(f"numbers {folder}").out
     assert FIRST in printed and "µm/kN" in printed and "not in ±" in printed
-    printed = call(capsys, ["numbers", str(folder), "frequency"]).out
+    printed = shell(f"numbers {folder} frequency").out
     assert FIRST in printed and "compliance(" not in printed
 
 
-def test_files_hold_numbers_in_si_units(folder: Path, tmp_path: Path) -> None:
-    table, listing = tmp_path / "n.csv", tmp_path / "n.json"
-    arguments = ["numbers", str(folder), "compliance(*direction=x)"]
-    assert main([*arguments, "--csv", str(table), "--json", str(listing)]) == 0
-    rows = list(csv.DictReader(table.read_text().splitlines()))
-    entries = json.loads(listing.read_text())
-    summary = json.loads((folder / "summary.json").read_text())
-    wanted = 1e-9 * summary["static"]["tcp"]["compliance_um_per_kN"][0][0]
+def test_files_hold_numbers_in_si_units(folder: Path, shell: Shell) -> None:
+    shell(f"numbers {folder} 'compliance(*direction=x)' --csv n.csv --json n.json")
+    rows, entries = shell.rows("n.csv"), shell.json("n.json")
+    compliances = read_json(folder / "summary.json")["static"]["tcp"]["compliance_um_per_kN"]
     assert [row["name"] for row in rows] == [entry["name"] for entry in entries]
     assert [float(row["value"]) for row in rows] == [entry["value"] for entry in entries]
     (entry,) = [entry for entry in entries if "point=tcp" in entry["name"]]
-    assert entry["value"] == approx(wanted, rel=1e-12) and entry["unit"] == "m/N"
+    assert entry["value"] == approx(1e-9 * compliances[0][0], rel=1e-12)
+    assert entry["unit"] == "m/N"
     assert entry["±"] is None and entry["not in ±"]
     assert {"± known", "± by source"} <= entry.keys()
 
 
 @pytest.mark.parametrize("pattern", ["frequncy", "frequency(pose=nowhere*)", "compliance[0]"])
 def test_a_pattern_without_a_match_lists_the_names(
-    folder: Path, pattern: str, capsys: pytest.CaptureFixture[str]
+    folder: Path, pattern: str, shell: Shell
 ) -> None:
-    said = call(capsys, ["numbers", str(folder), pattern], 2).err
+    said = shell(f"numbers {folder} '{pattern}'", code=2).err
     assert repr(pattern) in said and "(pose=left" in said
 
 
@@ -81,53 +74,43 @@ def test_numbers_open_without_a_solver(folder: Path) -> None:
 
 
 def test_a_folder_of_an_earlier_version_is_refused_with_the_remedy(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, shell: Shell
 ) -> None:
-    import hashlib
-    import shutil
-
-    import h5py
-
-    old = tmp_path / "old"
-    shutil.copytree(folder, old)
+    old = Path(shutil.copytree(folder, shell.folder / "old"))
     with h5py.File(old / "results.h5", "a") as file:
         file.attrs["version"] = 2
         del file["numbers"]
-    summary = json.loads((old / "summary.json").read_text())
+    summary = read_json(old / "summary.json")
     digest = hashlib.sha256((old / "results.h5").read_bytes()).hexdigest()
     summary["files"]["results.h5"]["sha256"] = digest
     (old / "summary.json").write_text(json.dumps(summary))
-    said = call(capsys, ["numbers", str(old)], 2).err
+    said = shell("numbers old", code=2).err
     assert "version 2" in said and "headstock run" in said
 
 
 @pytest.mark.parametrize(
-    ("command", "labels"),
+    ("line", "labels"),
     [
-        (("sweep", "line"), {""}),
-        (("study", "drive"), {"point 1", "point 2"}),
-        (("compare", "--variants", "stiff"), {"as written", "stiff"}),
+        ("sweep scene.toml line", {""}),
+        ("study scene.toml drive", {"point 1", "point 2"}),
+        ("compare scene.toml --variants stiff", {"as written", "stiff"}),
     ],
-    ids=lambda value: value[0] if isinstance(value, tuple) else "",
 )
 def test_studies_sweeps_and_comparisons_have_numbers_too(
-    command: tuple[str, ...], labels: set[str], tmp_path: Path
+    line: str, labels: set[str], shell: Shell
 ) -> None:
-    (tmp_path / "scene.toml").write_text(SCENE)
-    name, *options = command
-    out, listing = tmp_path / "out", tmp_path / "n.json"
-    assert main([name, str(tmp_path / "scene.toml"), *options, "-o", str(out)]) == 0
-    assert main(["numbers", str(out), "frequency(*mode=1)", "--json", str(listing)]) == 0
-    entries = json.loads(listing.read_text())
+    shell.write(SCENE)
+    shell(f"{line} -o out")
+    shell("numbers out 'frequency(*mode=1)' --json n.json")
+    entries = shell.json("n.json")
     assert {entry.get("of", "") for entry in entries} == labels
     assert all(entry["value"] > 1.0 and entry["unit"] == "Hz" for entry in entries)
-    assert main(["numbers", str(out), "nothing"]) == 2
+    shell("numbers out nothing", code=2)
 
 
-def test_a_run_in_the_folder_of_a_study_shows_its_own_numbers(tmp_path: Path) -> None:
-    (tmp_path / "scene.toml").write_text(SCENE)
-    scene, out, listing = tmp_path / "scene.toml", tmp_path / "out", tmp_path / "n.json"
-    assert main(["study", str(scene), "drive", "-o", str(out)]) == 0
-    assert main(["run", str(scene), "-o", str(out), "--no-figures"]) == 0
-    assert main(["numbers", str(out), "frequency", "--json", str(listing)]) == 0
-    assert not any("of" in entry for entry in json.loads(listing.read_text()))
+def test_a_run_in_the_folder_of_a_study_shows_its_own_numbers(shell: Shell) -> None:
+    shell.write(SCENE)
+    shell("study scene.toml drive -o out")
+    shell("run scene.toml -o out --no-figures")
+    shell("numbers out frequency --json n.json")
+    assert shell.json("n.json") and not any("of" in entry for entry in shell.json("n.json"))

@@ -13,35 +13,19 @@ import numpy as np
 import pytest
 
 import headstock as hs
-from fixture_machines import write_scene
+from fixture_machines import machine, write_scene
 
 wrong: Any = hs  # called with arguments that no type checker lets pass
 
 MACHINES = Path(__file__).resolve().parents[2] / "machines"
 LENGTH = "components.head.at[2]"
 WATCH = "modal.frequencies_hz[0]"
-SCENE = """
-[components.head]
-solid = { point_mass = "1000 kg", inertia = ["20 kg m^2", "30 kg m^2", "40 kg m^2"] }
-at = ["0 mm", "0 mm", "1000 mm"]
-[joints.foot]
-between = ["head.center", "ground"]
-at = ["0 mm", "0 mm", "0 mm"]
-kind = "spring"
-stiffness = { x = "100 N/um", y = "50 N/um", z = "200 N/um", rx = "5 kN m/rad", ry = "20 kN m/rad", rz = "30 kN m/rad" }
-[points.tcp]
-tool = "head.center"
-work = "ground"
-[analyses.static]
-[analyses.modal]
-count = 6
-"""
+SCENE = machine('machine = "head"')
 
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
-    path = write_scene(tmp_path, SCENE)
-    return path
+    return write_scene(tmp_path, SCENE)
 
 
 @pytest.mark.parametrize(
@@ -133,14 +117,7 @@ def test_one_analysis_is_named_by_one_text(scene: Path) -> None:
 
 
 def test_a_mesh_is_read_from_a_folder_given_as_text(scene: Path, tmp_path: Path) -> None:
-    scene.write_text(
-        SCENE.replace(
-            'solid = { point_mass = "1000 kg", inertia = ["20 kg m^2", "30 kg m^2", "40 kg m^2"] }',
-            'solid = { box = ["100 mm", "100 mm", "100 mm"] }\nmaterial = "steel"\nfidelity = "rigid"\n'
-            'interfaces.center = { face = "z-" }',
-        )
-        + '[materials.steel]\nE = "210 GPa"\nnu = 0.3\nrho = "7850 kg/m^3"\n'
-    )
+    write_scene(tmp_path, machine('machine = "block"\nnames = { block = "head" }'))
     found = hs.run(scene, output=tmp_path / "out").mesh("head")
     again = hs.read_mesh(str(tmp_path / "out"), "head")
     assert again.n_points == found.n_points
@@ -184,17 +161,12 @@ def test_a_machine_that_buckles_under_gravity_says_so(scene: Path) -> None:
     assert 0.0 < hs.run(stiff).modes["reference"].frequencies_hz[0] < 0.1
 
 
-BLOCK_SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.part]
-solid = { step = "FILE" }
-material = "steel"
-[components.part.interfaces]
-foot = { face = "z-" }
-"""
+PART = machine("""
+machine = "bar"
+names = { bar = "part" }
+without = ["joints", "points", "components.part.interfaces.tip"]
+components.part.solid = { step = "FILE" }
+""")
 
 
 @pytest.mark.parametrize("name", ["../mine/part.step", "parts/../../mine/part.step"])
@@ -203,7 +175,7 @@ def test_a_name_that_leaves_the_folder_and_comes_back_is_refused(tmp_path: Path,
     folder = tmp_path / "mine"
     (folder / "parts").mkdir(parents=True)
     (folder / "part.step").write_text("ISO-10303-21;\n")
-    scene = write_scene(folder, BLOCK_SCENE.replace("FILE", name))
+    scene = write_scene(folder, PART.replace("FILE", name))
     with pytest.raises(hs.SceneError, match="outside the scene's folder"):
         hs.check(scene)
 

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from common import approx, call
-from fixture_machines import machine, write_scene
-from headstock.app.command_line import main
+from common import Shell, approx
+from fixture_machines import machine
 from headstock.pipeline.numbers.folders import read_run_numbers
 from headstock.pipeline.numbers.numbers import make_key
 from headstock.scene.building.loader import load_scene
@@ -86,103 +85,62 @@ def slide(start: str, end: str, feed: str) -> str:
 SLOW, FAST = slide("0 mm", "0.1 mm", "10 mm/min"), slide("-100 mm", "150 mm", "12 m/min")
 
 
+BLOCK_SIZE = {"components.block.mesh.size": "71.4 mm"}
+FOOT = {"components.block.interfaces.foot.coupling": "rigid"}
+HALVES = {"left": "keep", "right": "keep"}
+TRIAL = pytest.mark.trials
+
+
 @pytest.mark.parametrize(
     ("text", "kind", "dropped", "kept"),
     [
-        (SLOW, "pose", {"analyses.path.pose_model": "frozen"}, {}),
-        pytest.param(
-            COLUMN,
-            "mesh",
-            {"components.block.mesh.size": "71.4 mm"},
-            {"column": "keep"},
-            marks=pytest.mark.trials,
-        ),
-        pytest.param(
-            PLATE,
-            "interfaces",
-            {"components.block.interfaces.foot.coupling": "rigid"},
-            {"left": "keep", "right": "keep"},
-            marks=pytest.mark.trials,
-        ),
+        pytest.param(SLOW, "pose", {"analyses.path.pose_model": "frozen"}, {}, id="pose"),
+        pytest.param(COLUMN, "mesh", BLOCK_SIZE, {"column": "keep"}, marks=TRIAL, id="mesh"),
+        pytest.param(PLATE, "interfaces", FOOT, HALVES, marks=TRIAL, id="interfaces"),
     ],
-    ids=["pose", "mesh", "interfaces"],
 )
 def test_what_is_written_checks_runs_and_moves_what_was_said(
-    text: str,
-    kind: str,
-    dropped: dict[str, str],
-    kept: dict[str, str],
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    text: str, kind: str, dropped: dict[str, str], kept: dict[str, str], shell: Shell
 ) -> None:
-    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    path, told = tmp_path / "scene.toml", tmp_path / "effects.json"
-    path.write_text(text)
-    assert main(["effects", str(path), "--only", kind, "--write", "--json", str(told)]) == 0
-    capsys.readouterr()
-    target = tmp_path / "scene_good_enough.toml"
-    assert tomllib.loads(target.read_text())["variants"]["good_enough"] == dropped
-    findings = json.loads(told.read_text())["models"]
+    shell.write(text)
+    shell(f"effects scene.toml --only {kind} --write --json told.json")
+    written = tomllib.loads(shell.text("scene_good_enough.toml"))
+    assert written["variants"]["good_enough"] == dropped
+    findings = shell.json("told.json")["models"]
     simpler = {
         each["bodies"][0]: each["action"]
         for each in findings
         if each["bodies"] and each["action"] in ("keep", "drop")
     }
     assert kept.items() <= simpler.items()
-    (said,) = [
-        each
-        for each in findings
-        if each["settings"] == [f"{key}={json.dumps(value)}" for key, value in dropped.items()]
-    ]
+    settings = [f"{key}={json.dumps(value)}" for key, value in dropped.items()]
+    (said,) = [each for each in findings if each["settings"] == settings]
     assert said["action"] == "drop" and said["worth"] > 0.0
-    variant = ["--variant", "good_enough"]
-    assert main(["check", str(target), *variant]) == 0
+    shell("check scene_good_enough.toml --variant good_enough")
     runs = []
-    for number, chosen in enumerate((variant, [])):
-        folder = tmp_path / str(number)
-        assert main(["run", str(target), *chosen, "-o", str(folder), "--no-figures"]) == 0
-        runs.append(read_run_numbers(folder).values())
+    for folder, chosen in (("with", "--variant good_enough"), ("without", "")):
+        shell(f"run scene_good_enough.toml {chosen} -o {folder} --no-figures")
+        runs.append(read_run_numbers(shell.folder / folder).values())
     moved = max(change.share for change in compare_kinds(*runs))
     assert moved == approx(said["worth"], rel=1e-3, abs=1e-9)
 
 
-def test_a_pose_that_matters_stays(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    path = write_scene(tmp_path, FAST)
-    told = call(capsys, ["effects", str(path), "--only", "pose", "--write"]).out
+def test_a_pose_that_matters_stays(shell: Shell) -> None:
+    shell.write(FAST)
+    told = shell("effects scene.toml --only pose --write").out
     assert "keep pose_dependent" in told and "no file is written" in told
-    assert not (tmp_path / "scene_good_enough.toml").exists()
+    assert "scene_good_enough.toml" not in shell.files()
 
 
 MACHINES = Path(__file__).resolve().parents[2] / "machines"
-BLOCK = """# a comment of the user
-name = "Mass on a stiff block"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.block]   # odd   spacing stays
-solid = { box = ["300 mm", "300 mm", "150 mm"] }
-material = "steel"
-fidelity = "elastic"
-mesh = { size = "75 mm", cells = "hex" }
-[components.block.interfaces]
-bottom = { face = "z-" }
-top = { face = "z+" }
-[joints.feet]
-between = ["block.bottom", "ground"]
-kind = "spring"
-stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
-[points]
-tcp = { tool = "block.top", work = "ground" }
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 2
-"""
+BLOCK = "# a comment of the user\n" + machine("""
+machine = "column"
+without = ["components.column", "joints.bolts"]
+components.block.mesh = { size = "75 mm", cells = "hex" }
+points.tcp.tool = "block.top"
+analyses.static = { at = "tcp" }
+analyses.modal = { count = 2 }
+""").replace("[components.block]", "[components.block]   # odd   spacing stays")
 
 
 def finding(
@@ -210,10 +168,8 @@ def test_of_what_may_be_dropped_of_a_body_the_one_that_saves_most_is_taken() -> 
     trials = [EffectTrial("coriolis", True, (little,)), EffectTrial("damping", True, (nothing,))]
     found = [finding("segmented", 0.5), finding("rigid", 0.9), finding("5", 0.95, "modes")]
     drops = choose_drops(scene, trials, found)
-    assert [drop.settings for drop in drops] == [
-        ("effects.coriolis=false",),
-        ("components.block.elasticity=rigid",),
-    ]
+    settings = [setting for drop in drops for setting in drop.settings]
+    assert settings == ["effects.coriolis=false", "components.block.elasticity=rigid"]
 
 
 def test_of_models_that_save_as_much_the_one_that_moves_least_is_taken() -> None:
@@ -248,44 +204,36 @@ def test_a_variant_keeps_every_letter_before_it_and_has_a_name_of_its_own(tmp_pa
     assert windows.count("\n") == windows.count("\r\n")
 
 
-def test_words_of_an_option_given_twice_are_all_taken(capsys: pytest.CaptureFixture[str]) -> None:
-    listed = []
-    for only in (["--only", "modes,mesh"], ["--only", "modes", "--only", "mesh"]):
-        assert main(["effects", str(MACHINES / "three_axis.toml"), "--list", *only]) == 0
-        listed.append(capsys.readouterr().out)
-    assert listed[0] == listed[1] and "mesh" in listed[0] and "modes" in listed[0]
+def test_words_of_an_option_given_twice_are_all_taken(shell: Shell) -> None:
+    line = f"effects {MACHINES / 'three_axis.toml'} --list"
+    once = shell(f"{line} --only modes,mesh").out
+    assert once == shell(f"{line} --only modes --only mesh").out
+    assert "mesh" in once and "modes" in once
 
 
 def test_the_command_writes_a_scene_that_checks_and_runs_and_overwrites_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    shell: Shell,
 ) -> None:
-    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    path, target = tmp_path / "block.toml", tmp_path / "block_good_enough.toml"
-    path.write_text(BLOCK)
-    page = tmp_path / "effects.html"
-    command = ["effects", str(path), "--only", "elasticity", "--write", "--page", str(page)]
-    assert "together they move" in call(capsys, command).out
-    assert "data:image/png;base64" in page.read_text()
+    path, target = shell.write(BLOCK), shell.folder / "scene_good_enough.toml"
+    line = "effects scene.toml --only elasticity --write --page effects.html"
+    assert "together they move" in shell(line).out
+    assert "data:image/png;base64" in shell.text("effects.html")
     assert target.read_text().startswith(BLOCK) and path.read_text() == BLOCK
-    variant = ["--variant", "good_enough"]
-    assert main(["check", str(target), *variant]) == 0
-    output = ["-o", str(tmp_path / "out"), "--no-figures"]
-    assert main(["run", str(target), *variant, *output]) == 0
+    variant = "scene_good_enough.toml --variant good_enough"
+    shell(f"check {variant}")
+    shell(f"run {variant} -o out --no-figures")
     # which of the simpler models is taken depends on what each costs here
-    assert (
-        load_scene(target, variant="good_enough").machine.components["block"].fidelity != "elastic"
-    )
-    results = str(tmp_path / "out")
-    report = ["effects", str(target), *variant, "--only", "elasticity", "--report", results]
-    assert main(report) == 0
-    assert 'id="effects"' in (tmp_path / "out" / "report.html").read_text()
-    assert main(["report", results]) == 0
-    assert 'id="effects"' in (tmp_path / "out" / "report.html").read_text()
-    assert main([*report, "--set", "materials.steel.nu=0.25"]) == 2
-    assert "results of another scene" in capsys.readouterr().err
-    assert main(["run", str(target), *output]) == 0  # without the variant
-    assert 'id="effects"' not in (tmp_path / "out" / "report.html").read_text()
+    block = load_scene(target, variant="good_enough").machine.components["block"]
+    assert block.fidelity != "elastic"
+    report = f"effects {variant} --only elasticity --report out"
+    for again in (report, "report out"):
+        shell(again)
+        assert 'id="effects"' in shell.text("out/report.html")
+    said = shell(f"{report} --set materials.steel.nu=0.25", code=2).err
+    assert "results of another scene" in said
+    shell("run scene_good_enough.toml -o out --no-figures")  # without the variant
+    assert 'id="effects"' not in shell.text("out/report.html")
     written = target.read_bytes()
-    assert main(command) == 2 and "add --force" in capsys.readouterr().err
-    assert main(["effects", str(path), "--write", "-o", str(path), "--force"]) == 2
+    assert "add --force" in shell(line, code=2).err
+    shell("effects scene.toml --write -o scene.toml --force", code=2)
     assert target.read_bytes() == written and path.read_text() == BLOCK

@@ -3,7 +3,6 @@ elements, in every answer that they have.
 """
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from common import approx
-from fixture_machines import machine, write_scene
-from headstock.app.command_line import main
+from common import Shell, approx
+from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.solids import Box
 from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.findings import SceneError
 from headstock.studies.variants import choose_variants
 
 MACHINES = Path(__file__).parents[3] / "machines"
@@ -34,70 +33,72 @@ effects.damping = { modal = 0.02 }
 """)
 
 
+COMPARE = "compare scene.toml -o out"
+
+
 @pytest.fixture
-def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
+def bar(shell: Shell, monkeypatch: pytest.MonkeyPatch) -> Shell:
     monkeypatch.setenv("COLUMNS", "120")
-    path = write_scene(tmp_path, SCENE, name="bar")
-    return path
+    shell.write(SCENE)
+    return shell
 
 
-def compare(path: Path, *arguments: str) -> dict[str, Any]:
+def compare(bar: Shell, options: str = "") -> Any:
     """Content of ``compare.json``."""
-    out = path.parent / "out"
-    assert main(["compare", str(path), "-o", str(out), *arguments]) == 0
-    content: dict[str, Any] = json.loads((out / "compare.json").read_text())
-    return content
+    bar(f"{COMPARE} {options}")
+    return bar.json("out/compare.json")
 
 
-def read_lines(path: Path) -> tuple[list[str], FloatArray]:
-    """Headings and numbers of a CSV file of responses."""
+def read_response(path: Path, before: str, point: str) -> tuple[FloatArray, FloatArray]:
+    """Lines [Hz] and values of a direct response in a CSV file."""
     with path.open(newline="") as file:
-        rows = list(csv.reader(file))
-    return rows[0], np.array(rows[1:], dtype=float)
+        heads, *rows = list(csv.reader(file))
+    numbers = np.array(rows, dtype=float)
+    real, imaginary = (
+        numbers[:, heads.index(f"{before}{part} {point} / {point} [m per N]")]
+        for part in ("Re", "Im")
+    )
+    return numbers[:, 0], real + 1j * imaginary
 
 
 def test_a_scene_without_variants_compares_its_fidelities_and_says_what_each_is_good_for(
-    scene: Path, capsys: pytest.CaptureFixture[str]
+    bar: Shell,
 ) -> None:
-    summary = compare(scene)
-    printed = " ".join(capsys.readouterr().out.split())
+    printed = bar.prints(COMPARE)
+    summary = bar.json("out/compare.json")
     assert summary["columns"] == ["rigid", "segmented", "elastic"] == list(summary["variants"])
     assert summary["reference"] == "elastic" and set(summary["verdicts"]) == {"rigid", "segmented"}
     for text in (
-        "f1 bar bends X",
-        "Compliance at tcp",
-        "bar 0 %",
-        "largest dynamic compliance",
-        "largest difference from elastic",
-        "processor seconds",
-        "peak memory [MB]",
-        "at best",
-        "rigid: agrees for f5 within",
-        "segmented: agrees for compliance within",
-        "; lacks f6 (",
-        "Hz, bar bends X, MAC",
+        *("f1 bar bends X", "Compliance at tcp", "bar 0 %", "largest dynamic compliance"),
+        *("largest difference from elastic", "processor seconds", "peak memory [MB]", "at best"),
+        *("rigid: agrees for f5 within", "segmented: agrees for compliance within"),
+        *("; lacks f6 (", "Hz, bar bends X, MAC"),
     ):
         assert text in printed, text
     rigid = summary["verdicts"]["rigid"]
     (missed,) = rigid["missing"]
     assert missed["part"] == "bar" and missed["part_share"] > 0.3 and missed["mac"] < 0.5
-    wanted = summary["variants"]["elastic"]["static"]["tcp"]["compliance_um_per_kN"]
-    found = summary["variants"]["rigid"]["static"]["tcp"]["compliance_um_per_kN"]
-    for place, direction in enumerate("xyz"):
-        assert rigid["compliance"][f"tcp {direction}"] == approx(
-            found[place][place] / wanted[place][place] - 1.0, abs=1e-12
-        )
-    page = (scene.parent / "out" / "compare.html").read_text()
-    assert "rigid: agrees for f5 within" in page and "Shapes (MAC)" in page
-    assert "Frequency responses" in page and "peak memory" in page
+    found, wanted = (
+        np.diag(summary["variants"][name]["static"]["tcp"]["compliance_um_per_kN"])
+        for name in ("rigid", "elastic")
+    )
+    deviations = [rigid["compliance"][f"tcp {direction}"] for direction in "xyz"]
+    assert deviations == approx(found / wanted - 1.0, abs=1e-12)
+    page = bar.text("out/compare.html")
+    for text in ("rigid: agrees for f5 within", "Shapes (MAC)", "Frequency responses"):
+        assert text in page
+    assert "peak memory" in page
 
 
-def test_the_elastic_column_has_the_numbers_of_a_run(scene: Path) -> None:
-    variant = compare(scene)["variants"]["elastic"]
-    run = scene.parent / "run"
-    assert main(["run", str(scene), "-o", str(run), "--no-figures"]) == 0
-    alone = json.loads((run / "summary.json").read_text())
+def test_the_columns_have_the_numbers_of_runs_and_responses_differ_as_their_files_do(
+    bar: Shell,
+) -> None:
+    variants = compare(bar)["variants"]
+    runs = {}
+    for name in ("rigid", "elastic"):
+        bar(f"run scene.toml -o {name} --no-figures --set components.bar.fidelity={name}")
+        (runs[name],) = (bar.folder / name / "tables").glob("frf_*.csv")
+    variant, alone = variants["elastic"], bar.json("elastic/summary.json")
     (modes,), (response,) = alone["modal"], alone["frf"].values()
     assert variant["frequencies_hz"] == approx(modes["frequencies_hz"], rel=1e-12)
     point = alone["static"]["tcp"]
@@ -107,64 +108,39 @@ def test_the_elastic_column_has_the_numbers_of_a_run(scene: Path) -> None:
     direct = [entry for entry in variant["frf"] if entry["output"] == entry["input"]]
     assert len(direct) == len(response["drive_points"]) == 3
     for entry, channel in zip(direct, response["drive_points"], strict=True):
-        assert entry["most_negative_real"] * 1e9 == approx(
-            channel["most_negative_real_um_per_kN"], rel=1e-12
-        )
-        assert 1e-6 / entry["peak"] == approx(
-            channel["minimum_dynamic_stiffness_N_per_um"], rel=1e-12
-        )
+        found = [1e9 * entry["most_negative_real"], 1e-6 / entry["peak"]]
+        keys = ("most_negative_real_um_per_kN", "minimum_dynamic_stiffness_N_per_um")
+        assert found == approx([channel[key] for key in keys], rel=1e-12)
         assert entry["peak_mode"] == channel["minimum_dynamic_stiffness_mode"]
-
-
-def test_the_difference_of_responses_is_that_of_the_files_of_two_runs(scene: Path) -> None:
-    entries = compare(scene)["variants"]["rigid"]["frf"]
-    curves = {}
-    for fidelity in ("rigid", "elastic"):
-        run = scene.parent / fidelity
-        chosen = f"components.bar.fidelity={fidelity}"
-        assert main(["run", str(scene), "-o", str(run), "--no-figures", "--set", chosen]) == 0
-        (file,) = (run / "tables").glob("frf_*.csv")
-        curves[fidelity] = read_lines(file)
-    for entry in entries:
+    crossed = 0
+    for entry in variants["rigid"]["frf"]:
         if entry["output"] != entry["input"]:
             assert entry["negligible"], "a bar of two planes of symmetry"
+            crossed += 1
             continue
         name = " ".join(entry["output"])
-        values = {}
-        for fidelity, (heads, numbers) in curves.items():
-            columns = [heads.index(f"{part} {name} / {name} [m per N]") for part in ("Re", "Im")]
-            values[fidelity] = numbers[:, columns[0]] + 1j * numbers[:, columns[1]]
-        lines = curves["elastic"][1][:, 0]
-        away = np.abs(values["rigid"] - values["elastic"])
-        found, sizes = entry["difference"], np.abs(values["elastic"])
+        lines, right = read_response(runs["elastic"], "", name)
+        away, found = np.abs(read_response(runs["rigid"], "", name)[1] - right), entry["difference"]
         assert found["size"] == approx(away.max(), rel=1e-10)
         assert found["at_hz"] == approx(lines[np.argmax(away)])
-        assert found["share_of_peak"] == approx(away.max() / sizes.max(), rel=1e-10)
-        assert found["agrees_to_hz"] is None and away[0] > 0.1 * sizes[0]
+        assert found["share_of_peak"] == approx(away.max() / np.abs(right).max(), rel=1e-10)
+        assert found["agrees_to_hz"] is None and away[0] > 0.1 * abs(right[0])
+    assert crossed < len(variants["rigid"]["frf"])
     # the same lines in the comparison's own file
-    heads, numbers = read_lines(scene.parent / "out" / "responses.csv")
-    mine = numbers[:, heads.index("rigid Re tcp x / tcp x [m per N]")]
-    other = curves["rigid"][1][:, curves["rigid"][0].index("Re tcp x / tcp x [m per N]")]
+    mine = read_response(bar.folder / "out" / "responses.csv", "rigid ", "tcp x")[1]
+    other = read_response(runs["rigid"], "", "tcp x")[1]
     assert np.allclose(mine, other, rtol=1e-10, atol=0.0)
 
 
-def test_a_response_agrees_up_to_the_line_before_the_first_that_is_off(scene: Path) -> None:
-    compared = compare(scene, "--fidelity", "segmented,elastic")
-    heads, numbers = read_lines(scene.parent / "out" / "responses.csv")
-    values = {
-        name: numbers[:, heads.index(f"{name} Re tcp y / tcp y [m per N]")]
-        + 1j * numbers[:, heads.index(f"{name} Im tcp y / tcp y [m per N]")]
-        for name in ("segmented", "elastic")
-    }
-    off = np.abs(values["segmented"] - values["elastic"]) > 0.1 * np.abs(values["elastic"])
-    (entry,) = (
-        each
-        for each in compared["variants"]["segmented"]["frf"]
-        if each["output"] == each["input"] == ["tcp", "y"]
-    )
+def test_a_response_agrees_up_to_the_line_before_the_first_that_is_off(bar: Shell) -> None:
+    entries = compare(bar, "--fidelity segmented,elastic")["variants"]["segmented"]["frf"]
+    responses = bar.folder / "out" / "responses.csv"
+    lines, wanted = read_response(responses, "elastic ", "tcp y")
+    off = np.abs(read_response(responses, "segmented ", "tcp y")[1] - wanted) > 0.1 * np.abs(wanted)
+    (entry,) = (each for each in entries if each["output"] == each["input"] == ["tcp", "y"])
     first = int(np.argmax(off))
     assert off.any() and first > 0
-    assert entry["difference"]["agrees_to_hz"] == numbers[first - 1, 0]
+    assert entry["difference"]["agrees_to_hz"] == lines[first - 1]
 
 
 def hand_assembled(path: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -212,88 +188,79 @@ def hand_assembled(path: Path) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def test_the_rigid_column_of_a_shipped_machine_is_the_lumped_model_assembled_by_hand(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    shell: Shell,
 ) -> None:
-    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    path, out = MACHINES / "three_axis.toml", tmp_path / "out"
-    arguments = ["--variants", "as written", "--fidelity", "rigid,segmented", "--pose", "reference"]
-    assert main(["compare", str(path), "-o", str(out), *arguments]) == 0
-    summary = json.loads((out / "compare.json").read_text())
+    path = MACHINES / "three_axis.toml"
+    options = "--variants 'as written' --fidelity rigid,segmented --pose reference"
+    shell(f"compare {path} -o out {options}")
+    summary = shell.json("out/compare.json")
     assert summary["reference"] == "segmented"
     rigid = summary["variants"]["rigid"]
     mass, stiffness, rows = hand_assembled(path)
     eigenvalues = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
-    frequencies = np.sqrt(eigenvalues) / (2.0 * np.pi)
     count = len(rigid["frequencies_hz"])
     assert count > 6
-    assert rigid["frequencies_hz"] == approx(frequencies[:count], rel=1e-8)
+    frequencies = np.sqrt(eigenvalues[:count]) / (2.0 * np.pi)
+    assert rigid["frequencies_hz"] == approx(frequencies, rel=1e-8)
     compliance = 1e9 * rows @ np.linalg.solve(stiffness, rows.T)
-    assert np.allclose(
-        rigid["static"]["tcp"]["compliance_um_per_kN"], compliance, rtol=1e-7, atol=1e-6
-    )
+    found = rigid["static"]["tcp"]["compliance_um_per_kN"]
+    assert np.allclose(found, compliance, rtol=1e-7, atol=1e-6)
 
 
-def test_what_a_fidelity_cannot_have_says_why_beside_those_that_can(
-    scene: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_a_fidelity_cannot_have_says_why_beside_those_that_can(bar: Shell) -> None:
     # fixed at its foot, a rigid bar has no dof left
     mount = SCENE[SCENE.index('kind = "mount"') : SCENE.index("[points.tcp]")]
-    scene.write_text(SCENE.replace(mount, 'kind = "rigid"\n'))
-    summary = compare(scene)
-    printed = capsys.readouterr().out
+    bar.change((mount, 'kind = "rigid"\n'))
+    printed = bar(COMPARE).out
+    summary = bar.json("out/compare.json")
     assert list(summary["variants"]) == ["segmented", "elastic"]
     assert summary["columns"] == ["rigid", "segmented", "elastic"]
     assert "no dof is left" in summary["not_computed"]["rigid"]
     assert "rigid: cannot: no dof is left" in printed
-    assert "cannot" in (scene.parent / "out" / "compare.html").read_text()
+    assert "cannot" in bar.text("out/compare.html")
 
 
 def test_a_part_from_step_cannot_be_segmented_and_the_other_fidelities_stay() -> None:
-    rigid, segmented, elastic = choose_variants(
-        MACHINES / "step_column.toml", ("as written",), fidelities=("rigid", "segmented", "elastic")
-    )
+    scene = MACHINES / "step_column.toml"
+    fidelities = ("rigid", "segmented", "elastic")
+    rigid, segmented, elastic = choose_variants(scene, ("as written",), fidelities=fidelities)
     assert (rigid.cannot, elastic.cannot) == ("", "")
     assert segmented.cannot.startswith("components.column.fidelity: cannot be segmented")
     # one model is none to compare: then it is an error of the scene
-    with pytest.raises(Exception, match="cannot be segmented"):
-        choose_variants(
-            MACHINES / "step_column.toml", ("as written",), fidelities=("segmented", "elastic")
-        )
+    with pytest.raises(SceneError, match="cannot be segmented"):
+        choose_variants(scene, ("as written",), fidelities=fidelities[1:])
 
 
-def test_a_response_without_damping_says_that_its_peaks_have_no_top(
-    scene: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scene.write_text(SCENE.replace("[effects]\ndamping = { modal = 0.02 }\n", ""))
-    summary = compare(scene, "--fidelity", "rigid,segmented")
-    printed = " ".join(capsys.readouterr().out.split())
-    for variant in summary["variants"].values():
+def test_a_response_without_damping_says_that_its_peaks_have_no_top(bar: Shell) -> None:
+    bar.change(("[effects]\ndamping = { modal = 0.02 }\n", ""))
+    printed = bar.prints(f"{COMPARE} --fidelity rigid,segmented")
+    variants = bar.json("out/compare.json")["variants"]
+    assert all(variant["frf"] for variant in variants.values())
+    for variant in variants.values():
         assert all(entry["peak"] is None and entry["reason"] for entry in variant["frf"])
     assert "rigid, segmented: cannot: response" in printed
     assert "dynamic compliance cannot cannot" in printed
 
 
-def test_where_there_is_nothing_to_compare_the_remedy_is_named(
-    scene: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out, rigid = scene.parent / "none", "components.bar.fidelity=rigid"
-    assert main(["compare", str(scene), "-o", str(out), "--set", rigid]) == 2
-    reported, message = capsys.readouterr().err, "components.bar.fidelity=elastic"
-    assert "nothing to compare" in reported and message in reported and not out.exists()
+def test_where_there_is_nothing_to_compare_the_remedy_is_named(bar: Shell) -> None:
+    said = bar.refuses(f"{COMPARE} --set components.bar.fidelity=rigid")
+    assert "nothing to compare" in said and "components.bar.fidelity=elastic" in said
+    assert "out" not in bar.files()
 
 
-def test_a_lumped_mechanism_is_its_components_in_all_answers(tmp_path: Path) -> None:
-    settings = (
-        "analyses.map=false",
-        "analyses.contouring.on_request=true",
-        'analyses.path={from={X="-5 mm",Z="200 mm"},to={X="5 mm",Z="205 mm"},feeds=["5 m/min"],time_constant="50 ms"}',
-        'analyses.frf={inputs=[["tcp","x"]],outputs=[["tcp","x"]],from="10 Hz",to="200 Hz"}',
-    )
-    given = [word for setting in settings for word in ("--set", setting)]
-    scene, out = str(MACHINES / "tripteor.toml"), tmp_path / "out"
-    assert main(["compare", scene, "--variants", "lumped,components", "-o", str(out), *given]) == 0
-    summary = json.loads((out / "compare.json").read_text())
-    lumped, legs = (summary["variants"][name] for name in ("lumped", "components"))
+LUMPED = (
+    "analyses.map=false",
+    "analyses.contouring.on_request=true",
+    'analyses.path={from={X="-5 mm",Z="200 mm"},to={X="5 mm",Z="205 mm"},feeds=["5 m/min"],time_constant="50 ms"}',
+    'analyses.frf={inputs=[["tcp","x"]],outputs=[["tcp","x"]],from="10 Hz",to="200 Hz"}',
+)
+
+
+def test_a_lumped_mechanism_is_its_components_in_all_answers(shell: Shell) -> None:
+    line = f"compare {MACHINES / 'tripteor.toml'} --variants lumped,components -o out"
+    shell(line, *(word for setting in LUMPED for word in ("--set", setting)))
+    variants = shell.json("out/compare.json")["variants"]
+    lumped, legs = (variants[name] for name in ("lumped", "components"))
     assert lumped["frequencies_hz"] == approx(legs["frequencies_hz"], rel=1e-6)
     mac = np.array((lumped if lumped["mac"] else legs)["mac"])
     assert np.diag(mac) == approx(np.ones(6), abs=1e-6)
@@ -309,32 +276,25 @@ def test_a_lumped_mechanism_is_its_components_in_all_answers(tmp_path: Path) -> 
         assert value == approx(number["value"], rel=1e-4, abs=1e-9)
 
 
-def test_a_scene_with_variants_compares_them_until_fidelities_are_asked_for(scene: Path) -> None:
-    scene.write_text(
-        SCENE + '[variants.thick]\n"components.bar.solid.box" = ["50 mm", "60 mm", "500 mm"]\n'
-    )
-    scene.write_text(scene.read_text().replace("[analyses.frf]", '[variants.thick."analyses.frf"]'))
-    plain = compare(scene, "--set", "components.bar.fidelity=segmented")
+def test_a_scene_with_variants_compares_them_until_fidelities_are_asked_for(bar: Shell) -> None:
+    thick = '[variants.thick]\n"components.bar.solid.box" = ["50 mm", "60 mm", "500 mm"]\n'
+    bar.change(("[analyses.frf]", '[variants.thick."analyses.frf"]'), add=thick)
+    plain = compare(bar, "--set components.bar.fidelity=segmented")
     assert plain["columns"] == ["as written", "thick"] and plain["verdicts"] == {}
-    asked = compare(scene, "--variants", "thick", "--fidelity", "rigid,segmented")
+    asked = compare(bar, "--variants thick --fidelity rigid,segmented")
     assert asked["columns"] == ["thick rigid", "thick segmented"]
     assert set(asked["verdicts"]) == {"thick rigid"}
     # what is missing is what these columns lack, not the scene as written
     assert asked["not_compared"] == [] and asked["variants"]["thick rigid"]["frf"]
-    (reported,) = compare(scene, "--variants", "as written", "--fidelity", "rigid,segmented")[
-        "not_compared"
-    ]
+    written = compare(bar, "--variants 'as written' --fidelity rigid,segmented")
+    (reported,) = written["not_compared"]
     assert 'inputs = ["tcp"]' in reported
 
 
 @pytest.mark.trials
-def test_seconds_say_whether_the_components_came_from_the_store(
-    scene: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    first = compare(scene)["variants"]["elastic"]["effort"]
-    second = compare(scene)["variants"]["elastic"]["effort"]
+def test_seconds_say_whether_the_components_came_from_the_store(bar: Shell) -> None:
+    first, second = (compare(bar)["variants"]["elastic"]["effort"] for _ in range(2))
     assert (first["from_store"], second["from_store"]) == (0, 1)
     assert first["seconds"]["total"] > second["seconds"]["total"]
-    capsys.readouterr()
-    cold = compare(scene, "--effort")["variants"]["elastic"]["effort"]
-    assert cold["from_store"] == 0 and "(cold)" in capsys.readouterr().out
+    assert "(cold)" in bar(f"{COMPARE} --effort").out
+    assert bar.json("out/compare.json")["variants"]["elastic"]["effort"]["from_store"] == 0

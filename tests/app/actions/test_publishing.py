@@ -2,8 +2,6 @@
 made again.
 """
 
-import csv
-import io
 import json
 import shutil
 import struct
@@ -12,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common import call
+from common import Shell, read_rows
 from headstock.app.actions.publishing import _publish_again, publish_run
 from headstock.app.command_line import main
 from headstock.app.pictures import pictures
@@ -26,7 +24,8 @@ from headstock.pipeline.results.files import open_results, read_view
 from headstock.pipeline.results.views import MachineView, PointView, PoseView
 from headstock.pipeline.storage.store import Store
 
-MACHINES = Path(__file__).resolve().parents[3] / "machines"
+THREE_AXIS = Path(__file__).resolve().parents[3] / "machines" / "three_axis.toml"
+CHARTS = {"frequencies", "budget_reference_tcp", "budget_measured_tcp"}
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +39,8 @@ def finished(store_root: Path) -> Path:
     few = 'analyses.modal.up_to="150 Hz"'
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HEADSTOCK_STORE", str(store_root))
-        options = ["-o", str(out), "--variant", "R", "--set", few]
-        assert main(["run", str(MACHINES / "three_axis.toml"), *options]) == 0
+        words = ["run", str(THREE_AXIS), "-o", str(out), "--variant", "R", "--set", few]
+        assert main(words) == 0
     return out
 
 
@@ -52,6 +51,10 @@ def folder(
     """A copy of a finished run that a test may spoil."""
     monkeypatch.setenv("HEADSTOCK_STORE", str(store_root))
     return Path(shutil.copytree(finished, tmp_path / "out"))
+
+
+def pictures_in(folder: Path) -> set[str]:
+    return {path.stem for path in (folder / "figures").glob("*.png")}
 
 
 def picture_size(path: Path) -> tuple[int, int]:
@@ -66,21 +69,16 @@ def test_a_run_leaves_tables_modes_a_picture_per_pose_and_a_report_with_the_firs
     assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} == {
         "results.h5", "summary.json", "report.html", "tables", "modes", "figures",
     }  # fmt: skip
-    assert sorted(path.name for path in (folder / "figures").iterdir()) == [
-        "machine_measured.png",
-        "machine_reference.png",
-    ]
+    assert pictures_in(folder) == {"machine_measured", "machine_reference"}
     assert picture_size(folder / "figures" / "machine_reference.png") == (1500, 960)
     assert '<img class="still"' in (folder / "report.html").read_text()
     summary = read_summary(folder)
-    rows = list(csv.reader(io.StringIO((folder / "tables" / "modes_reference.csv").read_text())))
-    assert [float(row[1]) for row in rows[1:]] == summary["modal"][0]["frequencies_hz"]
-    budget = list(
-        csv.reader(io.StringIO((folder / "tables" / "budget_reference_tcp.csv").read_text()))
-    )
-    assert {row[0]: float(row[3]) for row in budget[1:]} == summary["static_poses"]["reference"][
-        "tcp"
-    ]["budget"]["z"]
+    modes = read_rows(folder / "tables" / "modes_reference.csv")
+    found = [float(row["frequency [Hz]"]) for row in modes]
+    assert found == summary["modal"][0]["frequencies_hz"]
+    budget = read_rows(folder / "tables" / "budget_reference_tcp.csv")
+    shares = {name: float(z) for name, _, _, z in (row.values() for row in budget)}
+    assert shares == summary["static_poses"]["reference"]["tcp"]["budget"]["z"]
 
 
 def test_report_makes_the_same_page_again_and_draws_every_mode_and_chart(folder: Path) -> None:
@@ -88,26 +86,19 @@ def test_report_makes_the_same_page_again_and_draws_every_mode_and_chart(folder:
     (folder / "report.html").unlink()
     assert main(["report", str(folder)]) == 0
     assert (folder / "report.html").read_bytes() == before
-    names = {path.stem for path in (folder / "figures").glob("*.png")}
-    modes = read_summary(folder)["modal"]
     wanted = {
-        f"mode_{pose['pose_name']}_{i + 1:02d}"
-        for pose in modes
-        for i in range(len(pose["frequencies_hz"]))
+        f"mode_{pose['pose_name']}_{number:02d}"
+        for pose in read_summary(folder)["modal"]
+        for number in range(1, len(pose["frequencies_hz"]) + 1)
     }
-    assert names == wanted | {
-        "machine_reference",
-        "machine_measured",
-        "frequencies",
-        "budget_reference_tcp",
-        "budget_measured_tcp",
-    }
+    assert wanted
+    assert pictures_in(folder) == wanted | CHARTS | {"machine_reference", "machine_measured"}
 
 
 def test_figures_can_be_left_out(folder: Path) -> None:
     assert publish_run(folder, open_results(folder), figures=False) == []
     assert '<img class="still"' not in (folder / "report.html").read_text()
-    assert list((folder / "figures").glob("*.png")) == []
+    assert pictures_in(folder) == set()
 
 
 def test_pictures_of_an_unchanged_machine_come_from_the_store(
@@ -140,29 +131,22 @@ def test_a_report_without_pyvista_says_why_it_has_no_picture_and_still_has_chart
     why = "ModuleNotFoundError: no such room: pyvista; ./headstock doctor tells what is missing"
     assert remarks == [f"no picture of the machine: {why}", f"no pictures of modes: {why}"]
     assert f"No picture of the machine: {why}." in (folder / "report.html").read_text()
-    assert {path.stem for path in (folder / "figures").glob("*.png")} == {
-        "frequencies",
-        "budget_reference_tcp",
-        "budget_measured_tcp",
-    }
+    assert pictures_in(folder) == CHARTS
 
 
 @pytest.mark.workers
 def test_a_renderer_that_ends_its_process_leaves_a_report_and_a_remark(
-    folder: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    folder: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "pyvista.py").write_text("import os\nos.abort()\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "empty"))
-    said = " ".join(call(capsys, ["report", str(folder)]).out.split())
-    assert "warning: no picture of the machine: VTK ended the process (SIGABRT)" in said
-    assert "VTK ended the process (SIGABRT)" in (folder / "report.html").read_text()
-    assert main(["show", str(MACHINES / "three_axis.toml"), "-o", str(tmp_path / "x.png")]) == 1
-    assert "VTK ended the process (SIGABRT)" in capsys.readouterr().err
-    assert not (tmp_path / "x.png").exists()
+    (shell.folder / "first").mkdir()  # modules of the working folder are not taken
+    (shell.folder / "first" / "pyvista.py").write_text("import os\nos.abort()\n")
+    monkeypatch.syspath_prepend(shell.folder / "first")
+    ended = "VTK ended the process (SIGABRT)"
+    said = shell.prints("report", folder)
+    assert f"warning: no picture of the machine: {ended}" in said
+    assert ended in (folder / "report.html").read_text()
+    assert ended in shell(f"show {THREE_AXIS} -o x.png", code=1).err
+    assert "x.png" not in shell.files()
 
 
 @pytest.mark.workers
@@ -179,28 +163,29 @@ def test_without_opengl_the_missing_library_is_named(
     )
 
 
+# of a summary, or what takes its place
+EDITED: tuple[object, ...] = ({"stages": 3}, {"files": 3}, [1], None, {})
+
+
+@pytest.mark.parametrize("edited", [*EDITED, "cut"])
 def test_a_summary_that_is_none_is_named_and_nothing_is_overwritten(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, shell: Shell, edited: object
 ) -> None:
     path, report = folder / "summary.json", (folder / "report.html").read_bytes()
     whole = path.read_text()
-    summary = json.loads(whole)
-    edited: tuple[object, ...] = (
-        {**summary, "stages": 3},
-        {**summary, "files": 3},
-        [1],
-        None,
-        {},
-    )
-    for text in (whole[:-50], *(json.dumps(content) for content in edited)):
-        path.write_text(text)
-        capsys.readouterr()
-        message = call(capsys, ["report", str(folder)], 2).err
-        assert message.startswith("error: ") and "internal error" not in message
+    changed = {**json.loads(whole), **edited} if isinstance(edited, dict) and edited else edited
+    path.write_text(whole[:-50] if edited == "cut" else json.dumps(changed))
+    message = shell("report", folder, code=2).err
+    assert message.startswith("error: ") and "internal error" not in message
     assert (folder / "report.html").read_bytes() == report
-    # the page is written from the answers: what somebody else writes beside them does not matter
-    path.write_text(json.dumps({**summary, "modal": [{"x": 1}]}))
-    call(capsys, ["report", str(folder)])
+
+
+def test_a_page_is_written_from_the_answers_whatever_somebody_writes_beside_them(
+    folder: Path, shell: Shell
+) -> None:
+    path, report = folder / "summary.json", (folder / "report.html").read_bytes()
+    path.write_text(json.dumps({**json.loads(path.read_text()), "modal": [{"x": 1}]}))
+    shell("report", folder)
     assert (folder / "report.html").read_bytes() == report
 
 

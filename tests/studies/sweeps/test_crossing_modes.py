@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import call
-from fixture_machines import machine, write_scene
-from headstock.app.command_line import main
+from common import Shell
+from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.errors import ConvergenceError
@@ -50,9 +49,9 @@ MASS, LATERAL = 20.0, 60e6
 
 
 @pytest.fixture
-def scene_file(tmp_path: Path) -> Path:
-    path = write_scene(tmp_path, SCENE, name="slide")
-    return path
+def slide(shell: Shell) -> Shell:
+    shell.write(SCENE)
+    return shell
 
 
 def run(path: Path, name: str) -> SweepResults:
@@ -70,22 +69,16 @@ def screw_frequency(places: FloatArray) -> FloatArray:
 
 
 @pytest.mark.trials
-def test_over_1000_poses_each_curve_is_one_closed_form_from_end_to_end(scene_file: Path) -> None:
-    results = run(scene_file, "travel")
+def test_over_1000_poses_each_curve_is_one_closed_form_from_end_to_end(slide: Shell) -> None:
+    results = run(slide.folder / "scene.toml", "travel")
     places = results.sweep.positions[:, 0]
-    along, across = (
-        screw_frequency(places),
-        np.full(len(places), np.sqrt(LATERAL / MASS) / (2.0 * np.pi)),
-    )
+    along = screw_frequency(places)
+    across = np.full(len(places), np.sqrt(LATERAL / MASS) / (2.0 * np.pi))
     assert (along[0] > across[0]) and (along[-1] < across[-1])
     found = results.frequencies_hz
     assert found.shape == (1000, 2)
-    deviations = [
-        [np.abs(found[:, column] / curve - 1.0).max() for column in range(2)]
-        for curve in (along, across)
-    ]
-    assert min(deviations[0]) < 1e-9
-    assert min(deviations[1]) < 1e-9
+    for curve in (along, across):
+        assert np.abs(found / curve[:, None] - 1.0).max(axis=0).min() < 1e-9
     assert results.tracked is not None
     assert results.tracked.crossings == {(0, 1): 1}
     assert results.tracked.tracking_breaks == 0
@@ -96,10 +89,7 @@ def test_over_1000_poses_each_curve_is_one_closed_form_from_end_to_end(scene_fil
 
 
 def test_a_pose_that_lacks_one_result_fails_the_sweep_by_name(
-    scene_file: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    slide: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls: list[int] = []
 
@@ -111,22 +101,19 @@ def test_a_pose_that_lacks_one_result_fails_the_sweep_by_name(
             raise ConvergenceError("LAPACK gave up")
         return solve_lowest_modes(system, count=count, up_to_hz=up_to_hz)
 
-    monkeypatch.setattr(poses, "solve_lowest_modes", fail_in_the_third)
-    out = tmp_path / "out"
-    said = call(capsys, ["sweep", str(scene_file), "few", "-o", str(out)], 1).out
+    with monkeypatch.context() as patch:
+        patch.setattr(poses, "solve_lowest_modes", fail_in_the_third)
+        said = slide("sweep scene.toml few -o out", code=1).out
     assert "failed: pose X 0 mm: modal analysis: LAPACK gave up" in said
     assert "failed in" in said
-    monkeypatch.undo()
-    assert main(["sweep", str(scene_file), "few", "-o", str(out)]) == 1
-    assert main(["sweep", str(scene_file), "few", "-o", str(out), "--retry"]) == 0
-    assert "failed" not in capsys.readouterr().out.split("done in")[-1]
+    slide("sweep scene.toml few -o out", code=1)
+    assert "failed" not in slide("sweep scene.toml few -o out --retry").out
 
 
 def test_a_carriage_that_would_leave_its_rail_is_refused_before_anything_is_computed(
-    scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    slide: Shell,
 ) -> None:
-    out = tmp_path / "out"
     longer = 'sweeps.few.axes={ X = ["-400 mm", "420 mm", 5] }'
-    said = call(capsys, ["sweep", str(scene_file), "few", "-o", str(out), "--set", longer], 2).err
+    said = slide("sweep scene.toml few -o out --set", longer, code=2).err
     assert "joint carriage (80 mm long) hangs 10 mm over the end of rail bed.rail" in said
-    assert not out.exists()
+    assert "out" not in slide.files()
