@@ -2,9 +2,9 @@
 those that name what there is already.
 """
 
-import json
 import os
 import re
+import shlex
 import shutil
 import sys
 from pathlib import Path
@@ -12,7 +12,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from common import approx, run_process
+from common import approx, read_json, run_process
 
 ROOT = Path(__file__).resolve().parent.parent
 PATCH = ROOT / "tests" / "data" / "adding_an_analysis.patch"
@@ -25,12 +25,8 @@ def files_in(title: str) -> set[str]:
     """Files that a section of CONTRIBUTING.md names; a name without folders lies in the folder of
     the one before it.
     """
-    section = (
-        (ROOT / "CONTRIBUTING.md")
-        .read_text()
-        .partition(f"## Adding {title}\n")[2]
-        .partition("\n## ")[0]
-    )
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    section = text.partition(f"## Adding {title}\n")[2].partition("\n## ")[0]
     found, folder = set(), ""
     for name in re.findall(r"`((?:\w+/)*\w+\.(?:py|html))`", section):
         folder = name.rpartition("/")[0] or folder
@@ -42,13 +38,11 @@ def files_with(*patterns: str) -> set[str]:
     """Modules that hold all of some patterns; validation uses what there is and is not extended
     with it.
     """
-    paths = [
-        path for layer in LAYERS if layer != "validation" for path in (ROOT / layer).rglob("*.py")
-    ]
-    texts = {path.relative_to(ROOT).as_posix(): path.read_text() for path in paths}
+    layers = [ROOT / layer for layer in LAYERS if layer != "validation"]
+    texts = {path: path.read_text() for layer in layers for path in layer.rglob("*.py")}
     return {
-        name
-        for name, text in texts.items()
+        path.relative_to(ROOT).as_posix()
+        for path, text in texts.items()
         if all(re.search(pattern, text) for pattern in patterns)
     }
 
@@ -67,12 +61,10 @@ def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return copy
 
 
-def run_in(copy: Path, *command: str) -> str:
-    variables = os.environ | {
-        "PYTHONPATH": str(copy / ".typing"),
-        "HEADSTOCK_STORE": str(copy / "store"),
-    }
-    done = run_process([sys.executable, "-P", "-m", *command], cwd=copy, env=variables, timeout=300)
+def run_in(copy: Path, command: str) -> str:
+    paths = {"PYTHONPATH": str(copy / ".typing"), "HEADSTOCK_STORE": str(copy / "store")}
+    words = [sys.executable, "-P", "-m", *shlex.split(command)]
+    done = run_process(words, cwd=copy, env=os.environ | paths, timeout=300)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
     return done.stdout
 
@@ -85,55 +77,28 @@ def test_the_list_of_files_of_a_new_analysis_is_that_of_a_patch_that_adds_one() 
 
 
 def test_a_shipped_scene_runs_with_the_analysis_of_the_patch(extended: Path) -> None:
-    settings = (
-        "--variant",
-        "segmented",
-        "--set",
-        "analyses={mass={}}",
-        "-o",
-        "out",
-        "--no-figures",
-    )
-    shown = run_in(
-        extended, "headstock.app.command_line", "run", "machines/three_axis.toml", *settings
-    )
-    summary = json.loads((extended / "out" / "summary.json").read_text())
+    line = "run machines/three_axis.toml --variant segmented -o out --no-figures"
+    shown = run_in(extended, f"headstock.app.command_line {line} --set analyses={{mass={{}}}}")
+    summary = read_json(extended / "out" / "summary.json")
     found = summary["mass"]["reference"]
-    assert (
-        found["mass_kg"] == approx(summary["totals"]["mass_kg"], rel=1e-12)
-        and found["mass_kg"] > 100.0
-    )
+    assert found["mass_kg"] == approx(summary["totals"]["mass_kg"], rel=1e-12)
+    assert found["mass_kg"] > 100.0
     with h5py.File(extended / "out" / "results.h5") as file:
         assert file["mass/reference/center"][:].tolist() == found["center_m"]
         assert file["mass/reference/center"].attrs["unit"] == "m"
     assert "Mass and centre of gravity" in shown and f"{found['mass_kg']:.6g}" in shown
-    assert repr(found["mass_kg"]) in (extended / "out" / "tables" / "mass.csv").read_text()
-    assert (
-        f'value="{found["mass_kg"]!r}"'
-        in (extended / "out" / "report.html").read_text().partition('id="mass-table"')[2]
-    )
+    number = repr(found["mass_kg"])
+    assert number in (extended / "out" / "tables" / "mass.csv").read_text()
+    page = (extended / "out" / "report.html").read_text()
+    assert f'value="{number}"' in page.partition('id="mass-table"')[2]
 
 
 def test_the_patched_tree_keeps_its_layers_and_passes_the_tests_of_the_patch(
     extended: Path,
 ) -> None:
-    chosen = (
-        "tests/solvers/linear/test_mass.py",
-        "tests/pipeline/stages/test_mass.py",
-        "tests/test_layering.py",
-    )
-    assert " passed" in run_in(
-        extended,
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        "-p",
-        "no:xdist",
-        "-k",
-        "mass or imports_only or glance",
-        *chosen,
-    )
+    tests = "tests/solvers/linear/test_mass.py tests/pipeline/stages/test_mass.py"
+    plain = "-q -p no:cacheprovider -p no:xdist -k 'mass or imports_or_names or glance'"
+    assert " passed" in run_in(extended, f"pytest {plain} {tests} tests/test_layering.py")
 
 
 @pytest.mark.parametrize(("title", "patterns"), [

@@ -221,37 +221,80 @@ def may_import(importer: tuple[str, str], imported: tuple[str, str]) -> bool:
     return other_room in ROOMS[layer][room]
 
 
-def test_a_module_imports_only_from_layers_and_rooms_before_its_own() -> None:
-    places = {module_name(path): (layer_of(path), room_of(path)) for path in MODULES}
-
-    def wrong(path: Path) -> set[str]:
-        # a layer as a whole is imported for its folder only, where its code is part of a key
-        inside = {name for name in imports_of(path) if name in places}
-        return {
-            name for name in inside if not may_import((layer_of(path), room_of(path)), places[name])
-        }
-
-    assert offenders(wrong) == {}
+PLACES = {module_name(path): (layer_of(path), room_of(path)) for path in MODULES}
 
 
-def test_an_import_of_this_program_names_a_module() -> None:
-    def wrong(path: Path) -> set[str]:
-        layers = {f"headstock.{layer}" for layer in LAYERS}
-        return {
-            name
-            for name in imports_of(path)
-            if name.split(".")[0] == "headstock" and name not in KNOWN | layers
-        }
+def libraries_of(path: Path) -> set[str]:
+    return {name.split(".")[0] for name in imports_of(path)}
 
-    assert offenders(wrong) == {}
+
+def later_modules(path: Path) -> set[str]:
+    """Modules of layers and rooms that are not before its own; a layer as a whole is imported for
+    its folder only, where its code is part of a key.
+    """
+    mine = (layer_of(path), room_of(path))
+    return {n for n in imports_of(path) if n in PLACES and not may_import(mine, PLACES[n])}
+
+
+def unknown_modules(path: Path) -> set[str]:
+    layers = {f"headstock.{layer}" for layer in LAYERS}
+    inside = {name for name in imports_of(path) if name.split(".")[0] == "headstock"}
+    return inside - KNOWN - layers
+
+
+def heavy_libraries(path: Path) -> set[str]:
+    """Libraries outside of their adapter folders."""
+    folder = path.parent.relative_to(ROOT).as_posix()
+    return {n for n in libraries_of(path) & set(ADAPTERS) if folder not in ADAPTERS[n]}
+
+
+def early_libraries(path: Path) -> set[str]:
+    """Libraries that read the working folder, elsewhere than where they are loaded apart."""
+    place = path.relative_to(ROOT).as_posix()
+    return {name for name in libraries_of(path) & set(LOADERS) if place not in LOADERS[name]}
+
+
+def libraries_of_geometry(path: Path) -> set[str]:
+    """What geometry needs besides numpy."""
+    others = libraries_of(path) - {"headstock", "numpy"} - sys.stdlib_module_names
+    return others if layer_of(path) == "geometry" else set()
+
+
+def relative_imports(path: Path) -> list[int]:
+    nodes = (node for node in ast.walk(tree_of(path)) if isinstance(node, ast.ImportFrom))
+    return [node.lineno for node in nodes if node.level > 0]
+
+
+def late_imports(path: Path) -> list[int]:
+    """Imports inside functions, which only the folder of the command line has."""
+    kinds = ast.FunctionDef | ast.AsyncFunctionDef
+    bodies = (node for node in ast.walk(tree_of(path)) if isinstance(node, kinds))
+    inside = (node for body in bodies for node in ast.walk(body))
+    late = [node.lineno for node in inside if isinstance(node, ast.Import | ast.ImportFrom)]
+    return [] if layer_of(path) == "app" else late
+
+
+def names_of_the_module(path: Path) -> set[str]:
+    """What a module defines under its own name."""
+    kinds = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
+    return {n.name for n in tree_of(path).body if isinstance(n, kinds)} & {path.stem}
+
+
+RULES: tuple[Callable[[Path], object], ...] = (
+    *(later_modules, unknown_modules, heavy_libraries, early_libraries, libraries_of_geometry),
+    *(relative_imports, late_imports, names_of_the_module),
+)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_no_module_imports_or_names_what_it_may_not(rule: Callable[[Path], object]) -> None:
+    assert len(MODULES) > 400
+    assert offenders(rule) == {}
 
 
 def test_every_room_is_in_the_table_and_rooms_form_no_circle() -> None:
-    found = {
-        layer: {room_of(path) for path in MODULES if layer_of(path) == layer} - {""}
-        for layer in LAYERS
-    }
-    assert found == {layer: set(rooms) for layer, rooms in ROOMS.items()}
+    found = {layer: {room for each, room in PLACES.values() if each == layer} for layer in LAYERS}
+    assert found == {layer: {"", *rooms} for layer, rooms in ROOMS.items()}
     for rooms in ROOMS.values():
         assert len(list(TopologicalSorter(rooms).static_order())) == len(rooms)
 
@@ -271,74 +314,13 @@ def test_modules_form_a_directed_acyclic_graph() -> None:
     assert set(graph) <= set(order)
 
 
-def test_heavy_libraries_are_imported_only_in_their_adapter_folders() -> None:
-    def wrong(path: Path) -> set[str]:
-        libraries = {name.split(".")[0] for name in imports_of(path)}
-        return {
-            name
-            for name in libraries & set(ADAPTERS)
-            if path.parent.relative_to(ROOT).as_posix() not in ADAPTERS[name]
-        }
-
-    assert offenders(wrong) == {}
-
-
-def test_libraries_that_read_the_working_folder_are_imported_where_they_are_loaded_apart() -> None:
-    def wrong(path: Path) -> set[str]:
-        libraries = {name.split(".")[0] for name in imports_of(path)}
-        place = path.relative_to(ROOT).as_posix()
-        return {name for name in libraries & set(LOADERS) if place not in LOADERS[name]}
-
-    assert offenders(wrong) == {}
-
-
-def test_geometry_needs_numpy_and_nothing_else() -> None:
-    def wrong(path: Path) -> set[str]:
-        libraries = {name.split(".")[0] for name in imports_of(path)} - {"headstock", "numpy"}
-        return libraries - sys.stdlib_module_names if layer_of(path) == "geometry" else set()
-
-    assert offenders(wrong) == {}
-
-
-def test_no_import_is_relative() -> None:
-    def wrong(path: Path) -> list[int]:
-        return [
-            node.lineno
-            for node in ast.walk(tree_of(path))
-            if isinstance(node, ast.ImportFrom) and node.level > 0
-        ]
-
-    assert offenders(wrong) == {}
-
-
-def test_only_the_command_line_folder_imports_inside_functions() -> None:
-    def wrong(path: Path) -> list[int]:
-        functions = [
-            node
-            for node in ast.walk(tree_of(path))
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-        ]
-        late = [
-            node.lineno
-            for body in functions
-            for node in ast.walk(body)
-            if isinstance(node, ast.Import | ast.ImportFrom)
-        ]
-        return [] if layer_of(path) == "app" else late
-
-    assert offenders(wrong) == {}
-
-
 def test_a_package_file_holds_a_docstring_and_nothing_else() -> None:
-    packages = {
-        folder: tree_of(folder / "__init__.py") for folder in FOLDERS if folder.name != DOOR
-    }
-    assert len(packages) > len(LAYERS)
-    assert [
-        folder
-        for folder, tree in packages.items()
-        if not ast.get_docstring(tree) or len(tree.body) != 1
-    ] == []
+    packages = [path for path in MODULES if path.name == "__init__.py"]
+    packages = [path for path in packages if path.parent.name != DOOR]
+    assert {path.parent for path in packages} == {path for path in FOLDERS if path.name != DOOR}
+    trees = {path: tree_of(path) for path in packages}
+    plain = [path for path, t in trees.items() if ast.get_docstring(t) and len(t.body) == 1]
+    assert len(plain) == len(packages) > len(LAYERS)
 
 
 @pytest.mark.parametrize("layer", LAYERS)
@@ -366,16 +348,9 @@ def test_a_module_that_is_named_in_a_string_exists() -> None:
     }
 
     def wrong(path: Path) -> set[str]:
-        texts = {
-            node.value
-            for node in ast.walk(tree_of(path))
-            if isinstance(node, ast.Constant) and isinstance(node.value, str)
-        }
-        return {
-            text
-            for text in texts
-            if pattern.fullmatch(text) and text not in KNOWN | PACKAGES | functions
-        }
+        constants = (node for node in ast.walk(tree_of(path)) if isinstance(node, ast.Constant))
+        texts = {node.value for node in constants if isinstance(node.value, str)}
+        return {text for text in texts if pattern.fullmatch(text)} - KNOWN - PACKAGES - functions
 
     named = [path for path in MODULES if pattern.search(path.read_text())]
     assert len(named) > 100
@@ -393,16 +368,11 @@ def test_there_is_one_form_of_a_number_and_one_maker_of_a_run() -> None:
         return {name for name in classes if old.fullmatch(name) or name.endswith("Worth")}
 
     assert offenders(wrong) == {}
-    readers = {module_name(path) for path in MODULES if layer_of(path) == "studies"}
-    assert "headstock.studies.answers" not in readers
-    makers = offenders(
-        lambda path: (
-            re.findall(r"(?<![\w.])RunState\(", path.read_text())
-            if path.name != "run_state.py"
-            else []
-        )
-    )
-    assert list(makers) == ["pipeline/stages/shared_components.py"]
+    assert "headstock.studies.answers" not in KNOWN
+    made = re.compile(r"(?<![\w.])RunState\(")
+    makers = offenders(lambda path: made.search(path.read_text()))
+    own = "pipeline/stages/run_state.py"
+    assert {*makers} - {own} == {"pipeline/stages/shared_components.py"}
     light = closure_of("headstock.pipeline.numbers.folders")
     assert not [name for name in light if ".answers." in name or ".solvers." in name]
 
@@ -415,18 +385,6 @@ def test_the_front_door_is_the_package_itself() -> None:
     assert all((mapped / name).resolve() == ROOT / DOOR / name for name in files)
     assert '"headstock": "api"' in (ROOT / "setup.py").read_text()
     assert not (ROOT / "__init__.py").exists()
-
-
-def test_no_module_shares_its_name_with_a_function_in_it() -> None:
-    kinds = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
-    assert (
-        offenders(
-            lambda path: (
-                path.stem in {node.name for node in tree_of(path).body if isinstance(node, kinds)}
-            )
-        )
-        == {}
-    )
 
 
 def closure_of(start: str) -> set[str]:
@@ -457,19 +415,12 @@ def test_the_keys_of_the_store_cover_every_module_that_an_entry_is_computed_by(s
 
 def text_files() -> Iterator[Path]:
     folders = (*LAYERS, DOOR, "tests", "benchmarks", "machines", "docs", "environment", ".ci")
-    for folder in folders:
-        for path in sorted((ROOT / folder).rglob("*")):
-            if (
-                path.suffix in {".py", ".sh", ".md", ".toml", ".txt", ".yaml", ""}
-                and path.is_file()
-            ):
-                yield path
-    # a worktree has a file .git, which names the folder of the clone it belongs to
-    yield from (
-        path
-        for path in sorted(ROOT.iterdir())
-        if path.is_file() and path.suffix in {"", ".md", ".toml", ".in"} and path.name != ".git"
-    )
+    kinds = {".py", ".sh", ".md", ".toml", ".txt", ".yaml", ".in", ""}
+    paths = [path for folder in folders for path in sorted((ROOT / folder).rglob("*"))]
+    for path in (*paths, *sorted(ROOT.iterdir())):
+        # a worktree has a file .git, which names the folder of the clone it belongs to
+        if path.suffix in kinds and path.is_file() and path.name != ".git":
+            yield path
 
 
 def test_no_line_names_a_folder_of_one_machine_or_a_host_of_packages() -> None:

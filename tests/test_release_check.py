@@ -60,84 +60,67 @@ def remove(name: str) -> Callable[[Path], None]:
 
 # taken apart, because this file is searched, too
 NOTICE = " ".join(("Copyright", "(c)", "2020", "Somebody"))
-BROKEN = {
-    "citation of another version": (
-        *("version", "CITATION.cff says 0.0.9"),
-        replace("CITATION.cff", r"^version: .*", "version: 0.0.9"),
-    ),
-    "changelog of another version": (
-        *("version", "of 0.0.9, pyproject.toml"),
-        replace("CHANGELOG.md", r"^## \S+", "## 0.0.9"),
-    ),
-    "date that the citation has not": (
-        *("version", "date-released None, CHANGELOG.md 2026-12-31"),
-        replace("CHANGELOG.md", r"^(## \S+).*", r"\1 (2026-12-31)"),
-    ),
-    "package without its version": (
-        *("pip packages", "lint.txt: ruff has no version"),
-        replace("environment/lint.txt", r"^ruff==\S+", "ruff"),
-    ),
-    "package without its hash": (
-        *("pip packages", "python.txt: pandas has no hash, or one that is none"),
-        replace("environment/python.txt", r"--hash=sha256:\w{60}", "--hash=sha256:"),
-    ),
-    "group of other versions": (
-        *("pip packages", "vtk has several versions in one command: "),
-        write("environment/docs.txt", f"vtk==9.0.0 --hash=sha256:{'0' * 64}\n"),
-    ),
-    "package that conda lacks": (
-        *("lists of packages", "environment.yml lacks gmsh-tools, packages.txt has gmsh-tools"),
-        replace("environment/packages.txt", r"^python3-gmsh$", "python3-gmsh\ngmsh-tools"),
-    ),
-    "package that Debian lacks": (
-        *("lists of packages", "environment.yml has petsc-tools, packages.txt has nothing"),
-        replace("environment.yml", r"^  - metis$", "  - metis\n  - petsc-tools=3"),
-    ),
-    "dependency that nobody lists": (
-        *("lists of packages", "packages.txt lacks sympy, pyproject.toml has it"),
-        replace("pyproject.toml", r'^dependencies = \["numpy', 'dependencies = ["sympy>=1", "numpy'),
-    ),
-    "container of another Debian": (
-        *("lists of packages", "begins with another Debian"),
-        replace("Dockerfile", r"^FROM debian:13", "FROM debian:12"),
-    ),
-    "container with packages of its own": (
-        *("lists of packages", "the Dockerfile names packages itself"),
-        replace("Dockerfile", r"&& rm -rf", r"\&\& apt-get install -y python3-sympy \\\n    \&\& rm -rf"),
-    ),
-    "part of an unknown maker": (
-        *("licences", "machines/bracket.step: whose is it?"),
-        write("machines/bracket.step", "ISO-10303-21;\n"),
-    ),
-    "module of somebody else": (
-        *("licences", f"machines/copied.py names a holder that no licence file does: {NOTICE}"),
-        write("machines/copied.py", f"# {NOTICE}\n"),
-    ),
-    "part without its licence": (
-        *("licences", "tests/data/support.LICENSE, the licence of tests/data/support.step, is"),
-        remove("tests/data/support.LICENSE"),
-    ),
-    "bundle of an older three.js": (
-        *("licences", "was not packed from three 0.999.0"),
-        replace("app/report/viewer/package.json", r'"three": "[^"]*"', '"three": "0.999.0"'),
-    ),
-    "wheel without the licence of its script": (
-        *("licences", "license-files of pyproject.toml lacks app/report/viewer/LICENSES.txt"),
-        replace("pyproject.toml", r"^license-files = .*", 'license-files = ["LICENSE"]'),
-    ),
+VERSION, PIP, LISTS, LICENCES = "version", "pip packages", "lists of packages", "licences"
+NO_HASH = "python.txt: pandas has no hash, or one that is none"
+BRACKET = "machines/bracket.step: whose is it?"
+COPIED = f"machines/copied.py names a holder that no licence file does: {NOTICE}"
+SUPPORT = "tests/data/support.LICENSE, the licence of tests/data/support.step, is"
+SCRIPT = "license-files of pyproject.toml lacks app/report/viewer/LICENSES.txt"
+# a change of a file: a pattern and what takes its place; the check that finds it, and its words
+CHANGED = {
+    "CITATION.cff": [(r"^version: .*", "version: 0.0.9", VERSION, "CITATION.cff says 0.0.9")],
+    "CHANGELOG.md": [
+        (r"^## \S+", "## 0.0.9", VERSION, "of 0.0.9, pyproject.toml"),
+        (r"^(## \S+).*", r"\1 (2026-12-31)", VERSION, "date-released None, CHANGELOG.md 2026-12-31"),
+    ],
+    "environment/lint.txt": [(r"^ruff==\S+", "ruff", PIP, "lint.txt: ruff has no version")],
+    "environment/python.txt": [(r"--hash=sha256:\w{60}", "--hash=sha256:", PIP, NO_HASH)],
+    "environment/packages.txt": [
+        (r"^python3-gmsh$", "python3-gmsh\ngmsh-tools", LISTS, "environment.yml lacks gmsh-tools, packages.txt has gmsh-tools"),
+    ],
+    "environment.yml": [
+        (r"^  - metis$", "  - metis\n  - petsc-tools=3", LISTS, "environment.yml has petsc-tools, packages.txt has nothing"),
+    ],
+    "pyproject.toml": [
+        (r'^dependencies = \["numpy', 'dependencies = ["sympy>=1", "numpy', LISTS, "packages.txt lacks sympy, pyproject.toml has it"),
+        (r"^license-files = .*", 'license-files = ["LICENSE"]', LICENCES, SCRIPT),
+    ],
+    "Dockerfile": [
+        (r"^FROM debian:13", "FROM debian:12", LISTS, "begins with another Debian"),
+        (r"&& rm -rf", r"\&\& apt-get install -y python3-sympy \\\n    \&\& rm -rf", LISTS, "the Dockerfile names packages itself"),
+    ],
+    "app/report/viewer/package.json": [
+        (r'"three": "[^"]*"', '"three": "0.999.0"', LICENCES, "was not packed from three 0.999.0"),
+    ],
 }  # fmt: skip
+Change = Callable[[Path], object]
+BROKEN: list[tuple[Change, str, str]] = [
+    (replace(name, pattern, text), check, words)
+    for name, changes in CHANGED.items()
+    for pattern, text, check, words in changes
+]
+BROKEN += [
+    (
+        write("environment/docs.txt", f"vtk==9.0.0 --hash=sha256:{'0' * 64}\n"),
+        *(PIP, "vtk has several versions in one command: "),
+    ),
+    (write("machines/bracket.step", "ISO-10303-21;\n"), LICENCES, BRACKET),
+    (write("machines/copied.py", f"# {NOTICE}\n"), LICENCES, COPIED),
+    (remove("tests/data/support.LICENSE"), LICENCES, SUPPORT),
+]
 
 
 def test_this_tree_passes(tree: Path) -> None:
     assert set(problems(tree).values()) == {()}
 
 
-@pytest.mark.parametrize("case", BROKEN)
-def test_what_is_broken_is_found_by_its_check_alone(tree: Path, case: str) -> None:
-    check, message, change = BROKEN[case]
+@pytest.mark.parametrize(("change", "check", "message"), BROKEN, ids=[row[2] for row in BROKEN])
+def test_what_is_broken_is_found_by_its_check_alone(
+    tree: Path, change: Change, check: str, message: str
+) -> None:
     change(tree)
     found = problems(tree)
-    assert any(message in text for text in found.pop(check)), case
+    assert any(message in text for text in found.pop(check))
     assert set(found.values()) == {()}
 
 

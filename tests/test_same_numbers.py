@@ -15,6 +15,7 @@ import pytest
 
 BENCHMARKS = Path(__file__).resolve().parent.parent / "benchmarks"
 FREQUENCIES = [128.2, 326.9, 785.0]
+TABLE = b"part,x\ncolumn,0.5\n"
 
 
 @pytest.fixture
@@ -24,15 +25,13 @@ def trees(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 @pytest.fixture
-def same_numbers(monkeypatch: pytest.MonkeyPatch) -> Any:
-    monkeypatch.syspath_prepend(BENCHMARKS)
+def same_numbers(trees: Any) -> Any:
     return importlib.import_module("same_numbers")
 
 
 def vtk_array(*numbers: float) -> str:
-    return base64.b64encode(
-        np.array([8 * len(numbers)], "<u8").tobytes() + np.array(numbers).tobytes()
-    ).decode()
+    content = np.array([8 * len(numbers)], "<u8").tobytes() + np.array(numbers).tobytes()
+    return base64.b64encode(content).decode()
 
 
 def write_outputs(folder: Path) -> Path:
@@ -52,20 +51,17 @@ def write_outputs(folder: Path) -> Path:
     (folder / "1.out.txt").write_text(
         "  mesh   column   1.02 s  1 491 dofs\n\ndone in 5.23 s at 2026-01-02 03:04\nx 426.71018258694535\n"
     )
-    coded = base64.b64encode(b"part,x\ncolumn,0.5\n").decode()
     (folder / "report.html").write_text(
         f'<p><data value="128.18917122252645">128.2</data> Hz, <data value="1.5">1.50</data> s</p>\n'
-        f'<a href="data:text/csv;charset=utf-8;base64,{coded}">CSV</a>\n'
+        f'<a href="data:text/csv;charset=utf-8;base64,{coded(TABLE)}">CSV</a>\n'
         '<section id="cost">2 s</section><script type="application/json">{"at": [0.5, 1.0]}</script>'
     )
-    array = (
-        f'<DataArray type="Float64" Name="points" format="binary">{vtk_array(1.0, 2.0)}</DataArray>'
-    )
+    head = '<DataArray type="Float64" Name="points" format="binary">'
+    array = f"{head}{vtk_array(1, 2)}</DataArray>"
     (folder / "modes.vtu").write_text(f"<VTKFile><Points>{array}</Points></VTKFile>")
     with h5py.File(folder / "results.h5", "w") as file:
-        file.create_dataset("modal/shapes", data=np.array([[1.0, -0.5], [0.25, 1e-9]])).attrs[
-            "unit"
-        ] = "m"
+        file["modal/shapes"] = np.array([[1.0, -0.5], [0.25, 1e-9]])
+        file["modal/shapes"].attrs["unit"] = "m"
         file.create_dataset("labels", data=np.array([b"x", b"y"]))
         file.attrs["scale"] = 2.0
         file.create_group("provenance").attrs["date"] = "2026-01-02"
@@ -81,104 +77,73 @@ def replace_text(name: str, old: str, new: str) -> Callable[[Path], None]:
     return change
 
 
-def set_value(place: str, value: float) -> Callable[[Path], None]:
-    def change(folder: Path) -> None:
+def change_results(change: Callable[[h5py.File], object]) -> Callable[[Path], None]:
+    def change_file(folder: Path) -> None:
         with h5py.File(folder / "results.h5", "r+") as file:
-            file[place][0, 0] = value
+            change(file)
 
-    return change
+    return change_file
 
 
 def set_attribute(place: str, key: str, value: object) -> Callable[[Path], None]:
-    def change(folder: Path) -> None:
-        with h5py.File(folder / "results.h5", "r+") as file:
-            file[place].attrs[key] = value
-
-    return change
+    return change_results(lambda file: file[place].attrs.__setitem__(key, value))
 
 
-def code_table(old: bytes, new: bytes) -> Callable[[Path], None]:
-    return replace_text(
-        "report.html", base64.b64encode(old).decode(), base64.b64encode(new).decode()
-    )
+def coded(table: bytes) -> str:
+    return base64.b64encode(table).decode()
 
 
+SUMMARY, MODES, OUT, PAGE = "summary.json", "tables/modes.csv", "1.out.txt", "report.html"
+OFF = repr(326.9 + 785 * 1e-9)
+LONG = "426.71018258694535"
+SHAPES = "modal/shapes"
 PASSES = {
     "nothing": lambda folder: None,
-    "seconds in JSON": replace_text("summary.json", '"seconds": 1.25', '"seconds": 99.5'),
-    "memory in JSON": replace_text("summary.json", "200.1", "321.9"),
-    "date in JSON": replace_text("summary.json", "2026-01-02T", "2027-05-06T"),
-    "seconds in CSV": replace_text("tables/modes.csv", "0.5", "0.9"),
-    "seconds in text": replace_text("1.out.txt", "1.02 s", "11.7 s"),
-    "date in text": replace_text("1.out.txt", "2026-01-02 03:04", "2027-11-12 13:14"),
-    "widths of columns": replace_text("1.out.txt", "mesh   column", "mesh  column"),
-    "seconds in report": replace_text("report.html", '"1.5">1.50', '"2.25">2.25'),
-    "section of costs": replace_text("report.html", "2 s</section>", "two seconds</section>"),
+    "seconds in JSON": replace_text(SUMMARY, '"seconds": 1.25', '"seconds": 99.5'),
+    "memory in JSON": replace_text(SUMMARY, "200.1", "321.9"),
+    "date in JSON": replace_text(SUMMARY, "2026-01-02T", "2027-05-06T"),
+    "seconds in CSV": replace_text(MODES, "0.5", "0.9"),
+    "seconds in text": replace_text(OUT, "1.02 s", "11.7 s"),
+    "date in text": replace_text(OUT, "2026-01-02 03:04", "2027-11-12 13:14"),
+    "widths of columns": replace_text(OUT, "mesh   column", "mesh  column"),
+    "seconds in report": replace_text(PAGE, '"1.5">1.50', '"2.25">2.25'),
+    "section of costs": replace_text(PAGE, "2 s</section>", "two seconds</section>"),
     "date in HDF5": set_attribute("provenance", "date", "2027-01-02"),
-    "number at 1e-11": replace_text("summary.json", "326.9", repr(326.9 + 785 * 1e-11)),
-    "small number of a large array": replace_text("summary.json", "2e-06", "2.00001e-06"),
-    "rounding error": replace_text("summary.json", '"residual": 1e-13', '"residual": 4e-13'),
-    "number in text at 1e-12": replace_text(
-        "1.out.txt", "426.71018258694535", "426.71018258694578"
-    ),
+    "number at 1e-11": replace_text(SUMMARY, "326.9", repr(326.9 + 785 * 1e-11)),
+    "small number of a large array": replace_text(SUMMARY, "2e-06", "2.00001e-06"),
+    "rounding error": replace_text(SUMMARY, '"residual": 1e-13', '"residual": 4e-13'),
+    "number in text at 1e-12": replace_text(OUT, LONG, "426.71018258694578"),
 }
-
-FAILS = {
-    "number in JSON at 1e-9": (
-        replace_text("summary.json", "326.9", repr(326.9 + 785 * 1e-9)),
-        "summary.json/modal/frequencies_hz/[1]",
+# a text in a file, what takes its place, and the place that is named
+TEXTS = {
+    "number in JSON at 1e-9": (SUMMARY, "326.9", OFF, "/modal/frequencies_hz/[1]"),
+    "null in JSON": (SUMMARY, "785.0", "null", "/modal/frequencies_hz/[2]"),
+    "length in JSON": (SUMMARY, ", 785.0", "", "/modal/frequencies_hz/"),
+    "text in JSON": (SUMMARY, "elastic", "rigid", "/stages/0/reason/ line 1"),
+    "key in JSON": (SUMMARY, '"status"', '"state"', "/state/"),
+    "real residual": (SUMMARY, '"residual": 1e-13', '"residual": 1e-6', "/residual/"),
+    "number in CSV": (MODES, "128.2", "128.2000001", " column 1 frequency [Hz][0]"),
+    "text in CSV": (MODES, "bends X", "bends Y", " column 3 name line 1"),
+    "head of CSV": (MODES, "[Hz]", "[rad/s]", " head line 1"),
+    "word in text": (OUT, "column", "bed", ": line 1"),
+    "count in text": (OUT, "1 491", "1 492", ": line 1"),
+    "number in text": (OUT, "426.71018", "426.71019", ": line 3"),
+    "value in report": (PAGE, "128.189171", "128.189181", ": page line 1"),
+    "table in report": (PAGE, coded(TABLE), coded(TABLE.replace(b"5", b"6")), ": table 0 column 1 x"),
+    "data of report": (PAGE, "[0.5, 1.0]", "[0.5, 1.00001]", ": data 0/at/[1]"),
+    "array of VTU": ("modes.vtu", vtk_array(1, 2), vtk_array(1, 2 + 1e-9), ":/Points/0 points[1]"),
+}  # fmt: skip
+FAILS: dict[str, tuple[Callable[[Path], object], str]] = {
+    name: (replace_text(file, old, new), file + place)
+    for name, (file, old, new, place) in TEXTS.items()
+}
+FAILS |= {
+    "number in HDF5": (
+        change_results(lambda file: file[SHAPES].__setitem__((0, 0), 1.0 + 1e-9)),
+        "results.h5:/modal/shapes[0][0]",
     ),
-    "null in JSON": (
-        replace_text("summary.json", "785.0", "null"),
-        "summary.json/modal/frequencies_hz/[2]",
-    ),
-    "length in JSON": (
-        replace_text("summary.json", ", 785.0", ""),
-        "summary.json/modal/frequencies_hz/",
-    ),
-    "text in JSON": (
-        replace_text("summary.json", "elastic", "rigid"),
-        "summary.json/stages/0/reason/ line 1",
-    ),
-    "key in JSON": (replace_text("summary.json", '"status"', '"state"'), "summary.json/state/"),
-    "real residual": (
-        replace_text("summary.json", '"residual": 1e-13', '"residual": 1e-6'),
-        "summary.json/residual/",
-    ),
-    "number in CSV": (
-        replace_text("tables/modes.csv", "128.2", "128.2000001"),
-        "tables/modes.csv column 1 frequency [Hz][0]",
-    ),
-    "text in CSV": (
-        replace_text("tables/modes.csv", "bends X", "bends Y"),
-        "tables/modes.csv column 3 name line 1",
-    ),
-    "head of CSV": (
-        replace_text("tables/modes.csv", "[Hz]", "[rad/s]"),
-        "tables/modes.csv head line 1",
-    ),
-    "word in text": (replace_text("1.out.txt", "column", "bed"), "1.out.txt: line 1"),
-    "count in text": (replace_text("1.out.txt", "1 491", "1 492"), "1.out.txt: line 1"),
-    "number in text": (replace_text("1.out.txt", "426.71018", "426.71019"), "1.out.txt: line 3"),
-    "value in report": (
-        replace_text("report.html", "128.189171", "128.189181"),
-        "report.html: page line 1",
-    ),
-    "table in report": (
-        code_table(b"part,x\ncolumn,0.5\n", b"part,x\ncolumn,0.6\n"),
-        "report.html: table 0 column 1 x",
-    ),
-    "data of report": (
-        replace_text("report.html", "[0.5, 1.0]", "[0.5, 1.00001]"),
-        "report.html: data 0/at/[1]",
-    ),
-    "array of VTU": (
-        replace_text("modes.vtu", vtk_array(1.0, 2.0), vtk_array(1.0, 2.0 + 1e-9)),
-        "modes.vtu:/Points/0 points[1]",
-    ),
-    "number in HDF5": (set_value("modal/shapes", 1.0 + 1e-9), "results.h5:/modal/shapes[0][0]"),
     "attribute in HDF5": (
-        set_attribute("modal/shapes", "unit", "mm"),
+        set_attribute(SHAPES, "unit", "mm"),
         "results.h5:/modal/shapes@unit line 1",
     ),
     "number of an attribute": (set_attribute("/", "scale", 2.0 + 1e-8), "results.h5:/@scale"),
@@ -232,10 +197,8 @@ def test_paths_of_the_two_trees_are_the_same_place(trees: Any, tmp_path: Path) -
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "1.err.txt").write_text(f"{tmp_path / name}/scene.toml: no such key")
-    read = [
-        trees.read_tree(tmp_path / name, {str(tmp_path / name): "FOLDER"})
-        for name in ("one", "two")
-    ]
+    folders = (tmp_path / "one", tmp_path / "two")
+    read = [trees.read_tree(folder, {str(folder): "FOLDER"}) for folder in folders]
     assert trees.differences(*read) == []
 
 

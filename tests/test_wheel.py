@@ -10,6 +10,7 @@ import shutil
 import sys
 import venv
 import zipfile
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ import pytest
 from slurm_stand_ins import write_stand_ins
 
 import release_check
-from common import run_process
+from common import read_json, run_process
 
 ROOT = Path(__file__).resolve().parent.parent
 COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
@@ -48,29 +49,27 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Built:
     return Built(files, wheel, sdist, rebuilt, folder / "installed")
 
 
+def start(command: list[str | Path], folder: Path, variables: Mapping[str, str]) -> str:
+    """What a program prints; threads too are the launcher's to choose."""
+    inherited = {name: text for name, text in os.environ.items() if not SETTINGS.fullmatch(name)}
+    return run_process(command, cwd=folder, env={**inherited, **variables}, check=True).stdout
+
+
 def call(built: Built, folder: Path, *words: str, **variables: str) -> str:
     """What the program of the unpacked wheel prints."""
-    # threads too are the launcher's to choose
-    inherited = {name: text for name, text in os.environ.items() if not SETTINGS.fullmatch(name)}
-    done = run_process(
-        [sys.executable, "-P", "-c", START, *words],
-        cwd=folder,
-        env=inherited | {"PYTHONPATH": str(built.packages)} | variables,
-        check=True,
-    )
-    return done.stdout
+    packages = {"PYTHONPATH": str(built.packages)} | variables
+    return start([sys.executable, "-P", "-c", START, *words], folder, packages)
 
 
 def launch(folder: Path, *words: str, **variables: str) -> str:
     """What the launcher of this checkout prints, with this Python."""
-    inherited = {name: text for name, text in os.environ.items() if not SETTINGS.fullmatch(name)}
-    done = run_process(
-        [ROOT / "headstock", *words],
-        cwd=folder,
-        env=inherited | {"HEADSTOCK_PYTHON": sys.executable} | variables,
-        check=True,
-    )
-    return done.stdout
+    python = {"HEADSTOCK_PYTHON": sys.executable} | variables
+    return start([ROOT / "headstock", *words], folder, python)
+
+
+def programs(built: Built, folder: Path) -> tuple[Callable[..., str], Callable[..., str]]:
+    """The program of the wheel, and that of the checkout."""
+    return functools.partial(call, built, folder), functools.partial(launch, folder)
 
 
 def test_this_checkout_passes_and_its_archives_hold_what_belongs_there_and_no_more(
@@ -98,14 +97,14 @@ def test_a_scene_runs_from_the_wheel_with_the_numbers_of_the_checkout(
     built: Built, tmp_path: Path
 ) -> None:
     (tmp_path / "scene.toml").write_text(COLUMN.read_text() + "[analyses.modal]\ncount = 3\n")
-    for program, name in ((functools.partial(call, built), "wheel"), (launch, "checkout")):
-        program(tmp_path, "run", "scene.toml", "--no-figures", "-o", name)
-    frequencies = []
-    for name in ("wheel", "checkout"):
-        (pose,) = json.loads((tmp_path / name / "summary.json").read_text())["modal"]
-        frequencies.append(pose["frequencies_hz"])
-    assert frequencies[0] == frequencies[1]
-    assert len(frequencies[0]) == 3
+    for program, name in zip(programs(built, tmp_path), ("wheel", "checkout"), strict=True):
+        program("run", "scene.toml", "--no-figures", "-o", name)
+    wheel, checkout = (
+        [pose["frequencies_hz"] for pose in read_json(tmp_path / name / "summary.json")["modal"]]
+        for name in ("wheel", "checkout")
+    )
+    assert wheel == checkout
+    assert len(wheel[0]) == 3
 
 
 def test_the_program_of_the_wheel_sets_what_the_launcher_of_a_checkout_sets(
@@ -113,16 +112,15 @@ def test_the_program_of_the_wheel_sets_what_the_launcher_of_a_checkout_sets(
 ) -> None:
     code = "import json, os; print(json.dumps(dict(os.environ)))"
     # the number of free cores may change from one call to the next
+    words = ("python", "-c", code)
+    printed = (program(*words, HEADSTOCK_THREADS="2") for program in programs(built, tmp_path))
     settings = [
         {
             name: text
-            for name, text in json.loads(printed).items()
+            for name, text in json.loads(line).items()
             if SETTINGS.fullmatch(name) and name != "PETSC_DIR"
         }
-        for printed in (
-            call(built, tmp_path, "python", "-c", code, HEADSTOCK_THREADS="2"),
-            launch(tmp_path, "python", "-c", code, HEADSTOCK_THREADS="2"),
-        )
+        for line in printed
     ]
     assert settings[0] == settings[1]
     assert {"OMP_NUM_THREADS", "OMPI_MCA_btl", "OMPI_MCA_pml", "PETSC_OPTIONS"} <= set(settings[0])
@@ -131,23 +129,14 @@ def test_the_program_of_the_wheel_sets_what_the_launcher_of_a_checkout_sets(
 def test_ranks_of_the_program_of_the_wheel_are_started_as_those_of_a_checkout(
     built: Built, tmp_path: Path
 ) -> None:
-    words = [
-        printed.splitlines()
-        for printed in (
-            call(built, tmp_path, "run", "x.toml", "--ranks", "2", HEADSTOCK_DRY_RUN="1"),
-            launch(tmp_path, "run", "x.toml", "--ranks", "2", HEADSTOCK_DRY_RUN="1"),
-        )
-    ]
+    line, dry = ("run", "x.toml", "--ranks", "2"), {"HEADSTOCK_DRY_RUN": "1"}
+    words = [program(*line, **dry).splitlines() for program in programs(built, tmp_path)]
     assert words[0][2:] == words[1][2:]
     assert any("mpirun" in word for word in words[0])
 
     (tmp_path / "srun").touch(mode=0o755)
-    nodes = {
-        "PATH": f"{tmp_path}:{os.environ['PATH']}",
-        "SLURM_JOB_NUM_NODES": "2",
-        "HEADSTOCK_DRY_RUN": "1",
-    }
-    started = call(built, tmp_path, "run", "x.toml", "--ranks", "2", **nodes).splitlines()
+    nodes = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "SLURM_JOB_NUM_NODES": "2"}
+    started = call(built, tmp_path, *line, **nodes, **dry).splitlines()
     launcher = Path(started[started.index("run") - 1])
     assert launcher == built.packages / "headstock/environment/installed.sh"
     assert words[0][1] == str(built.packages / "headstock/environment/start_ranks.sh")

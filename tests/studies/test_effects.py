@@ -1,13 +1,11 @@
 """What an effect moves and costs is what two runs differ by."""
 
-import json
 from pathlib import Path
 
 import pytest
 
-from common import approx
+from common import Shell, approx
 from headstock.app.actions.effecting import _tell_trial
-from headstock.app.command_line import main
 from headstock.pipeline.numbers.estimates import show_share
 from headstock.pipeline.numbers.numbers import Number, make_key
 from headstock.pipeline.storage.provenance import SceneChoice
@@ -40,11 +38,8 @@ def gap(share: float, without: float, present: float) -> Change:
 
 def test_a_frequency_is_compared_with_itself_and_a_vector_with_its_largest_component() -> None:
     (change,) = compare_kinds(modes(50.0, 100.0), modes(51.5, 98.0))
-    assert (str(change.key), change.without, change.present) == (
-        "frequency(pose=p,mode=2)",
-        50.0,
-        51.5,
-    )
+    found = (str(change.key), change.without, change.present)
+    assert found == ("frequency(pose=p,mode=2)", 50.0, 51.5)
     assert change.share == approx(1.5 / 51.5)
     assert change.place == "frequency 2 in pose p" and gap(0.1, 1.0, 1.1).place == "face 1, x, mean"
     (vector,) = compare_kinds(compliances(1e-8, 1e-15), compliances(1.1e-8, 2e-15))
@@ -89,90 +84,61 @@ def test_close_modes_that_change_places_and_rounding_are_no_changes() -> None:
     (True, 0.3, "keep it"), (False, 2e-4, "rightly left out"), (False, 0.3, "name it"),
 ])  # fmt: skip
 def test_advice_follows_from_what_is_moved(named: bool, share: float, advice: str) -> None:
-    trial = EffectTrial(
-        "coriolis",
-        named,
-        (gap(share, 1e-5, 1e-5 * (1.0 + share)),),
-        10.0,
-        6.2,
-        0.05,
-    )
+    moved = gap(share, 1e-5, 1e-5 * (1.0 + share))
+    trial = EffectTrial("coriolis", named, (moved,), 10.0, 6.2, 0.05)
     assert trial.advice == advice
-    if share:
-        assert (
-            _tell_trial(trial)
-            == f"coriolis: {show_share(share)} of contour gap, 38 % of run time: {advice}"
-        )
+    said = f"coriolis: {show_share(share)} of contour gap, 38 % of run time: {advice}"
+    assert not share or _tell_trial(trial) == said
 
 
 def test_an_effect_that_moves_nothing_still_says_what_it_cost() -> None:
-    assert (
-        _tell_trial(EffectTrial("coriolis", True, (), 10.0, 6.2))
-        == "coriolis: moves nothing that was asked for (10 s with, 6.2 s without)"
-    )
+    said = "coriolis: moves nothing that was asked for (10 s with, 6.2 s without)"
+    assert _tell_trial(EffectTrial("coriolis", True, (), 10.0, 6.2)) == said
 
 
 def test_time_within_the_noise_is_no_cost() -> None:
     change = gap(0.1, 1e-6, 1.1e-6)
-    assert EffectTrial("damping", True, (change,), 10.0, 9.0, 0.2).time_share == 0.0
-    assert EffectTrial("damping", True, (change,), 10.0, 5.0, 0.2).time_share == 0.5
-    assert [show_share(share) for share in (0.0, 2e-6, 2e-4, 0.123, 1.0)] == [
-        "0 %",
-        "2e-04 %",
-        "0.02 %",
-        "12 %",
-        "100 %",
-    ]
+    for without, share in ((9.0, 0.0), (5.0, 0.5)):
+        assert EffectTrial("damping", True, (change,), 10.0, without, 0.2).time_share == share
+
+
+@pytest.mark.parametrize(
+    ("share", "shown"),
+    [(0.0, "0 %"), (2e-6, "2e-04 %"), (2e-4, "0.02 %"), (0.123, "12 %"), (1.0, "100 %")],
+)
+def test_shares_are_shown_in_per_cent(share: float, shown: str) -> None:
+    assert show_share(share) == shown
 
 
 @pytest.mark.trials
 def test_every_effect_is_tried_and_the_strongest_comes_first(tmp_path: Path) -> None:
-    plan = SceneChoice(
-        SCENE,
-        "lumped",
-        ('analyses.static.poses="config_2"', 'analyses.map.sweep="plane"'),
-        ("static",),
-    )
+    settings = ('analyses.static.poses="config_2"', 'analyses.map.sweep="plane"')
+    plan = SceneChoice(SCENE, "lumped", settings, ("static",))
     trials = {trial.effect: trial for trial in try_effects(plan, Store(tmp_path))}
     gravity = trials["gravity"]
-    assert (
-        gravity.active
-        and gravity.changes[0].label == "displacement under loads"
-        and gravity.changes[0].without is None
-    )
-    assert (
-        trials["coriolis"].largest == 0.0
-        and "write it in [drives.NAME]" in trials["torque_ripple"].obstacle
-    )
+    assert gravity.active
+    assert gravity.changes[0].label == "displacement under loads"
+    assert gravity.changes[0].without is None
+    assert trials["coriolis"].largest == 0.0
+    assert "write it in [drives.NAME]" in trials["torque_ripple"].obstacle
     ranked = [trial.effect for trial in rank_trials(list(trials.values()))]
     assert ranked[0] == "gravity" and trials[ranked[-1]].obstacle
 
 
-def test_the_command_refuses_what_it_cannot_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["effects", str(SCENE), "--analysis", "frf"]) == 2
-    assert "has no [analyses.frf]" in capsys.readouterr().err
-    assert main(["effects", str(tmp_path / "none.toml")]) == 2
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (f"effects {SCENE} --analysis frf", "has no [analyses.frf]"),
+        ("effects none.toml", "none.toml"),
+    ],
+)
+def test_the_command_refuses_what_it_cannot_do(shell: Shell, line: str, said: str) -> None:
+    assert said in shell.refuses(line)
 
 
-def test_the_command_writes_what_it_prints(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("HEADSTOCK_STORE", str(tmp_path / "store"))
-    target = tmp_path / "effects.json"
-    arguments = [
-        "effects",
-        str(SCENE),
-        "--analysis",
-        "static",
-        "--set",
-        'analyses.static.poses="config_1"',
-        "--json",
-        str(target),
-    ]
-    assert main(arguments) == 0
-    printed = capsys.readouterr().out
+def test_the_command_writes_what_it_prints(shell: Shell) -> None:
+    pose = """--set 'analyses.static.poses="config_1"'"""
+    printed = shell(f"effects {SCENE} --analysis static {pose} --json effects.json").out
     assert "gravity: 100 % of displacement under loads" in printed
-    found = json.loads(target.read_text())["effects"]
+    found = shell.json("effects.json")["effects"]
     assert found[0]["effect"] == "gravity" and found[0]["advice"] == "keep it"

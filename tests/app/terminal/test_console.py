@@ -4,6 +4,7 @@ nothing is cut.
 
 import dataclasses
 import io
+import math
 import re
 
 import numpy as np
@@ -53,31 +54,26 @@ from headstock.pipeline.results.results import Results
 def test_a_value_ends_where_its_error_ends_and_the_error_is_never_rounded_down(
     value: float, error: float | None, shown: str, bound: str, size: float | None
 ) -> None:
-    assert (show_bounded(value, error), show_bound(value, error), bound_size(value, error)) == (
-        shown,
-        bound,
-        size,
-    )
+    found = (show_bounded(value, error), show_bound(value, error), bound_size(value, error))
+    assert found == (shown, bound, size)
     assert size is None or (error is not None and size >= error * (1 - 1e-9))
     assert size is None or bound_size(value, size) == size  # a rounded error stays as it is
 
 
-def test_damping_is_shown_in_per_cent_to_three_digits() -> None:
-    assert [show_damping(ratio) for ratio in (0.02, 0.96, 1.2345e-5, 0.0, None)] == [
-        "2.00 %",
-        "96.0 %",
-        "0.00123 %",
-        "0 %",
-        "-",
-    ]
+@pytest.mark.parametrize(
+    ("ratio", "shown"),
+    [(0.02, "2.00 %"), (0.96, "96.0 %"), (1.2345e-5, "0.00123 %"), (0.0, "0 %"), (None, "-")],
+)
+def test_damping_is_shown_in_per_cent_to_three_digits(ratio: float | None, shown: str) -> None:
+    assert show_damping(ratio) == shown
 
 
-def test_positions_are_shown_in_the_units_of_scenes() -> None:
-    assert [
-        show_position(0.03, "m"),
-        show_position(-0.0, "m"),
-        show_position(0.5235987755982988, "rad"),
-    ] == ["30 mm", "0 mm", "30 deg"]
+@pytest.mark.parametrize(
+    ("position", "unit", "shown"),
+    [(0.03, "m", "30 mm"), (-0.0, "m", "0 mm"), (math.pi / 6.0, "rad", "30 deg")],
+)
+def test_positions_are_shown_in_the_units_of_scenes(position: float, unit: str, shown: str) -> None:
+    assert show_position(position, unit) == shown
 
 
 WORDS = (
@@ -90,14 +86,12 @@ WORDS = (
 def print_narrow(width: int | None, *, terminal: bool = True) -> str:
     stream = io.StringIO()
     console = _Screen(file=stream, width=width, force_terminal=terminal, color_system=None)
-    table = make_table(
-        ">no.", ">undamped Hz", "<± Hz", ">damped Hz", ">damping", "mode", "strain energy in"
-    )
+    heads = ">no.", ">undamped Hz", "<± Hz", ">damped Hz", ">damping", "mode", "strain energy in"
+    table = make_table(*heads)
     for number in range(9, 12):
         cells = (str(number), "16.281234", "± <0.00001", "16.280000", "2.00 %")
-        add_row(
-            table, *cells, WORDS[number % 3], "column_right 66 %, y_carriage_3 19 %, y_base 12 %"
-        )
+        shares = "column_right 66 %, y_carriage_3 19 %, y_base 12 %"
+        add_row(table, *cells, WORDS[number % 3], shares)
     print_table(console, "Natural modes", table)
     return stream.getvalue()
 
@@ -158,21 +152,20 @@ def make_run(
     return make_results(StaticAnswer("reference", points, errors=errors), modes)
 
 
+def printed_of(run: Results, capsys: pytest.CaptureFixture[str]) -> str:
+    print_summary(run, seconds=1.0, folder="out")
+    return capsys.readouterr().out
+
+
 def test_terminal_and_csv_have_the_same_errors_and_the_damped_frequencies(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     run = make_run()
-    print_summary(run, seconds=1.0, folder="out")
-    printed = capsys.readouterr().out
+    printed = printed_of(run, capsys)
     tables = {table.name: table for table in list_tables(run)}
     modes = tables["modes_left"]
-    assert modes.headings[:3] == ("mode", "frequency [Hz]", "± [Hz]")
-    assert modes.headings[3:7] == (
-        "damped frequency [Hz]",
-        "± damped [Hz]",
-        "damping ratio",
-        "± damping ratio",
-    )
+    heads = "mode, frequency [Hz], ± [Hz], damped frequency [Hz], ± damped [Hz], damping ratio"
+    assert ", ".join(modes.headings[:7]) == f"{heads}, ± damping ratio"
     assert modes.rows[0][:7] == (1, 100.123456, 0.13, 100.103431, 0.13, 0.02, 0.0004)
     assert modes.rows[1][:7] == (2, 7.5, None, 0.0, 0.0, 1.1, None)
     assert re.search(r"1 +100\.12 +± 0\.13 +100\.10 +± 0\.13 +2\.00 % +± 0\.04 %", printed)
@@ -194,12 +187,8 @@ def test_a_compliance_across_two_directions_is_as_coarse_as_the_coarser_and_symm
 
 def test_the_table_of_the_whole_compliance_has_a_row_per_load_and_units_in_its_head() -> None:
     table = {table.name: table for table in list_tables(make_run())}["compliance_6x6_reference_tcp"]
-    assert table.headings[1:5] == (
-        "motion in x [m]",
-        "motion in y [m]",
-        "motion in z [m]",
-        "rotation about x [rad]",
-    )
+    motions = tuple(f"motion in {direction} [m]" for direction in "xyz")
+    assert table.headings[1:5] == (*motions, "rotation about x [rad]")
     assert table.rows[1] == ("1 N in y", 0.0, approx(64.07e-9), 0.0, 19.0, 25.0, 31.0)
     assert table.rows[3][0] == "1 N m about x"
 
@@ -210,18 +199,16 @@ def test_energy_in_parts_alike_is_told_together(
     monkeypatch.setenv("COLUMNS", "160")
     pads = {f"x_pad_{number}": 0.2 for number in range(1, 5)}
     run = make_run(energy_share={"column": 0.15, "x_drive": 0.05} | pads)
-    print_summary(run, seconds=1.0, folder="out")
-    assert "x_pad_1..4 80 %, column 15 %, x_drive 5 %" in capsys.readouterr().out
+    assert "x_pad_1..4 80 %, column 15 %, x_drive 5 %" in printed_of(run, capsys)
 
 
 def test_what_one_part_alone_gives_is_no_budget(capsys: pytest.CaptureFixture[str]) -> None:
     run = make_run()
-    print_summary(run, seconds=1.0, folder="out")
-    printed = capsys.readouterr().out
+    printed = printed_of(run, capsys)
     assert "budget" not in printed and "strain energy" not in printed
     assert shared_budget(run.static["reference"]["tcp"]) == {}
-    print_summary(make_run(x={"column": 0.75, "clamp": 0.25}), seconds=1.0, folder="out")
-    assert "budget x  column                    75.0 %" in capsys.readouterr().out
+    shared = make_run(x={"column": 0.75, "clamp": 0.25})
+    assert "budget x  column                    75.0 %" in printed_of(shared, capsys)
 
 
 @pytest.mark.parametrize("columns", [40, 41, 42, 43, 80])

@@ -1,5 +1,6 @@
 """Errors of a study's points against its truth, and which of them are worth their cost."""
 
+import dataclasses
 import math
 
 import pytest
@@ -26,27 +27,22 @@ def make_record(
     family: str, varied: dict[str, TomlValue], hz: float | None, seconds: float, **more: object
 ) -> StudyRecord:
     modes = [] if hz is None else [hz, 200.0]
+    kinds = (("mesh", 0.5), ("reduce", 0.2), ("modal", 0.1))
     summary = {
         "modal": [{"pose_name": "reference", "frequencies_hz": modes}],
         "totals": {"peak_rss_mb": 100.0, "full_dofs": 3000},
-        "stages": [
-            {"stage": kind, "cpu_seconds": share * seconds}
-            for kind, share in (("mesh", 0.5), ("reduce", 0.2), ("modal", 0.1))
-        ],
+        "stages": [{"stage": kind, "cpu_seconds": share * seconds} for kind, share in kinds],
         **more,
     }
     times = (seconds, 1.5 * seconds, 0.5 * seconds)
+    record = StudyRecord("", family, varied, "done", summary=summary)
     peak_mb = () if family == "automatic" else (50.0, 70.0)
-    return StudyRecord(
-        "",
-        family,
-        varied,
-        "done",
-        summary=summary,
-        seconds=times,
-        cpu_seconds=times,
-        peak_mb=peak_mb,
-    )
+    return dataclasses.replace(record, seconds=times, cpu_seconds=times, peak_mb=peak_mb)
+
+
+def weigh(records: list[StudyRecord], **more: object) -> list[CostPoint]:
+    study = Study("cost", FAMILIES, ("modal[0].frequencies_hz[0:2]",), reference_run={})
+    return weigh_costs(tabulate_study(dataclasses.replace(study, **more), records))  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -60,31 +56,18 @@ def points() -> list[CostPoint]:
         make_record("rigid_tip", {SIZE: "40 mm"}, 104.0, 0.1),
         make_record("rigid_tip", {SIZE: "10 mm"}, 100.1, 0.2),
     ]
-    study = Study(
-        "cost",
-        FAMILIES,
-        ("modal[0].frequencies_hz[0:2]", "seconds"),
-        repeats=3,
-        reference_run={SIZE: "5 mm"},
-    )
-    return weigh_costs(tabulate_study(study, records))
+    watch = ("modal[0].frequencies_hz[0:2]", "seconds")
+    return weigh(records, watch=watch, repeats=3, reference_run={SIZE: "5 mm"})
 
 
 def test_errors_are_the_largest_relative_ones_and_costs_the_medians(
     points: list[CostPoint],
 ) -> None:
     assert [point.error for point in points[:4]] == approx([0.09, 0.009, 0.02, 0.005])
-    assert [point.cpu_seconds for point in points[:4]] == [
-        (1.0, 1.0),
-        (4.0, 4.0),
-        (8.0, 8.0),
-        (6.0, 6.0),
-    ]
+    assert [point.cpu_seconds for point in points[:4]] == [(s, s) for s in (1.0, 4.0, 8.0, 6.0)]
     assert points[1].solve_seconds == approx(0.3 * 4.0)
-    assert [(point.memory_mb, point.memory_known) for point in points[2:4]] == [
-        (70.0, True),
-        (100.0, False),
-    ]
+    memory = [(point.memory_mb, point.memory_known) for point in points[2:4]]
+    assert memory == [(70.0, True), (100.0, False)]
     assert "frequencies_hz[0]" in points[0].worst
 
 
@@ -103,25 +86,19 @@ def test_the_price_of_the_next_digit_and_of_the_automatic_choice_is_told(
 ) -> None:
     lines = digit_words(points)
     assert "10 %: tets, column.mesh.size = 40 mm (9 %), 1 s of processor time" in lines[0]
-    assert (
-        lines[1]
-        == "3 %: tets, column.mesh.size = 20 mm (0.9 %), 4 s of processor time, 4 times the line above"
-    )
+    price = "4 s of processor time, 4 times the line above"
+    assert lines[1] == f"3 %: tets, column.mesh.size = 20 mm (0.9 %), {price}"
     assert lines[2] == "1 %: the same"
     assert "0.1 %: reached by none of these" in lines
-    assert any(
-        "1.5 times the cheapest that is close enough (tets, column.mesh.size = 20 mm)" in line
-        for line in lines
-    )
+    cheapest = "1.5 times the cheapest that is close enough (tets, column.mesh.size = 20 mm)"
+    assert any(cheapest in line for line in lines)
     assert len(cost_table(points).rows) == 6
 
 
 def test_another_model_is_a_spread_and_competes_with_none(points: list[CostPoint]) -> None:
     rigid = [point for point in points if point.other_model]
-    assert [point.name for point in rigid] == [
-        "rigid tip, column.mesh.size = 40 mm",
-        "rigid tip, column.mesh.size = 10 mm",
-    ]
+    names = [f"rigid tip, column.mesh.size = {size} mm" for size in (40, 10)]
+    assert [point.name for point in rigid] == names
     assert not any(point.best for point in rigid)
     assert cheapest_within(points, 0.001) is None  # though the finer one of them is that close
     assert "a spread that no finer mesh takes away" in digit_words(points)[-1]
@@ -129,12 +106,8 @@ def test_another_model_is_a_spread_and_competes_with_none(points: list[CostPoint
 
 
 def test_a_point_that_lacks_a_number_is_off_without_bound_and_stays_out_of_the_picture() -> None:
-    records = [
-        make_record(REFERENCE_RUN, {}, 100.0, 1.0),
-        make_record("tets", {SIZE: "40 mm"}, None, 1.0),
-    ]
-    study = Study("cost", FAMILIES, ("modal[0].frequencies_hz[0:2]",), reference_run={})
-    points = weigh_costs(tabulate_study(study, records))
+    coarse = make_record("tets", {SIZE: "40 mm"}, None, 1.0)
+    points = weigh([make_record(REFERENCE_RUN, {}, 100.0, 1.0), coarse])
     assert points[0].error == math.inf
     assert list_costs(points)[0]["error"] is None
     assert draw_costs(points, {}) is None
@@ -142,8 +115,4 @@ def test_a_point_that_lacks_a_number_is_off_without_bound_and_stays_out_of_the_p
 
 def test_without_a_truth_nothing_is_weighed() -> None:
     failed = StudyRecord("", REFERENCE_RUN, {}, "failed", error="no memory")
-    study = Study("cost", FAMILIES, ("modal[0].frequencies_hz[0:2]",), reference_run={})
-    assert (
-        weigh_costs(tabulate_study(study, [failed, make_record("tets", {SIZE: "40 mm"}, 1.0, 1.0)]))
-        == []
-    )
+    assert weigh([failed, make_record("tets", {SIZE: "40 mm"}, 1.0, 1.0)]) == []

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from common import approx
 from headstock.validation.references.rows import (
     ReferenceCase,
     Target,
+    ValidationRow,
     compare_bound,
     compare_order,
     compare_value,
@@ -24,23 +26,21 @@ CASE = ReferenceCase(
 )
 
 
+def passes(compare: Callable[[float], ValidationRow], *values: float) -> list[float]:
+    """The values that pass."""
+    return [value for value in values if compare(value).passed]
+
+
 def test_a_value_passes_up_to_its_tolerance_on_either_side() -> None:
     target = Target(100.0, "Hz", 0.01, "published")
-    assert [compare_value("q", value, target).passed for value in (98.9, 99.1, 100.9, 101.1)] == [
-        False,
-        True,
-        True,
-        False,
-    ]
+    found = passes(lambda value: compare_value("q", value, target), 98.9, 99.1, 100.9, 101.1)
+    assert found == [99.1, 100.9]
 
 
-def test_the_relative_error_keeps_its_sign() -> None:
-    assert compare_value("q", 99.0, Target(100.0, "Hz", 0.1, "published")).relative_error == approx(
-        -0.01
-    )
-    assert compare_value("q", -5.5, Target(-5.0, "Pa", 0.2, "published")).relative_error == approx(
-        0.1
-    )
+@pytest.mark.parametrize(("value", "right", "error"), [(99.0, 100.0, -0.01), (-5.5, -5.0, 0.1)])
+def test_the_relative_error_keeps_its_sign(value: float, right: float, error: float) -> None:
+    row = compare_value("q", value, Target(right, "Hz", 0.2, "published"))
+    assert row.relative_error == approx(error)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
@@ -51,30 +51,20 @@ def test_a_value_that_is_not_finite_never_passes(value: float) -> None:
 
 
 def test_a_bound_is_compared_with_zero_on_both_sides() -> None:
-    assert [
-        compare_bound("q", value, 1e-9).passed for value in (-2e-9, -1e-9, 0.0, 1e-9, 2e-9)
-    ] == [False, True, True, True, False]
+    values = (-2e-9, -1e-9, 0.0, 1e-9, 2e-9)
+    assert passes(lambda value: compare_bound("q", value, 1e-9), *values) == [-1e-9, 0.0, 1e-9]
 
 
 def test_an_order_passes_within_a_fifth_of_one() -> None:
-    assert [
-        compare_order("q", [1.0, 2.0**-value], 3.0).passed for value in (2.79, 2.81, 3.19, 3.21)
-    ] == [
-        False,
-        True,
-        True,
-        False,
-    ]
+    values = (2.79, 2.81, 3.19, 3.21)
+    found = passes(lambda value: compare_order("q", [1.0, 2.0**-value], 3.0), *values)
+    assert found == [2.81, 3.19]
 
 
 def test_a_row_that_is_shown_only_has_neither_reference_nor_tolerance() -> None:
     row = show("q", 3.0, "Hz")
-    assert (
-        row.passed
-        and row.kind == "shown only"
-        and math.isnan(row.reference)
-        and math.isnan(row.tolerance)
-    )
+    assert row.passed and row.kind == "shown only"
+    assert math.isnan(row.reference) and math.isnan(row.tolerance)
 
 
 def test_every_value_of_a_reference_case_gets_a_row_with_its_provenance() -> None:
@@ -96,14 +86,7 @@ def test_a_failed_computation_is_a_failed_row_with_the_reason() -> None:
 
 
 CONTRACT = {
-    "case",
-    "quantity",
-    "value",
-    "reference",
-    "unit",
-    "relative_error",
-    "tolerance",
-    "kind",
+    *("case", "quantity", "value", "reference", "unit", "relative_error", "tolerance", "kind"),
     "passed",
 }
 
