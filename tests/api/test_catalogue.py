@@ -9,42 +9,33 @@ import headstock as hs
 from common import approx
 from headstock.scene.reading.keys import read_entries
 
+ENDS = ["slide.bottom", "ground"]
 PLACES = [[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]]
 
 
 def slide(pads: hs.Joint) -> hs.Machine:
     """A rigid slide on two carriages of a rail along x, and a screw of 100 N/um."""
+    body = hs.Component(
+        solid=hs.Box(0.3, 0.2, 0.1),
+        material="steel",
+        fidelity="rigid",
+        interfaces={"bottom": hs.Interface(face="z-")},
+    )
+    drive = hs.Joint(between=ENDS, kind="ball_screw", axis="x", stiffness={"axial": 1e8})
     return hs.Machine(
         name="slide",
         materials={"steel": hs.Material(E="210 GPa", nu=0.3, rho=7850.0)},
-        components={
-            "slide": hs.Component(
-                solid=hs.Box(0.3, 0.2, 0.1),
-                material="steel",
-                fidelity="rigid",
-                interfaces={"bottom": hs.Interface(face="z-")},
-            )
-        },
-        joints={
-            "pad": pads,
-            "drive": hs.Joint(
-                between=["slide.bottom", "ground"],
-                kind="ball_screw",
-                axis="x",
-                stiffness={"axial": 1e8},
-            ),
-        },
+        components={"slide": body},
+        joints={"pad": pads, "drive": drive},
         points={"tcp": hs.Point(tool="slide.bottom", work="ground")},
         analyses={"static": {"at": "tcp"}},
     )
 
 
 def test_a_pair_of_carriages_on_a_rail_has_the_stiffness_of_two_springs(tmp_path: Path) -> None:
-    ends = ["slide.bottom", "ground"]
-    pads = hs.Joint(
-        from_="catalogue:guide_35", between=ends, axis="x", places=PLACES, loss_factor=0.01
-    )
-    assert (pads.kind, pads.from_, pads.loss_factor) == ("linear_guide", "catalogue:guide_35", 0.01)
+    guide = "catalogue:guide_35"
+    pads = hs.Joint(from_=guide, between=ENDS, axis="x", places=PLACES, loss_factor=0.01)
+    assert (pads.kind, pads.from_, pads.loss_factor) == ("linear_guide", guide, 0.01)
     machine = slide(pads)
     values = {key: value.value for key, value in dict(pads.stiffness).items()}  # type: ignore[call-overload]
     arm = 0.1
@@ -57,9 +48,8 @@ def test_a_pair_of_carriages_on_a_rail_has_the_stiffness_of_two_springs(tmp_path
         2.0 * (values["yaw"] + values["lateral"] * arm**2),
     ]
     result = hs.run(machine)
-    np.testing.assert_allclose(
-        np.linalg.inv(result.compliance["tcp"]), np.diag(expected), rtol=1e-9, atol=1.0
-    )
+    found = np.linalg.inv(result.compliance["tcp"])
+    np.testing.assert_allclose(found, np.diag(expected), rtol=1e-9, atol=1.0)
     (assumed,) = result.assumptions
     assert assumed.startswith("joints.pad: catalogue:guide_35") and "loss_factor" in assumed
 
@@ -72,7 +62,7 @@ def test_a_pair_of_carriages_on_a_rail_has_the_stiffness_of_two_springs(tmp_path
 
 def test_a_body_on_mounts_has_half_their_loss_factor_as_damping_ratio() -> None:
     # one mount in the middle: the vertical mode is a mass on a spring with structural damping
-    mount = hs.Joint(from_="catalogue:rubber_mount_2kN", between=["slide.bottom", "ground"])
+    mount = hs.Joint(from_="catalogue:rubber_mount_2kN", between=ENDS)
     plain = slide(mount)  # for its slide
     damped = hs.Machine(
         materials=read_entries(plain.table, "materials"),

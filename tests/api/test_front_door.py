@@ -1,7 +1,6 @@
 """``import headstock``: what it loads, what it offers, and that it does what the command line does."""
 
 import ast
-import json
 import os
 import runpy
 import sys
@@ -11,8 +10,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
-from common import run_process
-from headstock.app.command_line import main
+from common import Shell, run_process
 from headstock.machine import Sections
 from headstock.scene.schema.scene import SceneTable
 
@@ -22,10 +20,14 @@ ANALYSES = '[analyses.static]\nat = "tcp"\n[analyses.modal]\ncount = 3\n'
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "scene.toml"
-    path.write_text(COLUMN.read_text() + ANALYSES)
-    return path
+def column(shell: Shell) -> Shell:
+    shell.write(COLUMN.read_text() + ANALYSES)
+    return shell
+
+
+@pytest.fixture
+def scene(column: Shell) -> Path:
+    return column.folder / "scene.toml"
 
 
 def loaded_by(code: str) -> set[str]:
@@ -86,51 +88,44 @@ def test_a_key_that_a_type_checker_refuses_is_refused_with_the_right_one() -> No
         hs.Machine(name="a", joint={})  # type: ignore[call-arg]
 
 
-def test_a_run_finds_what_the_command_line_finds(scene: Path, tmp_path: Path) -> None:
+def test_a_run_finds_what_the_command_line_finds(column: Shell) -> None:
     stages: list[str] = []
-    result = hs.run(
-        hs.load(scene),
-        output=tmp_path / "out",
-        progress=lambda done: stages.append(done.stage.kind),
-    )
-    assert main(["run", str(scene), "-o", str(tmp_path / "other"), "--no-figures"]) == 0
-    summary = json.loads((tmp_path / "other" / "summary.json").read_text())
+    machine = hs.load("scene.toml")
+    result = hs.run(machine, output="mine", progress=lambda done: stages.append(done.stage.kind))
+    column("run scene.toml -o other --no-figures")
+    summary = column.json("other/summary.json")
     assert summary["modal"][0]["frequencies_hz"] == list(result.modes["reference"].frequencies_hz)
     assert summary["static"]["tcp"]["compliance_6x6"] == result.compliance["tcp"].tolist()
     assert stages == [entry["stage"] for entry in summary["stages"]]
-    assert stages == [stage.kind for stage in hs.plan(scene).stages]
-    mine = json.loads((tmp_path / "out" / "summary.json").read_text())["provenance"]
+    assert stages == [stage.kind for stage in hs.plan(machine).stages]
+    mine = column.json("mine/summary.json")["provenance"]
     shared = ("scene_sha256", "scene_text", "variant", "overrides", "version", "commit")
     assert [mine[key] for key in shared] == [summary["provenance"][key] for key in shared]
 
 
 def test_a_run_leaves_no_page_of_an_earlier_one_and_keeps_what_the_user_put_there(
-    scene: Path, tmp_path: Path
+    column: Shell,
 ) -> None:
-    out = tmp_path / "out"
-    assert main(["run", str(scene), "-o", str(out)]) == 0
+    out = column.folder / "out"
+    column("run scene.toml -o out")
     (out / "tables" / "mine.csv").write_text("mine")
-    machine = hs.load(scene, set={"components.column.solid.box[2]": 0.4})
+    machine = hs.load("scene.toml", set={"components.column.solid.box[2]": 0.4})
     result = hs.run(machine, output=out)
     left = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
-    assert left - {name for name in left if name.startswith(("modes/", "."))} == {
-        "results.h5",
-        "summary.json",
-        "tables/mine.csv",
-    }
-    assert main(["report", str(out)]) == 0
+    found = {name for name in left if not name.startswith(("modes/", "."))}
+    assert found == {"results.h5", "summary.json", "tables/mine.csv"}
+    column("report out")
     frequency = f"{result.modes['reference'].frequencies_hz[0]:.4g}"
-    assert frequency in (out / "report.html").read_text()
+    assert frequency in column.text("out/report.html")
     (out / "report.html").write_text("edited")
     with pytest.raises(hs.HeadstockError, match=r"report\.html.*changed"):
         hs.run(machine, output=out)
-    assert (out / "report.html").read_text() == "edited"
+    assert column.text("out/report.html") == "edited"
 
 
-def test_a_run_without_output_leaves_no_file(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(scene.parent)
-    hs.run(scene)
-    assert [path.name for path in scene.parent.iterdir()] == ["scene.toml"]
+def test_a_run_without_output_leaves_no_file(column: Shell) -> None:
+    hs.run("scene.toml")
+    assert column.files() - {"store"} == {"scene.toml"}
 
 
 def test_results_come_back_from_their_folder(scene: Path, tmp_path: Path) -> None:
@@ -188,7 +183,7 @@ def test_a_table_has_a_row_for_each_entry(scene: Path, table: str) -> None:
     assert len(frame) == counts[table]
     if table == "modes":
         assert list(frame["frequency_hz"]) == list(result.modes["reference"].frequencies_hz)
-    if table == "compliance":
+    elif table == "compliance":
         assert frame.loc[0, "x"] == result.compliance["tcp"][0, 0]
     with pytest.raises(KeyError, match="modes, compliance, frf"):
         result.to_pandas("moods")

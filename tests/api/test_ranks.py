@@ -1,14 +1,12 @@
 """A script on two ranks gets the answers of one process, on every rank."""
 
-import json
-import os
 import shutil
 import sys
 from pathlib import Path
 
 import pytest
 
-from common import approx, rank_words, run_process
+from common import approx, read_json, run_on_ranks
 from fixture_machines import machine
 
 SCENE = machine("""
@@ -62,18 +60,6 @@ with open(f"answers{sys.argv[1]}_{rank}.json", "w") as file:
 """
 
 
-def run_script(folder: Path) -> None:
-    """As ``./headstock python --ranks 2 script.py`` does."""
-    more = {"OMP_NUM_THREADS": "1", "HEADSTOCK_STORE": str(folder / "store2")}
-    done = run_process(
-        [*rank_words(2), "-m", "mpi4py", "script.py", "2"],
-        cwd=folder,
-        env=os.environ | more,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr[-3000:]
-
-
 @pytest.mark.trials
 @pytest.mark.mpi
 def test_every_rank_gets_what_one_process_gets(
@@ -86,11 +72,13 @@ def test_every_rank_gets_what_one_process_gets(
     monkeypatch.setenv("HEADSTOCK_STORE", "store1")
     monkeypatch.setattr(sys, "argv", ["script.py", "1"])
     exec(SCRIPT, {})
-    shutil.rmtree(tmp_path / "points")
-    shutil.rmtree(tmp_path / "swept")
-    run_script(tmp_path)
+    for folder in ("points", "swept"):
+        shutil.rmtree(folder)
+    # as ``./headstock python --ranks 2 script.py 2`` does
+    done = run_on_ranks(2, tmp_path, "-m", "mpi4py", "script.py", "2")
+    assert done.returncode == 0, done.stderr[-3000:]
     alone, first, second = (
-        json.loads((tmp_path / f"answers{name}.json").read_text()) for name in ("1_0", "2_0", "2_1")
+        read_json(Path(f"answers{name}.json")) for name in ("1_0", "2_0", "2_1")
     )
     assert alone["made"]
     assert first == second

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
-from common import approx
-from headstock.app.command_line import main
+from common import Shell, approx
 
 ROOT = Path(__file__).resolve().parents[2]
 COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
@@ -25,17 +24,20 @@ watch = ["modal.frequencies_hz[0]"]
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    path = tmp_path / "scene.toml"
-    path.write_text(COLUMN.read_text() + STUDY)
-    return path
+def column(shell: Shell) -> Shell:
+    shell.write(COLUMN.read_text() + STUDY)
+    return shell
 
 
-def test_a_study_of_the_scene_is_the_study_of_the_command_line(scene: Path, tmp_path: Path) -> None:
-    table = hs.study(scene, "length", output=tmp_path / "mine")
-    assert main(["study", str(scene), "length", "-o", str(tmp_path / "other")]) == 0
-    rows = json.loads((tmp_path / "other" / "study.json").read_text())
-    text = json.dumps(rows)
+@pytest.fixture
+def scene(column: Shell) -> Path:
+    return column.folder / "scene.toml"
+
+
+def test_a_study_of_the_scene_is_the_study_of_the_command_line(column: Shell) -> None:
+    table = hs.study("scene.toml", "length", output="mine")
+    column("study scene.toml length -o other")
+    text = json.dumps(column.json("other/study.json"))
     found = [row.values["modal.frequencies_hz[0]"] for row in table.rows]
     assert len(found) == 2
     assert all(json.dumps(value) in text for value in found)
@@ -86,15 +88,13 @@ def test_variants_are_compared_mode_by_mode(scene: Path) -> None:
 
 def test_a_sweep_has_the_frequencies_of_runs_in_its_poses(tmp_path: Path) -> None:
     stages: list[str] = []
+    out = tmp_path / "out"
     swept = hs.sweep(
-        SLIDE,
-        "named",
-        output=tmp_path / "out",
-        progress=lambda done: stages.append(done.stage.kind),
+        SLIDE, "named", output=out, progress=lambda done: stages.append(done.stage.kind)
     )
     assert set(stages) == {"rigid", "segment"}
     assert len(swept.frequencies_hz) == 3
-    assert (tmp_path / "out" / "sweep.h5").is_file()
+    assert (out / "sweep.h5").is_file()
     machine = hs.load(SLIDE, set={"poses.third": {"X": "12 mm"}})
     single = hs.run(machine, analyses=["modal"]).modes["third"].frequencies_hz
     wanted = np.sort(swept.frequencies_hz[2])
@@ -117,25 +117,21 @@ prior_sigma = 0.05
 
 
 @pytest.mark.trials
-def test_a_fit_is_that_of_the_command_line(scene: Path, tmp_path: Path) -> None:
-    targets, ends = tmp_path / "targets.toml", list[bool]()
-    targets.write_text(TARGETS)
+def test_a_fit_is_that_of_the_command_line(column: Shell) -> None:
+    targets, ends = column.write(TARGETS, name="targets"), list[bool]()
+    scene = column.folder / "scene.toml"
     found = hs.identify(scene, targets, progress=lambda start: ends.append(start.converged))
     assert ends == [True] * 3
-    out = tmp_path / "out"
-    assert main(["identify", str(scene), str(targets), "-o", str(out)]) == 0
-    written = json.loads((out / "identification.json").read_text())
-    assert found.values == {
-        name: approx(entry["value"] * scale, rel=1e-9)
-        for (name, entry), scale in zip(written["parameters"].items(), (1e-3, 1e9), strict=True)
-    }
-    fitted = hs.load(
-        scene, set={LENGTH: found.values["length"], "materials.steel.E": found.values["stiffness"]}
-    )
-    modes = hs.run(fitted).modes["reference"].frequencies_hz
+    column("identify scene.toml targets.toml -o out")
+    written = column.json("out/identification.json")["parameters"]
+    values = [
+        entry["value"] * scale for entry, scale in zip(written.values(), (1e-3, 1e9), strict=True)
+    ]
+    assert found.values == approx(dict(zip(written, values, strict=True)), rel=1e-9)
+    fitted = {LENGTH: found.values["length"], "materials.steel.E": found.values["stiffness"]}
+    modes = hs.run(hs.load(scene, set=fitted)).modes["reference"].frequencies_hz
     assert [outcome.found for outcome in found.outcomes] == approx(modes[:2], rel=1e-6)
-    again = hs.identify(hs.load(scene), targets, starts=1)
-    assert len(again.starts) == 1
-    targets.write_text(TARGETS.replace("box[2]", "box[3]"))
+    assert len(hs.identify(hs.load(scene), targets, starts=1).starts) == 1
+    column.write(TARGETS, ("box[2]", "box[3]"), name="targets")
     with pytest.raises(hs.SceneError, match=r"box.* 3 "):
         hs.identify(scene, targets)

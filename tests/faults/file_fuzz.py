@@ -15,8 +15,9 @@ import numpy as np
 from faults.mutations import mutate_bytes, mutate_text
 from faults.runs import FaultError, Outcome
 from faults.scene_fuzz import MACHINES
+from fixture_machines import machine
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.frames import Frame
+from headstock.geometry.frames import DOF_NAMES, Frame
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.component_mesh import ComponentMesh
@@ -42,51 +43,20 @@ KINDS = ("part.msh", "part.inp", "part.bdf", "part.h5", FORCES, PATH, TARGETS)
 STEP = "part.step"
 STEP_EVERY = 10  # the shipped STEP part takes a second to read
 # beside the path: a rotary axis and one without limits; small enough to load in milliseconds
-PATH_SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.slide]
-solid = { box = ["150 mm", "120 mm", "60 mm"] }
-material = "steel"
-fidelity = "rigid"
-[components.slide.interfaces]
-bottom = { face = "z-" }
-[components.table]
-solid = { box = ["150 mm", "120 mm", "60 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "60 mm"]
-fidelity = "rigid"
-[components.table.interfaces]
-bottom = { face = "z-" }
-[joints.guide]
-between = ["slide.bottom", "ground"]
-kind = "spring"
-stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 N m/mrad", ry = "1 N m/mrad", rz = "1 N m/mrad" }
-[joints.turn]
-between = ["table.bottom", "slide.top"]
-kind = "spring"
-stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 N m/mrad", ry = "1 N m/mrad", rz = "1 N m/mrad" }
-[components.slide.interfaces.top]
-face = "z+"
-[axes.X]
-joints = ["guide"]
-direction = "x"
-[axes.C]
-joints = ["turn"]
-direction = "z"
-kind = "rotary"
-limits = ["-180 deg", "180 deg"]
-[points]
-tcp = { tool = "table.bottom", work = "ground" }
-[sweeps.way]
-path = "path.csv"
-step = "5 mm"
-[sweeps.rows]
-path = "path.csv"
-[analyses.modal]
-"""
+PATH_SCENE = machine("""
+machine = "axis"
+names = { guide = "turn", feet = "guide", bed = "slide", slider = "table" }
+without = ["joints.screw", "joints.turn.axis", "axes.X.limits", "points.tcp"]
+joints.guide.kind = "spring"
+joints.guide.stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 N m/mrad", ry = "1 N m/mrad", rz = "1 N m/mrad" }
+joints.turn.kind = "spring"
+joints.turn.stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 N m/mrad", ry = "1 N m/mrad", rz = "1 N m/mrad" }
+axes.X = { joints = ["guide"], direction = "x" }
+axes.C = { joints = ["turn"], direction = "z", kind = "rotary", limits = ["-180 deg", "180 deg"] }
+sweeps.way = { path = "path.csv", step = "5 mm" }
+sweeps.rows = { path = "path.csv" }
+analyses.modal = {}
+""")
 
 
 def box_mesh() -> ComponentMesh:
@@ -101,29 +71,9 @@ def msh_text(mesh: ComponentMesh) -> str:
         f"{i} 11 2 99 99 {' '.join(str(n + 1) for n in cell)}"
         for i, cell in enumerate(_rows(mesh.cells), 1)
     ]
-    head = [
-        "$MeshFormat",
-        "2.2 0 8",
-        "$EndMeshFormat",
-        "$PhysicalNames",
-        "1",
-        '3 99 "solid"',
-        "$EndPhysicalNames",
-    ]
-    return "\n".join(
-        [
-            *head,
-            "$Nodes",
-            str(len(nodes)),
-            *nodes,
-            "$EndNodes",
-            "$Elements",
-            str(len(cells)),
-            *cells,
-            "$EndElements",
-            "",
-        ]
-    )
+    head = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "1", '3 99 "solid"']
+    head += ["$EndPhysicalNames", "$Nodes", str(len(nodes)), *nodes, "$EndNodes"]
+    return "\n".join([*head, "$Elements", str(len(cells)), *cells, "$EndElements", ""])
 
 
 def inp_text(mesh: ComponentMesh) -> str:
@@ -133,19 +83,9 @@ def inp_text(mesh: ComponentMesh) -> str:
         f"{i}, {', '.join(str(cell[n] + 1) for n in TET10_ORDER)}"
         for i, cell in enumerate(_rows(mesh.cells), 1)
     ]
-    return "\n".join(
-        [
-            "*Heading",
-            "box",
-            "*NODE, NSET=Nall",
-            *nodes,
-            "*Element, type=C3D10, elset=Eall",
-            *cells,
-            "*STEP",
-            "*END STEP",
-            "",
-        ]
-    )
+    head = ["*Heading", "box", "*NODE, NSET=Nall", *nodes]
+    elements = ["*Element, type=C3D10, elset=Eall", *cells]
+    return "\n".join([*head, *elements, "*STEP", "*END STEP", ""])
 
 
 def bdf_text(mesh: ComponentMesh) -> str:
@@ -184,11 +124,7 @@ def box_superelement() -> Superelement:
     """
     numbers = np.arange(64.0).reshape(8, 8)
     numbers[6:, 6:] = np.diag(0.5 * (2.0 * np.pi * np.array([100.0, 200.0])) ** 2)
-    labels = (
-        *(("foot", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")),
-        ("mode", "1"),
-        ("mode", "2"),
-    )
+    labels = (*(("foot", dof) for dof in DOF_NAMES), ("mode", "1"), ("mode", "2"))
     return Superelement(
         name="column",
         labels=labels,
@@ -298,10 +234,7 @@ def _damage(kind: str, content: bytes, chance: random.Random) -> bytes:
 
 def _used_seconds() -> float:
     """Processor time of this process and of all children that ended."""
-    usages = (
-        resource.getrusage(resource.RUSAGE_SELF),
-        resource.getrusage(resource.RUSAGE_CHILDREN),
-    )
+    usages = map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 

@@ -11,39 +11,13 @@ NASTY_VALUES = (
     '"1e-300 mm"', '"1e300 GPa"', '"0 mm"', '"rigid"', '"elastic"', '"average"', "10000000", "-9223372036854775808", '"segmented"',
     '"1 mm" # "', "'''\n'''", '"""\n"""', '"' + "a" * 5000 + '"', '"1 ' + "m*" * 3000 + 'm"', '"1 ' + "k" * 500 + 'm"', '"' + "9" * 390 + ' mm"',
 )  # fmt: skip
-CHARACTERS = (
-    "",
-    '"',
-    "'",
-    "[",
-    "]",
-    "{",
-    "}",
-    "=",
-    ".",
-    ",",
-    "\n",
-    "\t",
-    "\0",
-    "\\",
-    "#",
-    "é",
-    "\U0001f600",
-)
+CHARACTERS = ("", *"\"'[]{}=.,\n\t\0\\#é\U0001f600")
 _VALUE = re.compile(r"(?<== )[^=\n#]+|(?<=[\[,] )[^\],\n]+")
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _NUMBER = re.compile(rb"-?[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?")
 NASTY_NUMBERS = (
-    b"1000000000000",
-    b"-1",
-    b"0",
-    b"nan",
-    b"1e400",
-    b"4294967296",
-    b"9223372036854775807",
-    b"99999999999999999999",
-    b"",
-    b"x",
+    *(b"1000000000000", b"-1", b"0", b"nan", b"1e400", b"4294967296", b"9223372036854775807"),
+    *(b"99999999999999999999", b"", b"x"),
 )
 
 
@@ -183,12 +157,6 @@ def _lie_about_number(content: bytes, chance: random.Random) -> bytes:
 
 
 _BYTE_CHANGES = (
-    _flip_bits,
-    _flip_bits,
-    _truncate,
-    _blank_span,
-    _drop_span,
-    _move_span,
-    _lie_about_number,
-    _lie_about_number,
+    *(_flip_bits, _flip_bits, _truncate, _blank_span, _drop_span, _move_span),
+    *(_lie_about_number, _lie_about_number),
 )

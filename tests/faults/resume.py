@@ -17,7 +17,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from faults.runs import FaultError, Outcome, wait_for_end
+from faults.runs import PROGRAM, FaultError, Outcome, start_command, wait_for_end
 from fixture_machines import machine
 from headstock.pipeline.storage.journals import read_journal
 from headstock.studies.sweeps.journals import _pose_form
@@ -70,9 +70,8 @@ def kill_and_resume(
         folder = root / kind.replace(" ", "-")
         try:
             finished_before = _count_finished(folder)
-            ending = _kill_one(
-                start_resumable(root, folder, kind), folder, chance.uniform(0.0, expected[kind][1])
-            )
+            delay = chance.uniform(0.0, expected[kind][1])
+            ending = _kill_one(start_resumable(root, folder, kind), folder, delay)
             outcome.note_trial(f"{kind}: {ending}")
             if _count_finished(folder) < finished_before:
                 raise FaultError("finished ones were lost")
@@ -102,13 +101,11 @@ def read_content(folder: Path) -> Content:
         listing = json.loads((folder / "study.json").read_text())
     except (OSError, ValueError) as error:
         raise FaultError(f"{folder} is torn: {error}") from error
-    kept: Content = {
-        record["key"]: json.dumps(
-            [record["status"], record["summary"]["modal"], record["summary"]["static"]]
-        )
-        for record in records
-    }
-    return kept | {"rows": str(len(listing["rows"]))}
+    kept: Content = {"rows": str(len(listing["rows"]))}
+    for record in records:
+        answers = [record["summary"][name] for name in ("modal", "static")]
+        kept[record["key"]] = json.dumps([record["status"], *answers])
+    return kept
 
 
 def _read_arrays(file: h5py.File) -> Content:
@@ -181,28 +178,12 @@ def start_resumable(
     leader of a process group.
     """
     command = kind.split()[0]
-    program = [
-        sys.executable,
-        "-P",
-        "-m",
-        "headstock.app.command_line",
-        command,
-        str(root / "scene.toml"),
-        NAMES[command],
-    ]
+    program = [*PROGRAM, command, str(root / "scene.toml"), NAMES[command]]
     program += ["--variant", variant] if variant else []
     if "ranks" in kind:
         program = ["mpirun", "--oversubscribe", "--bind-to", "none", "-n", "2", *program]
-    return subprocess.Popen(
-        [*program, "-o", str(folder)],
-        env={**environment, "HEADSTOCK_STORE": str(root / "store"), "OMP_NUM_THREADS": "1"},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        errors="replace",
-        start_new_session=True,
-    )
+    store = {"HEADSTOCK_STORE": str(root / "store")}
+    return start_command([*program, "-o", str(folder)], {**environment, **store})
 
 
 def _require_done(process: "subprocess.Popen[str]") -> None:
@@ -244,10 +225,8 @@ def _count_finished(folder: Path) -> int:
     try:
         if (folder / "points.jsonl").is_file():
             return (folder / "points.jsonl").read_bytes().count(b"\n")
-        return sum(
-            len(read_journal(path, _pose_form(_key_of(path))))
-            for path in folder.glob("poses/*.journal")
-        )
+        journals = folder.glob("poses/*.journal")
+        return sum(len(read_journal(path, _pose_form(_key_of(path)))) for path in journals)
     except OSError:
         return 0
 

@@ -3,7 +3,6 @@ process, the numbers it leaves, the tally.
 """
 
 import contextlib
-import dataclasses
 import json
 import multiprocessing
 import os
@@ -11,7 +10,7 @@ import signal
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -39,6 +38,7 @@ analyses.modal = { count = 4 }
 """)
 TIME_LIMIT = 1800.0  # of what takes seconds: for machines where a dozen other programs run
 EQUAL = 1e-12
+PROGRAM = (sys.executable, "-P", "-m", "headstock.app.command_line")
 
 
 class FaultError(Exception):
@@ -102,13 +102,9 @@ class Numbers:
         """Whether two runs found the same to ``EQUAL``, relative to the largest number of each
         kind.
         """
-        pairs = [
-            (getattr(self, field.name), getattr(other, field.name))
-            for field in dataclasses.fields(self)
-        ]
         return all(
             a.shape == b.shape and bool(np.all(np.abs(a - b) <= EQUAL * np.abs(b).max()))
-            for a, b in pairs
+            for a, b in zip(vars(self).values(), vars(other).values(), strict=True)
         )
 
 
@@ -128,24 +124,13 @@ def make_places(root: Path, *, cache: Path | None = None) -> Places:
     return places
 
 
-def start_run(places: Places, variant: str) -> "subprocess.Popen[str]":
-    """Start ``headstock run`` of a variant as the leader of a process group."""
-    command = [
-        sys.executable,
-        "-P",
-        "-m",
-        "headstock.app.command_line",
-        "run",
-        str(places.scene),
-        "-o",
-        str(places.results),
-    ]
-    folders = {"HEADSTOCK_STORE": str(places.store), "TMPDIR": str(places.temporary)}
-    if places.cache is not None:
-        folders["XDG_CACHE_HOME"] = str(places.cache)
+def start_command(words: Sequence[str], variables: Mapping[str, str]) -> "subprocess.Popen[str]":
+    """Start a command of the program as the leader of a process group; words before its own name
+    Python, or what starts Python.
+    """
     return subprocess.Popen(
-        [*command, "--variant", variant],
-        env={**os.environ, **folders, "OMP_NUM_THREADS": "1"},
+        words,
+        env={**variables, "OMP_NUM_THREADS": "1"},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
@@ -153,6 +138,15 @@ def start_run(places: Places, variant: str) -> "subprocess.Popen[str]":
         errors="replace",
         start_new_session=True,
     )
+
+
+def start_run(places: Places, variant: str) -> "subprocess.Popen[str]":
+    """Start ``headstock run`` of a variant."""
+    command = [*PROGRAM, "run", str(places.scene), "-o", str(places.results)]
+    folders = {"HEADSTOCK_STORE": str(places.store), "TMPDIR": str(places.temporary)}
+    if places.cache is not None:
+        folders["XDG_CACHE_HOME"] = str(places.cache)
+    return start_command([*command, "--variant", variant], {**os.environ, **folders})
 
 
 def finish_run(places: Places, variant: str) -> tuple[int, str]:

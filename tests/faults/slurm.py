@@ -55,15 +55,8 @@ class SlurmPlaces:
 
     def start_sweep(self, folder: str) -> "subprocess.Popen[str]":
         """Start the sweep as an array job."""
-        options = [
-            "--on",
-            "slurm",
-            "--tasks",
-            str(TASKS),
-            "--ranks",
-            str(RANKS),
-            f"--sbatch={PASSED_ON}",
-        ]
+        counts = ["--tasks", str(TASKS), "--ranks", str(RANKS)]
+        options = ["--on", "slurm", *counts, f"--sbatch={PASSED_ON}"]
         return subprocess.Popen(
             [*sweep_words(self.root / folder), *options],
             env=self._environment(), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
@@ -71,12 +64,8 @@ class SlurmPlaces:
         )  # fmt: skip
 
     def _environment(self) -> dict[str, str]:
-        return {
-            **os.environ,
-            "HEADSTOCK_STORE": str(self.root / "store"),
-            "HEADSTOCK_THREADS": "1",
-            **self.variables,
-        }
+        own = {"HEADSTOCK_STORE": str(self.root / "store"), "HEADSTOCK_THREADS": "1"}
+        return {**os.environ, **own, **self.variables}
 
 
 def sweep_words(folder: Path) -> list[str]:
@@ -160,9 +149,8 @@ def _disturb(
         return
     tool = "requeue" if ending == ENDINGS[1] else "cancel"
     job = f"{_job_number(places, folder)}_{task}"
-    done = (
-        places.run("scontrol", "requeue", job) if tool == "requeue" else places.run("scancel", job)
-    )
+    words = ("scontrol", "requeue") if tool == "requeue" else ("scancel",)
+    done = places.run(*words, job)
     if done.returncode:
         raise FaultError(f"{tool} of {job}: {done.stderr.strip()}")
 

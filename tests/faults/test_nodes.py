@@ -2,15 +2,15 @@
 tests/faults/test_nodes.py``; the launcher enters a root that has one.
 """
 
-import json
 import os
 import shutil
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
 
-from common import approx
+from common import approx, read_json
 from faults.nodes import SIZES_MM, TwoNodes, fail_node_under_study, run_two_nodes
 from faults.runs import SCENE, Numbers, read_numbers
 from faults.slurm_daemons import DAEMONS
@@ -31,16 +31,7 @@ ESTIMATE_EQUAL = 0.01
 ESTIMATES = ("error", "from_limit", "order")
 # numbers that say what a run took, not what it found
 COSTS = (
-    "second",
-    "_mb",
-    "_s",
-    "cpu",
-    "time",
-    "speed",
-    "provenance",
-    "stages",
-    "totals",
-    "versions",
+    *("second", "_mb", "_s", "cpu", "time", "speed", "provenance", "stages", "totals", "versions"),
     "files",
 )
 SPRUNG = SCENE.replace(
@@ -63,12 +54,23 @@ def two() -> Iterator[TwoNodes]:
         yield nodes
 
 
+def finish(two: TwoNodes, words: list[str], output: str, **options: Any) -> str:
+    """Run a command to a good end with a store of its own; what it printed."""
+    done = two.run(words, store=f"store-{output}", **options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
 def run_machine(two: TwoNodes, output: str, *, nodes: int, ranks: int, split: bool) -> Numbers:
     words = [*two.words("run", output), "--ranks", str(ranks)]
     variables = {"HEADSTOCK_SPLIT_DOFS": "0"} if split else {}
-    done = two.run(words, nodes=nodes, store=f"store-{output}", **variables)
-    assert done.returncode == 0, done.stdout + done.stderr
+    finish(two, words, output, nodes=nodes, **variables)
     return read_numbers(two.root / output)
+
+
+def launched(two: TwoNodes, before: tuple[int, ...]) -> list[int]:
+    """How many job steps each node has begun since."""
+    return [now - old for now, old in zip(two.launches(), before, strict=True)]
 
 
 def read_found(value: object, place: str = "") -> dict[str, float]:
@@ -103,9 +105,8 @@ def test_shared_memory_alone_does_not_reach_the_other_node_and_the_launcher_adds
     assert alone.returncode != 0
     assert "MPI_ERR_INTERN" in alone.stderr
     before = two.launches()
-    both = two.run(words, nodes=2, store="store-transports")
-    assert both.returncode == 0, both.stdout + both.stderr
-    assert [now - old for now, old in zip(two.launches(), before, strict=True)] == [1, 1]
+    finish(two, words, "transports", nodes=2)
+    assert launched(two, before) == [1, 1]
 
 
 def test_a_part_split_over_two_nodes_is_that_of_one_node_and_of_one_rank(two: TwoNodes) -> None:
@@ -117,12 +118,10 @@ def test_a_part_split_over_two_nodes_is_that_of_one_node_and_of_one_rank(two: Tw
 
 def test_a_study_dealt_to_two_nodes_is_that_of_one_node_byte_for_byte(two: TwoNodes) -> None:
     before = two.launches()
-    words = [*two.words("study", "study-2"), "--ranks", "2"]
-    done = two.run(words, nodes=2, store="store-study-2")
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert all(now > old for now, old in zip(two.launches(), before, strict=True))
-    done = two.run([*two.words("study", "study-1"), "--ranks", "2"], nodes=1, store="store-study-1")
-    assert done.returncode == 0, done.stdout + done.stderr
+    for nodes in (2, 1):
+        words = [*two.words("study", f"study-{nodes}"), "--ranks", "2"]
+        finish(two, words, f"study-{nodes}", nodes=nodes)
+        assert nodes == 1 or min(launched(two, before)) > 0
     found, expected = ({point.key: point for point in two.points(f"study-{n}")} for n in (2, 1))
     assert len(two.points("study-2")) == len(found) == len(SIZES_MM)
     assert found == expected
@@ -134,11 +133,9 @@ def test_a_study_whose_node_fails_goes_on_without_a_lost_or_doubled_point(two: T
     assert 0 < len(finished) < len(SIZES_MM)
     assert points[: len(finished)] == finished
     assert len({point.key for point in points}) == len(points) == len(SIZES_MM)
-    done = two.run(two.words("study", "alone"), nodes=1, store="store-alone")
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert {point.key: point for point in points} == {
-        point.key: point for point in two.points("alone")
-    }
+    finish(two, two.words("study", "alone"), "alone", nodes=1)
+    found, alone = ({point.key: point for point in each} for each in (points, two.points("alone")))
+    assert found == alone
 
 
 def test_a_sweep_in_an_array_job_of_two_nodes_leaves_the_file_of_a_local_one(two: TwoNodes) -> None:
@@ -147,11 +144,9 @@ def test_a_sweep_in_an_array_job_of_two_nodes_leaves_the_file_of_a_local_one(two
     passed = "--sbatch=--export=HOME,USER,LOGNAME,PATH,TMPDIR,OPENBLAS_CORETYPE"
     options = ["--on", "slurm", "--tasks", "1", "--ranks", "2", "--sbatch=--nodes=2", passed]
     before = two.launches()
-    done = two.run([*words, str(two.root / "swept-2"), *options], nodes=1, store="store-swept-2")
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert all(now > old for now, old in zip(two.launches(), before, strict=True))
-    done = two.run([*words, str(two.root / "swept-1")], nodes=1, store="store-swept-1")
-    assert done.returncode == 0, done.stdout + done.stderr
+    finish(two, [*words, str(two.root / "swept-2"), *options], "swept-2", nodes=1)
+    assert min(launched(two, before)) > 0
+    finish(two, [*words, str(two.root / "swept-1")], "swept-1", nodes=1)
     two_nodes, one = (two.root / name / "sweep.h5" for name in ("swept-2", "swept-1"))
     assert two_nodes.read_bytes() == one.read_bytes()
 
@@ -179,12 +174,10 @@ def test_a_command_submitted_to_two_nodes_finds_what_one_process_finds(
     for name, more in (("job", options), ("here", [])):
         line = words.format(output=f"{command}-{name}").split()
         asked = [str(PROJECT / "headstock"), *line, "--json", f"{command}-{name}.json"]
-        done = two.run([*asked, *more], nodes=1, store=f"store-{command}-{name}", folder=two.root)
-        assert done.returncode == 0, done.stdout + done.stderr
-        assert ("submitted" in done.stdout) == bool(more)
-        found.append(read_found(json.loads((two.root / f"{command}-{name}.json").read_text())))
-        if more:
-            assert [now - old for now, old in zip(two.launches(), before, strict=True)] == [1, 1]
+        said = finish(two, [*asked, *more], f"{command}-{name}", nodes=1, folder=two.root)
+        assert ("submitted" in said) == bool(more)
+        found.append(read_found(read_json(two.root / f"{command}-{name}.json")))
+        assert not more or launched(two, before) == [1, 1]
     job, here = found
     assert len(here) > 3
     assert job.keys() == here.keys()

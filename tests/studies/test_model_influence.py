@@ -42,13 +42,8 @@ def finding(share: float, seconds: float, sense: Sense = "simpler", **more: obje
     key = make_key("frequency", pose="reference", mode=1)
     change = Change(key, share, 50.0 * (1.0 + share), 50.0, "Hz")
     lacks = ("first bending (50 Hz)",) if more else ()
-    return ModelFinding(
-        trial(sense),
-        (change,),
-        missing=lacks,
-        written=RunPrice(10.0, 500.0),
-        tried=RunPrice(seconds, 300.0),
-    )
+    written, tried = RunPrice(10.0, 500.0), RunPrice(seconds, 300.0)
+    return ModelFinding(trial(sense), (change,), missing=lacks, written=written, tried=tried)
 
 
 @pytest.mark.parametrize(("found", "action", "verdict"), [
@@ -79,12 +74,11 @@ def test_every_body_is_tried_with_and_without_its_elasticity(name: str) -> None:
     bodies = set() if scene.is_lumped else set(scene.machine.components)
     tried = {body for each in trials for body in each.bodies if each.kind == "elasticity"}
     assert tried == bodies
+    assert bool(trials) == (name != "tripteor")
     for each in trials:
         rigid = {scene.machine.components[body].fidelity == "rigid" for body in each.bodies}
         assert rigid in ({False}, {True}, set())
         assert rigid != {True} or each.tried == "elastic"
-    assert bool(trials) == (name != "tripteor")
-    for each in trials:
         changed = load_scene(MACHINES / f"{name}.toml", overrides=each.settings)
         assert changed.raw != scene.raw
 
@@ -144,9 +138,8 @@ pose_model = "WRITTEN"
 def test_the_worth_of_following_the_pose_is_the_difference_that_one_run_tells(
     written: str, tried: str, sense: str, tmp_path: Path
 ) -> None:
-    path = write_scene(
-        tmp_path, (DATA / "slide.toml").read_text() + MOVE.replace("WRITTEN", written), name="slide"
-    )
+    move = MOVE.replace("WRITTEN", written)
+    path = write_scene(tmp_path, (DATA / "slide.toml").read_text() + move, name="slide")
     choice = SceneChoice(path, None, (), ("path",))
     (found,) = try_models(choice, Store(tmp_path / "trials"), kinds=["pose"])
     assert not found.obstacle

@@ -3,6 +3,7 @@ and says what it cannot know.
 """
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -38,13 +39,14 @@ frequencies = {stiff}
 """
 
 
+def prepare(folder: Path, cases: str, parameters: Mapping[str, float] = TRUTH) -> FitProblem:
+    return _prepare_text(folder, cases + _write_parameters(parameters))
+
+
 def make_targets(folder: Path) -> str:
     """Targets that the true values meet exactly."""
     any_hz = _write_frequencies(np.arange(10.0, 16.0, dtype=np.float64))
-    problem = _prepare_text(
-        folder,
-        CASES.format(written=any_hz, stiff=any_hz, compliance=1.0) + _write_parameters(TRUTH),
-    )
+    problem = prepare(folder, CASES.format(written=any_hz, stiff=any_hz, compliance=1.0))
     written, stiff = _solve_truth(problem, TRUTH).states
     return CASES.format(
         written=_write_frequencies(written.frequencies_hz[:6]),
@@ -58,30 +60,34 @@ def with_settings(problem: FitProblem, *, starts: int, pairing: str = "best") ->
     return dataclasses.replace(problem, settings=problem.settings.model_copy(update=changed))
 
 
+@pytest.fixture
+def exact(tmp_path: Path) -> FitProblem:
+    """A fit to targets that the true values meet."""
+    return prepare(tmp_path, make_targets(tmp_path))
+
+
 def test_a_frequency_by_name_is_met_by_the_mode_of_its_number(tmp_path: Path) -> None:
     names = 'numbers = { "frequency(mode=2)" = "10 Hz", "frequency(mode=1)" = "11 Hz" }'
     truth = {"drive": TRUTH["drive"], "feet_z": TRUTH["feet_z"]}
-    problem = _prepare_text(tmp_path, f"[cases.a]\n{names}\n{_write_parameters(truth)}")
+    problem = prepare(tmp_path, f"[cases.a]\n{names}\n", truth)
     point = _solve_truth(problem, truth)
     assert [target.frequency_hz for target in problem.cases[0].case.modes] == [10.0, 11.0]
     assert point.pairings[0].modes == (1, 0)
     beyond = names.replace("mode=2", "mode=999")
-    problem = _prepare_text(tmp_path, f"[cases.a]\n{beyond}\n{_write_parameters(truth)}")
+    problem = prepare(tmp_path, f"[cases.a]\n{beyond}\n", truth)
     with pytest.raises(ModelError, match=r"mode=999.*the model has modes 1 to"):
         _solve_truth(problem, truth)
 
 
-def test_most_starts_find_the_true_stiffnesses_although_modes_change_places(tmp_path: Path) -> None:
+def test_most_starts_find_the_true_stiffnesses_although_modes_change_places(
+    exact: FitProblem,
+) -> None:
     """Of these starts most end in a wrong pairing of modes unless other pairings are tried (see the
     next test).
     """
-    problem = with_settings(
-        _prepare_text(tmp_path, make_targets(tmp_path) + _write_parameters(TRUTH)), starts=6
-    )
-    found = fit_parameters(problem, "test")
-    ends = [
-        problem.values(record.end.coordinates) for record in found.starts if record.end is not None
-    ]
+    found = fit_parameters(with_settings(exact, starts=6), "test")
+    known = [record.end for record in found.starts if record.end is not None]
+    ends = [exact.values(end.coordinates) for end in known]
     assert sum(end == approx(TRUTH, rel=1e-4) for end in ends) >= 4
     assert sum(record.exchanges for record in found.starts) >= 3
     assert found.values == approx(TRUTH, rel=1e-4)
@@ -90,26 +96,20 @@ def test_most_starts_find_the_true_stiffnesses_although_modes_change_places(tmp_
     assert all(abs(outcome.deviation) < 1e-5 for outcome in found.outcomes)
 
 
-def test_modes_that_are_only_followed_keep_the_pairing_they_start_with(tmp_path: Path) -> None:
-    problem = _prepare_text(tmp_path, make_targets(tmp_path) + _write_parameters(TRUTH))
-    found = fit_parameters(with_settings(problem, starts=2, pairing="track"), "test")
+def test_modes_that_are_only_followed_keep_the_pairing_they_start_with(exact: FitProblem) -> None:
+    found = fit_parameters(with_settings(exact, starts=2, pairing="track"), "test")
     assert max(record.cost for record in found.starts) > 1.0
 
 
-def test_modes_are_followed_by_shape_through_a_crossing(tmp_path: Path) -> None:
+def test_modes_are_followed_by_shape_through_a_crossing(exact: FitProblem) -> None:
     """Lateral modes rise past normal ones; following them leaves each target with its own mode,
     pairing anew does not.
     """
-    problem = _prepare_text(tmp_path, make_targets(tmp_path) + _write_parameters(TRUTH))
-    before = _solve_truth(problem, TRUTH)
-    point = before
+    point = _solve_truth(exact, TRUTH)
     for factor in np.geomspace(1.0, 4.0, 30)[1:]:
-        point = evaluate(
-            problem,
-            problem.coordinates(list({**TRUTH, "guide_lateral": factor * 55e6}.values())),
-            point,
-        )
-    anew = _solve_truth(problem, {**TRUTH, "guide_lateral": 4.0 * 55e6})
+        values = {**TRUTH, "guide_lateral": factor * 55e6}
+        point = evaluate(exact, exact.coordinates(list(values.values())), point)
+    anew = _solve_truth(exact, values)
     assert point.pairings != anew.pairings
     assert sorted(point.pairings[1].modes) != list(point.pairings[1].modes)
     back = _follow_modes(point.states[1], point.pairings[1], point.states[1])
@@ -127,7 +127,7 @@ modes = [
   { frequency = "150 Hz", shape_tolerance = 0.05, moves = [{ bodies = ["slider"], rotation = "x" }] },
 ]
 """
-    problem = _prepare_text(tmp_path, text + _write_parameters({"feet_z": 170e6}))
+    problem = prepare(tmp_path, text, {"feet_z": 170e6})
     state = _solve_truth(problem, {"feet_z": 170e6}).states[0]
     (outcome,) = fit_parameters(problem, "test").outcomes
     assert outcome.mac is not None
@@ -137,13 +137,10 @@ modes = [
 
 def test_what_is_fixed_out_is_predicted_and_changes_nothing(tmp_path: Path) -> None:
     targets = make_targets(tmp_path)
-    entry = '{ point = "tcp", motion = "z", force = "z", value = "'
-    wrong = targets.replace(
-        entry, '{ hold_out = true, point = "tcp", motion = "z", force = "z", value = "9'
-    )
-    found = fit_parameters(
-        with_settings(_prepare_text(tmp_path, wrong + _write_parameters(TRUTH)), starts=3), "test"
-    )
+    value = 'motion = "z", force = "z", value = "'
+    wrong = targets.replace(value, f"hold_out = true, {value}9")
+    assert wrong != targets
+    found = fit_parameters(with_settings(prepare(tmp_path, wrong), starts=3), "test")
     assert found.values == approx(TRUTH, rel=1e-4)
     (fixed,) = [outcome for outcome in found.outcomes if outcome.hold_out]
     assert fixed.found < 0.2 * fixed.wanted
@@ -153,15 +150,10 @@ def test_what_is_fixed_out_is_predicted_and_changes_nothing(tmp_path: Path) -> N
 def test_a_limit_on_the_number_of_modes_pushes_the_next_one_up(tmp_path: Path) -> None:
     names = {"feet_x": 120e6, "feet_z": 170e6}
     text = '[cases.stiff]\nvariant = "stiff"\nfrequencies = ["64 Hz", "70 Hz"]\n'
-    third = float(
-        fit_parameters(_prepare_text(tmp_path, text + _write_parameters(names)), "free")
-        .point.states[0]
-        .frequencies_hz[2]
-    )
+    free = fit_parameters(prepare(tmp_path, text, names), "free")
+    third = float(free.point.states[0].frequencies_hz[2])
     limit = f'at_most = {{ modes = 2, below = "{1.02 * third:.6g} Hz", tolerance = "0.1 %" }}\n'
-    found = fit_parameters(
-        _prepare_text(tmp_path, text + limit + _write_parameters(names)), "limit"
-    )
+    found = fit_parameters(prepare(tmp_path, text + limit, names), "limit")
     assert found.point.states[0].frequencies_hz[2] > 1.01 * third
 
 
@@ -179,9 +171,8 @@ def test_wrong_data_lie_outside_the_intervals(tmp_path: Path) -> None:
     """The check above can fail: fitted to another machine the intervals miss."""
     (found,) = _fit_seeds(tmp_path, [0])
     other = {name: 1.1 * value for name, value in _true_values().items()}
-    assert (
-        sum(item.low <= other[item.parameter.name] <= item.high for item in found.parameters) <= 1
-    )
+    held = [item.low <= other[item.parameter.name] <= item.high for item in found.parameters]
+    assert len(held) > 1 and sum(held) <= 1
 
 
 def test_parameters_the_data_cannot_see_are_named(tmp_path: Path) -> None:

@@ -40,30 +40,33 @@ def settings(path: str, directions: str, more: str = "") -> tuple[str, ...]:
 
 
 def sweep(
-    scene: str, folder: Path, path: str, directions: str, variant: str | None = None
+    scene: str, folder: Path, path: str, directions: str, variant: str | None = "R"
 ) -> tuple[SweepResults, int]:
     overrides = settings(path, directions)
-    loaded = load_scene(MACHINES / scene, variant=variant, overrides=overrides)
+    loaded = load_scene(MACHINES / f"{scene}.toml", variant=variant, overrides=overrides)
     loaded = prepare_sweep(loaded, "way", overrides=overrides)
-    folder.mkdir(exist_ok=True)
     job = SweepJob(select_analyses(loaded), loaded.sweeps["way"], folder)
     outcome = run_sweep(job, comm=MPI.COMM_SELF)
-    results = gather_sweep(job, outcome)
-    return results, outcome.computed
+    return gather_sweep(job, outcome), outcome.computed
+
+
+def waypoints(form: str, *places: float) -> str:
+    """Poses of a path, each from a place [mm]."""
+    return ", ".join(f"{{ {form.format(place)} }}" for place in places)
 
 
 def test_a_straight_path_has_the_limits_of_a_fixed_direction_there_and_back(tmp_path: Path) -> None:
     """The table moves along X, so the tool travels against it the other way; half a turn about the
     tool changes no limit.
     """
-    path = ", ".join(f'{{ X = "{place} mm" }}' for place in (0, 25, 50, 25))
-    results, computed = sweep("three_axis.toml", tmp_path, path, '"feed", "-x"', "R")
+    path = waypoints('X = "{} mm"', 0, 25, 50, 25)
+    results, computed = sweep("three_axis", tmp_path, path, '"feed", "-x"')
     feed, fixed = results.limits["feed"], results.limits["-x"]
     np.testing.assert_array_equal(feed.directions, [[-1, 0, 0]] * 3 + [[1, 0, 0]])
     np.testing.assert_array_equal(feed.depths[:3], fixed.depths[:3])
     np.testing.assert_allclose(feed.depths[3], fixed.depths[3], rtol=1e-6)
     assert computed == 4  # the same place twice, with another feed
-    assert sweep("three_axis.toml", tmp_path, path, '"feed", "-x"', "R")[1] == 0
+    assert sweep("three_axis", tmp_path, path, '"feed", "-x"')[1] == 0
     (remark,) = results.warnings
     assert "in pose 3 (X 50 mm) the way has a corner" in remark
     write_sweep(tmp_path, results)
@@ -80,7 +83,7 @@ def test_on_a_circle_limits_are_those_of_the_axes_and_of_the_diagonal(tmp_path: 
         f'{{ X = "{RADIUS * np.cos(angle):.12f} mm", Y = "{RADIUS * np.sin(angle):.12f} mm" }}'
         for angle in angles
     )
-    results, _ = sweep("three_axis.toml", tmp_path, path, '"y", "feed", [1, 1, 0], "x"', "R")
+    results, _ = sweep("three_axis", tmp_path, path, '"y", "feed", [1, 1, 0], "x"')
     feed = results.limits["feed"]
     tangents = np.column_stack([np.sin(angles), np.cos(angles), np.zeros(7)])
     np.testing.assert_allclose(feed.directions[1:-1], tangents[1:-1], atol=1e-9)
@@ -112,8 +115,8 @@ def test_a_closed_circle_has_its_tangent_at_the_seam_but_a_square_has_a_corner()
 
 @pytest.mark.parametrize("variant", ["lumped", "components"])
 def test_the_tool_of_a_mechanism_is_fed_where_its_path_leads(tmp_path: Path, variant: str) -> None:
-    path = ", ".join(f'{{ X = "{place} mm", Z = "200 mm" }}' for place in (0, 30, 100))
-    results, _ = sweep("tripteor.toml", tmp_path, path, '"feed", "x"', variant)
+    path = waypoints('X = "{} mm", Z = "200 mm"', 0, 30, 100)
+    results, _ = sweep("tripteor", tmp_path, path, '"feed", "x"', variant)
     assert results.states == ("done",) * 3
     feed, fixed = results.limits["feed"], results.limits["x"]
     np.testing.assert_allclose(feed.directions, [[1.0, 0.0, 0.0]] * 3, atol=1e-12)
@@ -122,7 +125,7 @@ def test_the_tool_of_a_mechanism_is_fed_where_its_path_leads(tmp_path: Path, var
 
 def test_a_pose_in_which_the_tool_plunges_has_no_limit_and_says_so(tmp_path: Path) -> None:
     path = '{ Z = "0 mm" }, { Z = "20 mm" }, { Z = "20 mm", Y = "20 mm" }'
-    results, _ = sweep("three_axis.toml", tmp_path, path, '"feed"', "R")
+    results, _ = sweep("three_axis", tmp_path, path, '"feed"')
     known = np.isfinite(results.limits["feed"].depths).all(axis=1)
     assert known.tolist() == [False, False, True]
     assert results.failed == ()
@@ -130,11 +133,8 @@ def test_a_pose_in_which_the_tool_plunges_has_no_limit_and_says_so(tmp_path: Pat
 
 
 def test_a_run_takes_the_feed_of_its_path_analysis(tmp_path: Path) -> None:
-    scene = load_scene(
-        MACHINES / "three_axis.toml",
-        variant="R",
-        overrides=("analyses.lobes=" + (LOBES % '"feed"').replace("\n", ""),),
-    )
+    lobes = "analyses.lobes=" + (LOBES % '"feed"').replace("\n", "")
+    scene = load_scene(MACHINES / "three_axis.toml", variant="R", overrides=(lobes,))
     answers = run_scene(scene, tmp_path / "run", comm=MPI.COMM_SELF).answers
     (own,) = next(iter(find_answers(answers, PoseLobes))).directions
     assert (own.name, own.direction) == ("feed", (-1.0, 0.0, 0.0))
@@ -148,17 +148,17 @@ def use_scene(path: Path, name: str | None, overrides: tuple[str, ...], folder: 
         prepare_sweep(scene, name, overrides=overrides)
 
 
+GRID, NO_PATH = 'sweeps.way={ axes = { X = ["0 mm", "1 mm", 2] } }', "analyses.path=false"
+LIST = 'sweeps.way={ poses = [{ X = "0 mm" }] }'
+
+
 @pytest.mark.parametrize(
     ("more", "name", "words"),
     [
-        (("analyses.path=false",), None, "a pose alone has no feed; sweep a path"),
-        (('sweeps.way={ axes = { X = ["0 mm", "1 mm", 2] } }',), "way", "is a grid of poses"),
-        (('sweeps.way={ poses = [{ X = "0 mm" }] }',), "way", "is a list of poses"),
-        (
-            ('sweeps.way={ axes = { X = ["0 mm", "1 mm", 2] } }', "analyses.path=false"),
-            "way",
-            "and the scene has none; write a sweep with a path",
-        ),
+        ((NO_PATH,), None, "a pose alone has no feed; sweep a path"),
+        ((GRID,), "way", "is a grid of poses"),
+        ((LIST,), "way", "is a list of poses"),
+        ((GRID, NO_PATH), "way", "and the scene has none; write a sweep with a path"),
     ],
 )
 def test_poses_without_a_feed_are_refused_with_the_key_and_a_remedy(
@@ -166,9 +166,8 @@ def test_poses_without_a_feed_are_refused_with_the_key_and_a_remedy(
 ) -> None:
     path = tmp_path / "scene.toml"
     text = (MACHINES / "three_axis.toml").read_text()
-    lines = text.replace(
-        "radial_depth =", 'directions = ["x", "feed"]\nradial_depth ='
-    ).splitlines()
+    feed = 'directions = ["x", "feed"]'
+    lines = text.replace("radial_depth =", f"{feed}\nradial_depth =").splitlines()
     path.write_text("\n".join(lines))
     overrides = (*settings('{ X = "0 mm" }, { X = "1 mm" }', '"x", "feed"')[1:], *more)
     overrides = ("analyses.lobes.on_request=false", *overrides)
@@ -176,9 +175,9 @@ def test_poses_without_a_feed_are_refused_with_the_key_and_a_remedy(
         use_scene(path, name, overrides, tmp_path / "run")
     (problem,) = caught.value.problems
     assert problem.key == "analyses.lobes.directions[1]"
-    assert lines[(problem.line or 0) - 1] == 'directions = ["x", "feed"]'
+    assert lines[(problem.line or 0) - 1] == feed
 
 
 def test_a_path_along_which_the_tool_stands_still_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="does not move against its work; write another path"):
-        sweep("three_axis.toml", tmp_path, '{ X = "5 mm" }, { X = "5 mm" }', '"feed"', "R")
+        sweep("three_axis", tmp_path, waypoints('X = "{} mm"', 5, 5), '"feed"')

@@ -54,23 +54,24 @@ exec /opt/headstock/headstock sweep /data/a.toml line -o '/data/100% mine' --set
 """
 
 
+JOB = SlurmJob(
+    launcher=("/opt/headstock/headstock",),
+    words=("sweep", "/data/a.toml", "line", "-o", "/data/100% mine", "--set", 'joints.drive.stiffness.axial="40 N/um"'),
+    folder=Path("/data/100% mine"),
+    options=SlurmOptions(3, 2, "long", "0:30:00", ("--account=ours",)),
+    start_folder=Path("/data/mine"),
+    environment={"HEADSTOCK_STORE": "/data/the store"},
+    sweep="line",
+    key="abc",
+)  # fmt: skip
+
+
 def test_the_script_says_everything_a_task_needs() -> None:
-    options = SlurmOptions(3, 2, "long", "0:30:00", ("--account=ours",))
-    changed = ("--set", 'joints.drive.stiffness.axial="40 N/um"')
-    job = SlurmJob(
-        launcher=("/opt/headstock/headstock",),
-        words=("sweep", "/data/a.toml", "line", "-o", "/data/100% mine", *changed),
-        folder=Path("/data/100% mine"),
-        options=options,
-        start_folder=Path("/data/mine"),
-        environment={"HEADSTOCK_STORE": "/data/the store"},
-        sweep="line",
-        key="abc",
-    )
-    assert render_script(job) == SCRIPT
+    assert render_script(JOB) == SCRIPT
 
 
 ROW = '/data/x"\n#SBATCH --wrap="touch /tmp/owned'
+WRAP = "\n#SBATCH --wrap=id"
 
 
 @pytest.mark.parametrize(
@@ -83,14 +84,14 @@ ROW = '/data/x"\n#SBATCH --wrap="touch /tmp/owned'
         {"start_folder": Path("/data/`id`")},
         {"words": ("sweep", "/data/a\n.toml")},
         {"launcher": ("/opt/a\x1b[2J/headstock",)},
-        {"sweep": "line\n#SBATCH --wrap=id"},
+        {"sweep": f"line{WRAP}"},
         {"key": "a\nb"},
         {"words": ("sweep", "/data/a.toml", "--set", "name=a\nb")},
-        {"environment": {"HEADSTOCK_STORE": "/data\n#SBATCH --wrap=id"}},
-        {"options": SlurmOptions(partition="long\n#SBATCH --wrap=id")},
+        {"environment": {"HEADSTOCK_STORE": f"/data{WRAP}"}},
+        {"options": SlurmOptions(partition=f"long{WRAP}")},
         {"options": SlurmOptions(partition='"long"')},
         {"options": SlurmOptions(time_limit="1:00\r#SBATCH --wrap=id")},
-        {"options": SlurmOptions(extra=("--account=a\n#SBATCH --wrap=id",))},
+        {"options": SlurmOptions(extra=(f"--account=a{WRAP}",))},
         {"options": SlurmOptions(extra=("--account=a\u2028b",))},
     ],
     ids=lambda change: str(change)[:60],
@@ -98,17 +99,8 @@ ROW = '/data/x"\n#SBATCH --wrap="touch /tmp/owned'
 def test_a_value_that_would_add_lines_to_the_script_is_refused_by_name(
     change: dict[str, Any],
 ) -> None:
-    job = SlurmJob(
-        launcher=("/opt/headstock",),
-        words=("sweep", "/data/a.toml", "line"),
-        folder=Path("/data/mine"),
-        options=SlurmOptions(),
-        sweep="line",
-        key="abc",
-    )
-    render_script(job)
     with pytest.raises(ScriptValueError, match="no place in"):
-        render_script(dataclasses.replace(job, **change))
+        render_script(dataclasses.replace(JOB, **change))
 
 
 def test_every_missing_pose_belongs_to_the_task_that_computes_it() -> None:
@@ -139,9 +131,9 @@ def wait(
             raise found
         return {task: TaskState(*text.split(" ")) for task, text in found.items()}
 
-    monkeypatch.setattr(headstock.studies.sweeps.slurm, "read_states", answer)
-    monkeypatch.setattr(headstock.studies.sweeps.slurm, "SHORTEST_SECONDS", 0.0)
-    monkeypatch.setattr(headstock.studies.sweeps.slurm, "MOST_SILENCES", 2)
+    changes = {"read_states": answer, "SHORTEST_SECONDS": 0.0, "MOST_SILENCES": 2}
+    for name, value in changes.items():
+        monkeypatch.setattr(headstock.studies.sweeps.slurm, name, value)
     states = wait_for_array(SUBMISSION, reported.append)
     assert not left
     return states, reported
@@ -159,49 +151,43 @@ def test_waiting_ends_when_every_task_has(monkeypatch: pytest.MonkeyPatch) -> No
     assert reported == ["2 pending (Resources)", "1 pending (Resources), 1 running", "2 completed"]
 
 
-def test_a_task_put_back_into_the_queue_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    states, _ = wait(
-        monkeypatch,
-        {1: "NODE_FAIL None"},
-        {1: "PENDING BeginTime"},
-        {1: "RUNNING None"},
-        {1: "COMPLETED None"},
-    )
-    assert states[1].state == "COMPLETED"
+SILENCE = SlurmError("squeue ended with 1: Unable to contact slurm controller")
+RUNS, ENDS = {1: "RUNNING None"}, {1: "COMPLETED None"}
 
 
-def test_a_job_slurm_has_forgotten_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert wait(monkeypatch, {1: "RUNNING None"}, {}, {})[0][1].state == "RUNNING"
-
-
-def test_a_controller_that_restarts_is_waited_for_and_one_that_is_gone_is_named(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize(
+    ("answers", "state"),
+    [
+        ([{1: "NODE_FAIL None"}, {1: "PENDING BeginTime"}, RUNS, ENDS], "COMPLETED"),
+        ([RUNS, {}, {}], "RUNNING"),
+        ([RUNS, SILENCE, ENDS], "COMPLETED"),
+    ],
+    ids=["put back into the queue", "forgotten by Slurm", "a controller that restarts"],
+)
+def test_a_task_is_waited_for_until_it_has_ended(
+    monkeypatch: pytest.MonkeyPatch, answers: list[dict[int, str] | SlurmError], state: str
 ) -> None:
-    silence = SlurmError("squeue ended with 1: Unable to contact slurm controller")
-    assert (
-        wait(monkeypatch, {1: "RUNNING None"}, silence, {1: "COMPLETED None"})[0][1].state
-        == "COMPLETED"
-    )
+    assert wait(monkeypatch, *answers)[0][1].state == state
+
+
+def test_a_controller_that_is_gone_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SlurmError, match=r"job 17 .*squeue ended with 1"):
-        wait(monkeypatch, silence, silence, silence)
+        wait(monkeypatch, SILENCE, SILENCE, SILENCE)
 
 
 def test_what_is_missing_is_told_with_state_and_log(tmp_path: Path) -> None:
     (tmp_path / FOLDER).mkdir()
     log_file(tmp_path, "17", 2).write_text("begun\nslurmstepd: error: CANCELLED\n\n")
     states = {1: TaskState("COMPLETED", ""), 2: TaskState("CANCELLED", "")}
-    lines = describe_missing(
-        tmp_path, SWEEP, SUBMISSION, {2: [1, 4, 7], 3: [8]}, states
-    ).splitlines()
-    assert lines == [
+    second, third, first = (log_file(tmp_path, *task) for task in (("17", 2), ("17", 3), ("16", 0)))
+    missing = {2: [1, 4, 7], 3: [8]}
+    assert describe_missing(tmp_path, SWEEP, SUBMISSION, missing, states).splitlines() == [
         "4 of 9 poses are not computed:",
-        f"  task 2 (cancelled): X -150 mm; X 0 mm; X 150 mm; log {log_file(tmp_path, '17', 2)}: slurmstepd: error: CANCELLED",
-        f"  task 3 (forgotten by Slurm): X 200 mm; it left no log {log_file(tmp_path, '17', 3)}",
+        f"  task 2 (cancelled): X -150 mm; X 0 mm; X 150 mm; log {second}: slurmstepd: error: CANCELLED",
+        f"  task 3 (forgotten by Slurm): X 200 mm; it left no log {third}",
         "finished poses are kept; the same command again submits only these tasks",
     ]
-    log_file(tmp_path, "17", 2).unlink()
-    log_file(tmp_path, "16", 0).write_text("ModelError: no mesh\n")
+    second.unlink()
+    first.write_text("ModelError: no mesh\n")
     reported = describe_missing(tmp_path, SWEEP, SUBMISSION, {2: [1]}, {})
-    assert (
-        f"job 16 (components); log {log_file(tmp_path, '16', 0)}: ModelError: no mesh" in reported
-    )
+    assert f"job 16 (components); log {first}: ModelError: no mesh" in reported

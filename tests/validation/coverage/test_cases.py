@@ -1,6 +1,7 @@
 """The suite that says how often ± covers the truth."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,29 +36,25 @@ from headstock.validation.references.rows import ValidationRow
 def made_up(
     seed: int, errors: list[float], estimates: list[float], lines: list[float]
 ) -> _PartCoverage:
-    count = len(errors)
-    return _PartCoverage(
-        seed,
-        "block",
-        np.zeros(count),
-        np.array(errors),
-        np.array(estimates),
-        np.full(count, 1e-6),
-        np.array(lines),
-    )
+    numbers = (np.zeros(len(errors)), np.array(errors), np.array(estimates))
+    return _PartCoverage(seed, "block", *numbers, np.full(len(errors), 1e-6), np.array(lines))
 
 
 def judged(parts: list[_PartCoverage]) -> dict[str, ValidationRow]:
     return {row.quantity.split(": ")[1]: row for row in cases._evaluate("some", parts)}
 
 
-def test_every_kind_of_part_is_in_both_halves_which_share_none() -> None:
-    assert not set(CALIBRATION) & set(HOLD_OUT)
-    for half in (CALIBRATION, HOLD_OUT):
-        assert {seed % len(KINDS) for seed in half} == set(range(len(KINDS)))
-    assert not set(HEX_CALIBRATION) & set(HEX_HOLD_OUT)
-    for half in (HEX_CALIBRATION, HEX_HOLD_OUT):
-        assert {seed % len(HEX_KINDS) for seed in half} == set(range(len(HEX_KINDS)))
+@pytest.mark.parametrize(
+    ("one", "other", "kinds"),
+    [(CALIBRATION, HOLD_OUT, KINDS), (HEX_CALIBRATION, HEX_HOLD_OUT, HEX_KINDS)],
+    ids=["parts", "hexahedra"],
+)
+def test_every_kind_of_part_is_in_both_halves_which_share_none(
+    one: Sequence[int], other: Sequence[int], kinds: Sequence[object]
+) -> None:
+    assert not set(one) & set(other)
+    for half in (one, other):
+        assert {seed % len(kinds) for seed in half} == set(range(len(kinds)))
 
 
 @pytest.mark.parametrize("seed", range(HEX_HOLD_OUT[0], HEX_HOLD_OUT[0] + len(HEX_KINDS)))
@@ -81,9 +78,8 @@ def test_adapted_parts_begin_with_one_coarse_mesh_of_tetrahedra_and_follow_its_e
 
 def test_a_seed_draws_the_same_part_again(tmp_path: Path) -> None:
     one, other = (draw_part(20, tmp_path) for _ in range(2))
-    parts = [drawn.machine.components["part"] for drawn in (one, other)]
-    assert parts[0].solid == parts[1].solid
-    assert parts[0].interfaces == parts[1].interfaces
+    first, second = (drawn.machine.components["part"] for drawn in (one, other))
+    assert (first.solid, first.interfaces) == (second.solid, second.interfaces)
     assert one.meshes == other.meshes
 
 
@@ -91,9 +87,9 @@ def test_coverage_counts_numbers_parts_and_lines() -> None:
     good = made_up(0, [1e-2] * 20, [2e-2] * 20, [1.0, 0.96])
     poor = made_up(1, [1e-2] * 10, [2e-2] * 8 + [5e-3, np.nan], [0.9, 0.2])
     rows = judged([good, poor])
-    assert rows["share of numbers that ± does not cover"].value == approx(1.0 / 29.0)
-    assert rows["share of numbers that ± does not cover"].passed
-    assert "1 say ± ?" in rows["share of numbers that ± does not cover"].note
+    missed = rows["share of numbers that ± does not cover"]
+    assert missed.value == approx(1.0 / 29.0) and missed.passed
+    assert "1 say ± ?" in missed.note
     assert rows["coverage by part, mean"].value == approx((1.0 + 8.0 / 9.0) / 2.0)
     assert rows["parts with 95 % of their numbers covered"].value == 0.5
     assert rows["± over true error, median"].value == approx(2.0)

@@ -16,9 +16,8 @@ def _chain(size: int, *, fixed: bool = True) -> scipy.sparse.csr_matrix:
     diagonal = np.full(size, 2.0)
     if not fixed:
         diagonal[[0, -1]] = 1.0
-    return scipy.sparse.diags(
-        [np.full(size - 1, -1.0), diagonal, np.full(size - 1, -1.0)], [-1, 0, 1], format="csr"
-    )
+    beside = np.full(size - 1, -1.0)
+    return scipy.sparse.diags([beside, diagonal, beside], [-1, 0, 1], format="csr")
 
 
 def _plate(size: int) -> scipy.sparse.csr_matrix:
@@ -64,9 +63,8 @@ def test_a_free_chain_and_a_constrained_one_are_found_from_below_zero() -> None:
     heavy = scipy.sparse.block_diag([mass, scipy.sparse.csr_matrix((1, 1))], format="csr")
     ring, shapes = lowest_symmetric_pairs(bordered, heavy, 8, shift=-1e-3, constraints=1)
     null = scipy.linalg.null_space(rows.toarray())
-    expected = scipy.linalg.eigh(
-        null.T @ free.toarray() @ null, null.T @ mass.toarray() @ null, eigvals_only=True
-    )
+    stiff, heavy = (null.T @ each.toarray() @ null for each in (free, mass))
+    expected = scipy.linalg.eigh(stiff, heavy, eigvals_only=True)
     np.testing.assert_allclose(ring[1:], expected[1:8], rtol=1e-9)
     assert np.abs(shapes[0] - shapes[size - 1]).max() < 1e-9
 
@@ -74,9 +72,8 @@ def test_a_free_chain_and_a_constrained_one_are_found_from_below_zero() -> None:
 def test_a_static_solution_of_an_indefinite_matrix_is_that_of_dense_algebra() -> None:
     matrix = _plate(20) - 0.3 * scipy.sparse.eye(400)
     loads = np.random.default_rng(0).normal(size=(400, 5))
-    np.testing.assert_allclose(
-        solve_symmetric(matrix, loads), np.linalg.solve(matrix.toarray(), loads), rtol=1e-9
-    )
+    exact = np.linalg.solve(matrix.toarray(), loads)
+    np.testing.assert_allclose(solve_symmetric(matrix, loads), exact, rtol=1e-9)
 
 
 def test_a_singular_matrix_is_refused() -> None:
@@ -91,10 +88,6 @@ def test_a_search_that_leaves_an_eigenvalue_out_is_told_by_the_signs_of_pivots(
     with pytest.raises(AccuracyError, match="were found"):
         lowest_symmetric_pairs(_chain(400), scipy.sparse.eye(400), 5, shift=0.5)
     monkeypatch.setattr(sparse_eigenpairs, "SPARE", 2)
+    whole = scipy.sparse.block_diag([_chain(50)] * 6, format="csr")
     with pytest.raises(AccuracyError, match="one cluster"):
-        lowest_symmetric_pairs(
-            scipy.sparse.block_diag([_chain(50)] * 6, format="csr"),
-            scipy.sparse.eye(300),
-            3,
-            shift=0.0,
-        )
+        lowest_symmetric_pairs(whole, scipy.sparse.eye(300), 3, shift=0.0)

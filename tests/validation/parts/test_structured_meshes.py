@@ -1,5 +1,6 @@
 """Claims about lattice meshes."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -32,20 +33,8 @@ def test_every_mid_node_lies_midway_between_the_corners_that_gmsh_pairs() -> Non
     lattice = box_lattice((2, 3, 1), (2.0, 3.0, 1.0))
     points = lattice.reshape(-1, 3)
     cells = _lattice_cells(lattice.shape[:3])
-    edges = [
-        (0, 1),
-        (0, 3),
-        (0, 4),
-        (1, 2),
-        (1, 5),
-        (2, 3),
-        (2, 6),
-        (3, 7),
-        (4, 5),
-        (4, 7),
-        (5, 6),
-        (6, 7),
-    ]
+    pairs = re.findall(r"\d\d", "01 03 04 12 15 23 26 37 45 47 56 67")
+    edges = [map(int, pair) for pair in pairs]
     assert len(cells) == 6
     for position, (start, end) in enumerate(edges, start=8):
         middle = 0.5 * (points[cells[:, start]] + points[cells[:, end]])
@@ -69,19 +58,15 @@ def test_side_facets_point_outward_and_have_the_area_of_their_side(side: str) ->
     lattice = box_lattice((2, 3, 2), size)
     points = lattice.reshape(-1, 3)
     facets = lattice_sides(lattice.shape[:3])[side]
-    first, second = (
-        points[facets[:, 1]] - points[facets[:, 0]],
-        points[facets[:, 3]] - points[facets[:, 0]],
-    )
+    first, second = (points[facets[:, corner]] - points[facets[:, 0]] for corner in (1, 3))
     normal = np.cross(first, second).sum(axis=0)
     axis, sign = "uvw".index(side[0]), 1.0 if side[1] == "+" else -1.0
     expected = np.zeros(3)
     expected[axis] = sign * np.prod(size) / size[axis]
     np.testing.assert_allclose(normal, expected, atol=1e-14)
     for k in range(4):
-        np.testing.assert_allclose(
-            points[facets[:, 4 + k]], 0.5 * (points[facets[:, k]] + points[facets[:, (k + 1) % 4]])
-        )
+        middle = 0.5 * (points[facets[:, k]] + points[facets[:, (k + 1) % 4]])
+        np.testing.assert_allclose(points[facets[:, 4 + k]], middle)
     np.testing.assert_allclose(points[facets[:, 8]], points[facets[:, :4]].mean(axis=1))
 
 
@@ -109,12 +94,11 @@ def test_shape_functions_are_one_at_their_node_and_sum_to_one(kind: CellKind) ->
 def test_gradients_equal_finite_differences(kind: CellKind) -> None:
     place, step = np.array([0.2, 0.3, 0.1]), 1e-6
     _, gradients = _shape_functions(kind, place[None, :])
-    for axis in range(3):
-        shift = step * np.eye(3)[axis]
-        high, low = (
-            _shape_functions(kind, (place + sign * shift)[None, :])[0] for sign in (1.0, -1.0)
+    for axis, shift in enumerate(step * np.eye(3)):
+        (high,), (low,) = (
+            _shape_functions(kind, each[None])[0] for each in (place + shift, place - shift)
         )
-        np.testing.assert_allclose(gradients[0, :, axis], (high - low)[0] / (2 * step), atol=1e-8)
+        np.testing.assert_allclose(gradients[0, :, axis], (high - low) / (2 * step), atol=1e-8)
 
 
 @pytest.mark.parametrize("kind", KINDS)
