@@ -2,13 +2,12 @@
 of one.
 """
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from common import approx, run_command
+from common import Done, approx, read_json, run_command
 from fixture_machines import machine, write_scene
 
 pytestmark = pytest.mark.process
@@ -42,22 +41,25 @@ bounds = ["20 N/um", "900 N/um"]
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    path = write_scene(tmp_path, SCENE, name="column")
-    (tmp_path / "targets.toml").write_text(TARGETS)
-    return path
+def column(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, with the column and targets."""
+    monkeypatch.chdir(tmp_path)
+    write_scene(tmp_path, SCENE)
+    write_scene(tmp_path, TARGETS, name="targets")
+    return tmp_path
 
 
-def run_both(folder: Path, *words: str) -> list[tuple[int, str, str, Any]]:
-    """Exit code, output, errors and the file of ``--json`` on one rank and on two."""
-    found = []
+def run_both(folder: Path, line: str, *, well: bool = True) -> tuple[list[Done], list[Any]]:
+    """How a command ends on one rank and on two, and the files of ``--json``."""
+    ends, found = [], []
     for ranks in (1, 2):
-        listing = folder / f"{ranks}.json"
-        output = () if words[0] == "effects" else ("-o", str(folder / f"out{ranks}"))
-        done = run_command(ranks, folder, *words, *output, "--json", str(listing))
-        listed = json.loads(listing.read_text()) if listing.is_file() else None
-        found.append((done.returncode, done.stdout, done.stderr, listed))
-    return found
+        output = "" if line.startswith("effects") else f"-o out{ranks}"
+        words = f"{line} {output} --json {ranks}.json".split()
+        ends.append(run_command(ranks, folder, *words))
+        if well:
+            assert ends[-1].returncode == 0, ends[-1].stderr
+            found.append(read_json(folder / f"{ranks}.json"))
+    return ends, found
 
 
 def assert_same(one: Any, two: Any, *, but: tuple[str, ...] = ()) -> None:
@@ -76,71 +78,65 @@ def assert_same(one: Any, two: Any, *, but: tuple[str, ...] = ()) -> None:
 
 
 @pytest.mark.trials
-def test_the_starts_of_a_fit_dealt_out_to_ranks_are_those_of_one(
-    scene: Path, tmp_path: Path
-) -> None:
-    one, two = run_both(tmp_path, "identify", str(scene), str(tmp_path / "targets.toml"))
-    assert (one[0], two[0]) == (0, 0), one[2] + two[2]
-    assert len(one[3]["starts"]) == 4 and one[3]["starts"][0]["evaluations"] > 2
-    assert_same(one[3], two[3], but=("seconds", "provenance"))
-    assert two[1].count("\n  start  ") == 4 and two[1].count("Parameters (") == 1
-    files = [(tmp_path / f"out{ranks}" / "calibrated.toml").read_text() for ranks in (1, 2)]
+def test_the_starts_of_a_fit_dealt_out_to_ranks_are_those_of_one(column: Path) -> None:
+    (_, end), (one, two) = run_both(column, "identify scene.toml targets.toml")
+    assert len(one["starts"]) == 4 and one["starts"][0]["evaluations"] > 2
+    assert_same(one, two, but=("seconds", "provenance"))
+    assert end.stdout.count("\n  start  ") == 4 and end.stdout.count("Parameters (") == 1
+    files = [(column / f"out{ranks}" / "calibrated.toml").read_text() for ranks in (1, 2)]
     assert files[0] == files[1]
 
 
 @pytest.mark.trials
-def test_the_trials_of_effects_dealt_out_to_ranks_are_those_of_one(
-    scene: Path, tmp_path: Path
-) -> None:
-    one, two = run_both(tmp_path, "effects", str(scene))
-    assert (one[0], two[0]) == (0, 0), one[2] + two[2]
-    tried = {trial["effect"]: trial for trial in one[3]["effects"]}
+def test_the_trials_of_effects_dealt_out_to_ranks_are_those_of_one(column: Path) -> None:
+    (_, end), (one, two) = run_both(column, "effects scene.toml")
+    tried = {trial["effect"]: trial for trial in one["effects"]}
     assert tried["gravity"]["largest_change"] > 0.0 and tried["friction"]["obstacle"]
-    assert all(trial["seconds_with"] > 0.0 for trial in two[3]["effects"] if not trial["obstacle"])
+    assert all(trial["seconds_with"] > 0.0 for trial in two["effects"] if not trial["obstacle"])
     changes = [
-        {(each["kind"], each["tried"]): each for each in found[3].pop("models")}
+        {(each["kind"], each["tried"]): each for each in found.pop("models")}
         for found in (one, two)
     ]
     assert changes[0]["elasticity", "rigid"]["worth"] > 0.01
     times = ("seconds_with", "seconds_without", "time_share", "time_noise", "provenance")
-    assert_same(one[3], two[3], but=times)
+    assert_same(one, two, but=times)
     # what to do depends on what it costs
     prices = ("price_as_written", "price_as_tried", "time_saved_share", "worth_over_price")
     assert_same(*changes, but=(*prices, "action", "verdict"))
-    assert two[1].count("Summary of effects") == two[1].count("Summary of models") == 1
+    for title in ("Summary of effects", "Summary of models"):
+        assert end.stdout.count(title) == 1
 
 
 @pytest.mark.trials
-def test_the_variants_of_a_comparison_dealt_out_to_ranks_are_those_of_one(
-    scene: Path, tmp_path: Path
-) -> None:
-    one, two = run_both(tmp_path, "compare", str(scene), "--fidelity", "rigid,segmented,elastic")
-    assert (one[0], two[0]) == (0, 0), one[2] + two[2]
-    assert len(one[3]["columns"]) == 3
+def test_the_variants_of_a_comparison_dealt_out_to_ranks_are_those_of_one(column: Path) -> None:
+    line = "compare scene.toml --fidelity rigid,segmented,elastic"
+    (_, end), (one, two) = run_both(column, line)
+    assert len(one["columns"]) == 3
     # the components are in the store before a variant begins
     effort = ("seconds", "cpu_seconds", "import_seconds", "peak_rss_mb", "elastic_stored")
-    assert_same(one[3], two[3], but=("provenance", "effort", *effort))
-    assert two[1].count("done in") == 1
+    assert_same(one, two, but=("provenance", "effort", *effort))
+    assert end.stdout.count("done in") == 1
+
+
+TINY = ('size = "25 mm"', 'size = "25 um"')
 
 
 @pytest.mark.parametrize(
-    ("words", "old", "new"),
+    ("line", "change"),
     [
-        *(
-            (words, 'size = "25 mm"', 'size = "25 um"')
-            for words in ("identify", "compare", "effects")
-        ),
-        ("effects", 'material = "steel"', 'material = "stel"'),
+        ("identify scene.toml targets.toml", TINY),
+        ("compare scene.toml", TINY),
+        ("effects scene.toml", TINY),
+        ("effects scene.toml", ('material = "steel"', 'material = "stel"')),
     ],
 )
 @pytest.mark.trials
 def test_what_fails_ends_two_ranks_with_the_message_of_one(
-    scene: Path, tmp_path: Path, words: str, old: str, new: str
+    column: Path, line: str, change: tuple[str, str]
 ) -> None:
-    text = SCENE.replace('fidelity = "segmented"\n', "").replace(old, new)
-    scene.write_text(text.replace('segments = { along = "z", count = 4 }\n', ""))
-    files = [str(tmp_path / "targets.toml")] if words == "identify" else []
-    one, two = run_both(tmp_path, words, str(scene), *files)
-    assert one[0] == two[0] != 0
-    assert one[2].strip() and two[2].startswith(one[2].rstrip("\n"))
-    assert "MPI_ABORT" not in two[2]
+    segments = 'segments = { along = "z", count = 4 }\n'
+    write_scene(column, SCENE, ('fidelity = "segmented"\n', ""), (segments, ""), change)
+    (one, two), _ = run_both(column, line, well=False)
+    assert one.returncode == two.returncode != 0
+    assert one.stderr.strip() and two.stderr.startswith(one.stderr.rstrip("\n"))
+    assert "MPI_ABORT" not in two.stderr

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from cross_slide import ANALYSES, SCENE, TARGETS
 
-from common import run_alone
+from common import Shell, present
 from fixture_machines import machine
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,68 +50,61 @@ analyses.static = { at = "tcp" }
 UFF = "    -1\n   151\nmodal test\n    -1\n"
 
 
+TARGET = """
+[cases.a]
+tolerance = "1 %"
+frequencies = ["60 Hz"]
+[parameters.E]
+keys = ["materials.steel.E"]
+bounds = ["100 GPa", "300 GPa"]
+"""
+
+
 @pytest.fixture
-def scene(tmp_path: Path) -> Path:
-    (tmp_path / "scene.toml").write_text(CANTILEVER)
-    (tmp_path / "measured.uff").write_text(UFF)
-    (tmp_path / "targets.toml").write_text(
-        '[cases.a]\ntolerance = "1 %"\nfrequencies = ["60 Hz"]\n[parameters.E]\nkeys = ["materials.steel.E"]\n'
-        'bounds = ["100 GPa", "300 GPa"]\n'
-    )
-    return tmp_path / "scene.toml"
+def part(shell: Shell) -> Shell:
+    shell.write(CANTILEVER)
+    shell.write(TARGET, name="targets")
+    (shell.folder / "measured.uff").write_text(UFF)
+    return shell
 
 
-def test_every_file_that_converge_names_is_there(scene: Path) -> None:
+def test_every_file_that_converge_names_is_there(part: Shell) -> None:
     """With few meshes no number has a limit, and nothing is drawn."""
-    out = scene.parent / "out"
-    words = ["converge", str(scene), "--most-dofs", "1000", "-o", str(out)]
-    done = run_alone(scene.parent, *words)
-    named = re.search(r"results in .* \((.*)\)", done.stdout.replace("\n", " "))
-    assert done.returncode == 0 and named is not None, done.stdout + done.stderr
+    printed = part.prints("converge scene.toml --most-dofs 1000 -o out")
+    named = present(re.search(r"results in .* \((.*)\)", printed))
     names = named[1].split(", ")
     assert "convergence.csv" in names
-    assert [name for name in names if not (out / name).is_file()] == []
-    assert not (out / "convergence.png").is_file()
+    assert set(names) <= part.files("out")
+    assert "convergence.png" not in part.files("out")
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("line", "said"),
     [
-        (["identify", "scene.toml", "measured.uff"], "targets are read from a .toml file"),
-        (["identify", "scene.toml", "measured.uff"], "of a UFF file into [cases.NAME]"),
-        (["identify", "scene.toml", "scene.toml"], "is a scene, not a target file"),
-        (["identify", "targets.toml", "scene.toml"], "headstock identify SCENE TARGETS"),
-        (["run", "targets.toml"], "is a target file, not a scene"),
-        (["check", "part.step"], "`headstock new FOLDER --part FILE` writes one"),
-        (["run", "part.med"], "`headstock new FOLDER --part FILE` writes one"),
-        (["report", "scene.toml"], "is a file; name the folder that a run has written"),
+        ("identify scene.toml measured.uff", "targets are read from a .toml file"),
+        ("identify scene.toml measured.uff", "of a UFF file into [cases.NAME]"),
+        ("identify scene.toml scene.toml", "is a scene, not a target file"),
+        ("identify targets.toml scene.toml", "headstock identify SCENE TARGETS"),
+        ("run targets.toml", "is a target file, not a scene"),
+        ("check part.step", "`headstock new FOLDER --part FILE` writes one"),
+        ("run part.med", "`headstock new FOLDER --part FILE` writes one"),
+        ("report scene.toml", "is a file; name the folder that a run has written"),
     ],
 )
-def test_a_file_of_the_wrong_kind_is_called_that(scene: Path, words: list[str], said: str) -> None:
-    command, *files = words
-    done = run_alone(scene.parent, command, *(str(scene.parent / file) for file in files))
-    assert done.returncode == 2
-    assert said in " ".join((done.stdout + done.stderr).split())
+def test_a_file_of_the_wrong_kind_is_called_that(part: Shell, line: str, said: str) -> None:
+    assert said in part.refuses(line)
 
 
-def test_every_file_that_documents_and_help_name_is_written(
-    scene: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = scene.parent
-    monkeypatch.chdir(folder)
-    tables = "".join(
-        f"[analyses.{name}]\n{table}\n" for name, (_, table) in ANALYSES.items() if table
-    )
-    Path("slide.toml").write_text(
-        SCENE.replace("guide_errors", "cutting_force = true\nguide_errors") + tables
-    )
-    some = "".join(f"[analyses.{name}]\n{ANALYSES[name][1]}\n" for name in ("frf", "lobes"))
+def test_every_file_that_documents_and_help_name_is_written(part: Shell) -> None:
+    tables = {name: f"[analyses.{name}]\n{table}\n" for name, (_, table) in ANALYSES.items()}
+    asked = "".join(tables[name] for name, (_, table) in ANALYSES.items() if table)
+    part.write(SCENE + asked, ("guide_errors", "cutting_force = true\nguide_errors"), name="slide")
     # without what takes long
-    Path("bare.toml").write_text(SCENE)
-    Path("plain.toml").write_text(SCENE + some)
-    Path("fit.toml").write_text(TARGETS)
-    Path("probed.toml").write_text(CANTILEVER + PROBED)
-    for words in (
+    part.write(SCENE, name="bare")
+    part.write(SCENE + tables["frf"] + tables["lobes"], name="plain")
+    part.write(TARGETS, name="fit")
+    part.write(CANTILEVER + PROBED, name="probed")
+    for line in (
         "run slide.toml -o run",
         "report run",
         "run probed.toml -o probed --volume --no-figures",
@@ -124,8 +117,8 @@ def test_every_file_that_documents_and_help_name_is_written(
         "converge scene.toml -o converge",
         "show bare.toml",
     ):
-        done = run_alone(folder, *words.split())
-        assert done.returncode == 0, done.stdout + done.stderr
+        part(line)
+    folder = part.folder
     written = [str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()]
     sources = [*ROOT.glob("docs/*.md"), ROOT / "README.md", *ROOT.glob("app/commands/*.py")]
     named = {name for source in sources for name in NAMED_FILE.findall(source.read_text())}

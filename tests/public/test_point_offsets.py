@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 import headstock as hs
-from common import approx
+from common import approx, read_json
 from fixture_machines import machine, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -47,43 +47,40 @@ def test_the_tip_of_an_offset_moves_by_the_rotation_too(tmp_path: Path, fidelity
     assert result.compliance["ground_tool"] == approx(expected, rel=1e-8, abs=1e-16)
 
 
+LOBES = {
+    "speeds": ["3000 rpm", "6000 rpm", 2],
+    "mill": {"diameter": "20 mm", "teeth": 4},
+    "material": "al7075-t6",
+    "radial_depth": "5 mm",
+    "directions": ["x"],
+}
+EVERY: dict[str, object] = {
+    "components.ram.interfaces.side": {"face": "x+"},
+    "analyses.static": {},
+    "analyses.frf": {"from": "20 Hz", "to": "300 Hz", "points": 5, "adaptive": False},
+    "analyses.path.from": {"X": "-40 mm"},
+    "analyses.path.to": {"X": "40 mm"},
+    "analyses.path.feeds": ["3000 mm/min"],
+    "analyses.path.time_constant": "50 ms",
+    "analyses.lobes": LOBES,
+    "analyses.contouring.side": "20 mm",
+    "analyses.contouring.feed": "20 m/min",
+    "analyses.contouring.steps_per_turn": 24,
+}
+
+
 def test_every_analysis_takes_the_offset_as_an_interface_there(tmp_path: Path) -> None:
-    settings: dict[str, object] = {
-        "components.ram.interfaces.side": {"face": "x+"},
-        "analyses.static": {},
-        "analyses.frf": {"from": "20 Hz", "to": "300 Hz", "points": 5, "adaptive": False},
-        "analyses.path": {
-            "from": {"X": "-40 mm"},
-            "to": {"X": "40 mm"},
-            "feeds": ["3000 mm/min"],
-            "time_constant": "50 ms",
-        },
-        "analyses.lobes": {
-            "speeds": ["3000 rpm", "6000 rpm", 2],
-            "mill": {"diameter": "20 mm", "teeth": 4},
-            "material": "al7075-t6",
-            "radial_depth": "5 mm",
-            "directions": ["x"],
-        },
-        "analyses.contouring.side": "20 mm",
-        "analyses.contouring.feed": "20 m/min",
-        "analyses.contouring.steps_per_turn": 24,
-    }
     ways: dict[str, dict[str, object]] = {
         "interface": {"points.tcp.tool": "ram.side"},
         "offset": {"points.tcp.offset": [0.075, 0.0, -0.25]},
     }
     found = {}
     for name, way in ways.items():
-        hs.run(
-            hs.load(ROOT / "tests" / "data" / "mill.toml", set=settings | way),
-            output=tmp_path / name,
-        )
-        summary = json.loads((tmp_path / name / "summary.json").read_text())
-        found[name] = {
-            key: json.dumps(_rounded(summary[key]))
-            for key in ("static", "frf", "path", "lobes", "contouring")
-        }
+        machine = hs.load(ROOT / "tests" / "data" / "mill.toml", set=EVERY | way)
+        hs.run(machine, output=tmp_path / name)
+        summary = read_json(tmp_path / name / "summary.json")
+        answers = ("static", "frf", "path", "lobes", "contouring")
+        found[name] = {key: json.dumps(_rounded(summary[key])) for key in answers}
     assert found["interface"] == found["offset"]
 
 
@@ -96,32 +93,24 @@ def _rounded(value: object) -> object:
 
 
 def test_a_lumped_mechanism_takes_it_in_runs_and_sweeps() -> None:
-    machine = hs.load(
-        ROOT / "machines" / "tripteor.toml",
-        set={
-            "points.longer": {"tool": "spindle.tip", "work": "ground", "offset": [0.0, 0.01, -0.1]},
-            "sweeps.two": {"poses": ["config_1", "config_2"]},
-            "analyses": {"static": {}},
-        },
-    )
+    poses, offset = ["config_1", "config_2"], [0.0, 0.01, -0.1]
+    keys: dict[str, object] = {"sweeps.two": {"poses": poses}, "analyses": {"static": {}}}
+    keys["points.longer"] = {"tool": "spindle.tip", "work": "ground", "offset": offset}
+    machine = hs.load(ROOT / "machines" / "tripteor.toml", set=keys)
     result, swept = hs.run(machine), hs.sweep(machine, "two")
     pose = result.view.poses["config_1"]
     moved = carried(pose.points["longer"].tool_place - pose.points["tcp"].tool_place)
     assert np.linalg.norm(moved[:3, 3:]) == approx(np.sqrt(2.0) * np.hypot(0.01, 0.1))
     expected = moved @ result.static["config_1"]["tcp"].compliance @ moved.T
     assert result.static["config_1"]["longer"].compliance == approx(expected, rel=1e-8, abs=1e-16)
-    poses = ["config_1", "config_2"]
     expected = np.array([result.static[name]["longer"].compliance[:3, :3] for name in poses])
     assert swept.points["longer"].compliance == approx(expected, rel=1e-8, abs=1e-16)
 
 
 def test_one_entry_of_an_offset_can_be_varied(tmp_path: Path) -> None:
     scene = write_scene(tmp_path, BODY.replace("FIDELITY", "rigid"), name="arm")
-    table = hs.study(
-        scene,
-        vary={"points.longer.offset[2]": [0.0, -0.1]},
-        watch=["static.longer.compliance_um_per_kN[1][1]"],
-    )
+    watch = ["static.longer.compliance_um_per_kN[1][1]"]
+    table = hs.study(scene, vary={"points.longer.offset[2]": [0.0, -0.1]}, watch=watch)
     far, near = (next(iter(row.values.values())) for row in table.rows)
     assert isinstance(far, float) and isinstance(near, float) and near < 0.5 * far
 

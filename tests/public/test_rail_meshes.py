@@ -6,49 +6,38 @@ from pathlib import Path
 import pytest
 
 import headstock as hs
+from fixture_machines import machine, write_scene
 
-SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bed]
-solid = { box = ["400 mm", "40 mm", "30 mm"] }
-material = "steel"
-mesh = { MESH }
-interfaces = { foot = { face = "z-" }, way = { face = "z+", RAIL } }
-[components.table]
-solid = { box = ["80 mm", "40 mm", "10 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "30 mm"]
-fidelity = "rigid"
-interfaces = { block = { face = "z-" }, top = { face = "z+" } }
-[joints.clamp]
-between = ["bed.foot", "ground"]
-kind = "rigid"
-[joints.carriage]
-between = ["table.block", "bed.way"]
-kind = "linear_guide"
-axis = "x"
-length = "LENGTH"
-stiffness = { lateral = "400 N/um", normal = "500 N/um", pitch = "400 N m/mrad", yaw = "300 N m/mrad" }
+SCENE = machine("""
+machine = "rail"
+names = { slide = "table", bottom = "block" }
+without = ["axes", "points", "joints.foot.stiffness", "joints.foot.kind"]
+components.bed.solid = { box = ["400 mm", "40 mm", "30 mm"] }
+components.bed.mesh = "MESH"
+components.bed.interfaces = { foot = { face = "z-" }, way = "RAIL" }
+components.table.solid = { box = ["80 mm", "40 mm", "10 mm"] }
+components.table.at = ["0 mm", "0 mm", "30 mm"]
+joints.foot.kind = "rigid"
+joints.carriage.between = ["table.block", "bed.way"]
+joints.carriage.kind = "linear_guide"
+joints.carriage.axis = "x"
+joints.carriage.length = "LENGTH"
+joints.carriage.stiffness = { lateral = "400 N/um", normal = "500 N/um", pitch = "400 N m/mrad", yaw = "300 N m/mrad" }
+points.tip = { tool = "table.top", work = "ground" }
+analyses.static = {}
 [joints.drive]
 between = ["table.block", "bed.way"]
 kind = "linear_guide"
 axis = "y"
 length = "LENGTH"
 stiffness = { lateral = "400 N/um", normal = "500 N/um", pitch = "400 N m/mrad", yaw = "300 N m/mrad" }
-[points]
-tip = { tool = "table.top", work = "ground" }
-[analyses.static]
-"""
+""")
 
 
 def write(folder: Path, mesh: str, rail: str, length: str = "80 mm") -> Path:
-    scene = folder / "scene.toml"
-    text = SCENE.replace("MESH", mesh).replace("RAIL", rail).replace("LENGTH", length)
-    scene.write_text(text)
-    return scene
+    way = f'{{ face = "z+", {rail} }}'
+    changes = ('"MESH"', f"{{ {mesh} }}"), ('"RAIL"', way), ("LENGTH", length)
+    return write_scene(folder, SCENE, *changes)
 
 
 def size_of(words: str) -> str:
@@ -57,22 +46,19 @@ def size_of(words: str) -> str:
     return found[1]
 
 
+HEX, LINEAR = 'cells = "hex", size = "SIZE"', "order = 1, allow_locking = true, "
+RAIL = 'rail = { along = "x" }'
+RECT = 'rect = { center = ["20 mm", "0 mm"], size = ["300 mm", "40 mm"] }, '
+
+
 @pytest.mark.parametrize(
     ("mesh", "rail", "length"),
     [
-        ('cells = "hex", size = "SIZE"', 'rail = { along = "x" }', "80 mm"),
-        ('cells = "hex", size = "SIZE"', 'rail = { along = "x", control_points = 24 }', "60 mm"),
-        ('cells = "hex", size = "SIZE"', 'rail = { along = "x", control_points = 5 }', "400 mm"),
-        (
-            'cells = "hex", order = 1, allow_locking = true, size = "SIZE"',
-            'rail = { along = "x" }',
-            "80 mm",
-        ),
-        (
-            'cells = "hex", size = "SIZE"',
-            'rect = { center = ["20 mm", "0 mm"], size = ["300 mm", "40 mm"] }, rail = { along = "x" }',
-            "80 mm",
-        ),
+        (HEX, RAIL, "80 mm"),
+        (HEX, 'rail = { along = "x", control_points = 24 }', "60 mm"),
+        (HEX, 'rail = { along = "x", control_points = 5 }', "400 mm"),
+        (LINEAR + HEX, RAIL, "80 mm"),
+        (HEX, RECT + RAIL, "80 mm"),
     ],
 )
 def test_check_plan_and_run_name_a_size_that_all_of_them_accept(
@@ -108,16 +94,10 @@ def test_a_strip_whose_tets_are_small_is_not_doubted(tmp_path: Path) -> None:
 
 
 def test_a_rail_with_a_gap_is_told_to_close_it(tmp_path: Path) -> None:
-    pieces = ", ".join(
-        f'{{ face = "z+", rect = {{ center = ["{x} mm", "0 mm"], size = ["60 mm", "40 mm"] }} }}'
-        for x in (-170, 170)
-    )
-    scene = write(
-        tmp_path,
-        'cells = "hex", size = "10 mm"',
-        f'patches = [{pieces}], rail = {{ along = "x", control_points = 16 }}',
-        "60 mm",
-    )
+    piece = '{{ face = "z+", rect = {{ center = ["{0} mm", "0 mm"], size = ["60 mm", "40 mm"] }} }}'
+    pieces = ", ".join(piece.format(x) for x in (-170, 170))
+    rail = f'patches = [{pieces}], rail = {{ along = "x", control_points = 16 }}'
+    scene = write(tmp_path, HEX.replace("SIZE", "10 mm"), rail, "60 mm")
     scene.write_text(scene.read_text().replace('way = { face = "z+", ', "way = { "))
     with pytest.raises(hs.SceneError, match="gap of 280 mm"):
         hs.check(scene)

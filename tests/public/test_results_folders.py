@@ -47,10 +47,9 @@ JOBS: tuple[Job, ...] = (
 
 def note(folder: Path, name: str, content: bytes) -> None:
     """A line of the list of files that a command wrote."""
+    line = json.dumps({"file": name, "sha256": hashlib.sha256(content).hexdigest()})
     with (folder / ".headstock-files").open("a") as listing:
-        listing.write(
-            json.dumps({"file": name, "sha256": hashlib.sha256(content).hexdigest()}) + "\n"
-        )
+        listing.write(f"{line}\n")
 
 
 @pytest.mark.parametrize("job", JOBS, ids=[name for name, _ in JOBS])

@@ -66,9 +66,8 @@ def test_a_study_is_a_frame_of_floats_with_units_in_its_heads(scene: Path) -> No
     stiffness, frequency = "joints.foot.stiffness.x [N/m]", "modal.frequencies_hz[0] [Hz]"
     compliance = "static.tcp.compliance_um_per_kN[0][0] [um/kN]"
     assert list(frame) == [stiffness, "name", frequency, compliance, "seconds [s]", "status"]
-    assert [str(frame[name].dtype) for name in (stiffness, frequency, compliance)] == [
-        "float64"
-    ] * 3
+    numbers = (stiffness, frequency, compliance)
+    assert [str(frame[name].dtype) for name in numbers] == ["float64"] * 3
     assert frame[stiffness].tolist() == [1e3, 1e3, 2e6, 2e6]
     assert frame["name"].tolist() == ["a", "b", "a", "b"]
     assert np.isfinite(frame[frequency]).all()
@@ -94,8 +93,7 @@ def test_sweeps_and_comparisons_are_short_too() -> None:
     assert len(repr(swept)) < 400
     assert "9 done" in repr(swept)
     assert swept._repr_html_().count("<tr>") == 10
-    found = hs.compare(
-        ROOT / "tests" / "data" / "segmented_column.toml", fidelities=["rigid", "segmented"]
-    )
+    column = ROOT / "tests" / "data" / "segmented_column.toml"
+    found = hs.compare(column, fidelities=["rigid", "segmented"])
     assert len(repr(found)) < 400
     assert "rigid, segmented" in repr(found)

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 import headstock as hs
+from fixture_machines import write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINES = [path for path in (ROOT / "machines").glob("*.toml") if "_targets" not in path.stem]
@@ -49,9 +50,7 @@ stiffness = { vertical = "STIFFNESS", horizontal = "STIFFNESS" }
 
 
 def warnings_of(folder: Path, text: str) -> list[str]:
-    path = folder / "scene.toml"
-    path.write_text(HEAD + text)
-    return list(hs.check(path))
+    return list(hs.check(write_scene(folder, HEAD + text)))
 
 
 @pytest.mark.parametrize("path", MACHINES, ids=lambda path: path.stem)
@@ -140,18 +139,16 @@ def test_a_support_that_sinks(tmp_path: Path, text: str, words: str) -> None:
     assert all(words in each and "soft = true" in each for each in found)
 
 
-BAR = """*NODE
-1, 0, 0, 0
-2, {0}, 0, 0
-3, {0}, {0}, 0
-4, 0, {0}, 0
-5, 0, 0, {0}
-6, {0}, 0, {0}
-7, {0}, {0}, {0}
-8, 0, {0}, {0}
-*ELEMENT, TYPE=C3D8, ELSET=ALL
-1, 1, 2, 3, 4, 5, 6, 7, 8
-"""
+CORNERS = "000 100 110 010 001 101 111 011".split()  # noqa: SIM905
+
+
+def cube(size: float) -> str:
+    """A mesh of one cell."""
+    nodes = [", ".join(str(size * int(one)) for one in corner) for corner in CORNERS]
+    lines = [f"{number}, {node}\n" for number, node in enumerate(nodes, 1)]
+    return f"*NODE\n{''.join(lines)}*ELEMENT, TYPE=C3D8, ELSET=ALL\n1, 1, 2, 3, 4, 5, 6, 7, 8\n"
+
+
 MESH = """
 [components.part]
 solid = { mesh = "part.inp"UNIT }
@@ -178,14 +175,21 @@ soft = true
     ],
 )
 def test_the_unit_of_a_mesh_in_doubt(tmp_path: Path, size: float, unit: str, words: str) -> None:
-    (tmp_path / "part.inp").write_text(BAR.format(size))
-    found = [
-        each for each in warnings_of(tmp_path, MESH.replace("UNIT", unit)) if "part.inp" in each
-    ]
-    assert len(found) == bool(words)
-    assert all(words in each for each in found)
-    ran = [each for each in hs.run(tmp_path / "scene.toml").warnings if "part.inp" in each]
-    assert len(ran) == bool(words)
+    (tmp_path / "part.inp").write_text(cube(size))
+    checked = warnings_of(tmp_path, MESH.replace("UNIT", unit))
+    for warnings in (checked, hs.run(tmp_path / "scene.toml").warnings):
+        found = [each for each in warnings if "part.inp" in each]
+        assert len(found) == bool(words)
+        assert words in "".join(found)
+
+
+LOBES = {
+    "speeds": ["3000 rpm", "6000 rpm", 2],
+    "mill": {"diameter": "20 mm", "teeth": 4},
+    "material": "al7075-t6",
+    "radial_depth": "5 mm",
+    "tool_modes": [{"name": "a", "frequency": "900 Hz", "damping": 4, "stiffness": "60 N/um"}],
+}
 
 
 @pytest.mark.parametrize(
@@ -195,42 +199,33 @@ def test_the_unit_of_a_mesh_in_doubt(tmp_path: Path, size: float, unit: str, wor
         {"effects": {"damping": {"modal": ["2 %", "100 %"]}}},
         {"materials.steel.loss_factor": 1.0},
         {"joints.foot_1.loss_factor": "150 %"},
-        {
-            "analyses.lobes": {
-                "speeds": ["3000 rpm", "6000 rpm", 2],
-                "mill": {"diameter": "20 mm", "teeth": 4},
-                "material": "al7075-t6",
-                "radial_depth": "5 mm",
-                "tool_modes": [
-                    {"name": "a", "frequency": "900 Hz", "damping": 4, "stiffness": "60 N/um"}
-                ],
-            }
-        },
+        {"analyses.lobes": LOBES},
     ],
 )
 def test_damping_of_a_hundred_per_cent_is_refused(
     tmp_path: Path, setting: dict[str, object]
 ) -> None:
-    path = tmp_path / "scene.toml"
     points = '[points]\ntcp = { tool = "bed.top", work = "ground" }\n'
-    path.write_text(HEAD + BED + points + FEET.replace("STIFFNESS", "200 N/um"))
+    path = write_scene(tmp_path, HEAD + BED + points + FEET, ("STIFFNESS", "200 N/um"))
     with pytest.raises(hs.SceneError, match=r"lies between 0 and 1 \(100 %\)"):
         hs.load(path, set=setting)
 
 
-def test_fewer_modes_than_asked_for_have_a_reason(tmp_path: Path) -> None:
-    path = tmp_path / "scene.toml"
-    chain = '[chains.c]\nfrom = "ground"\naxis = "x"\nmasses = ["1 kg", "2e-19 kg", "1 kg"]\n'
+@pytest.mark.parametrize(
+    ("mass", "count", "words"),
+    [
+        ("2e-19", 3, ("2 modes of the 3", "c_2 (2e-19 kg)", "inertia")),
+        ("2", None, ()),
+        ("2", 9, ("3 modes of the 9", "3 degrees of freedom")),
+    ],
+)
+def test_fewer_modes_than_asked_for_have_a_reason(
+    tmp_path: Path, mass: str, count: int | None, words: tuple[str, ...]
+) -> None:
+    chain = '[chains.c]\nfrom = "ground"\naxis = "x"\nmasses = ["1 kg", "MASS kg", "1 kg"]\n'
     springs = 'stiffness = ["1 N/um", "2 N/um", "1 N/um"]\n'
-    path.write_text(f"[analyses.modal]\ncount = 3\n{chain}{springs}")
-    (found,) = [each for each in hs.run(path).warnings if "modal.count" in each]
-    assert all(words in found for words in ("2 modes of the 3", "c_2 (2e-19 kg)", "inertia"))
-    path.write_text(f"[analyses.modal]\n{chain}{springs}".replace("2e-19", "2"))
-    assert [each for each in hs.run(path).warnings if "modal.count" in each] == []
-    (found,) = [
-        each
-        for each in hs.run(hs.load(path, set={"analyses.modal.count": 9})).warnings
-        if "modal.count" in each
-    ]
-    assert "3 modes of the 9" in found
-    assert "3 degrees of freedom" in found
+    path = write_scene(tmp_path, f"[analyses.modal]\n{chain}{springs}", ("MASS", mass))
+    machine = hs.load(path, set={"analyses.modal.count": count} if count else {})
+    found = [each for each in hs.run(machine).warnings if "modal.count" in each]
+    assert len(found) == bool(words)
+    assert all(word in found[0] for word in words)

@@ -5,6 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -19,7 +20,9 @@ from headstock.app.charts.sweep import draw_sweep
 from headstock.app.drawings.frf import draw_overlay
 from headstock.app.report.pages import render_comparison
 from headstock.app.texts.curves import response_unit, round_ticks
+from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.scene.reading.files import TomlValue
 from headstock.scene.studies import Study, StudyFamily, Sweep
 from headstock.studies.comparison_summary import ComparisonSummary, _LinkSummary
 from headstock.studies.parameters.records import StudyRecord
@@ -55,25 +58,12 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
 def make_table(counts: int, youngs: tuple[str | float, ...], watched: int = 2) -> StudyTable:
     vary = {YOUNG: youngs, COUNT: tuple(range(1, counts + 1))}
     study = Study("s", (StudyFamily("", "", {}, vary),), ("modal.frequencies_hz",))
-    records = [
-        StudyRecord(
-            key=f"{young} {count}",
-            family="",
-            varied={YOUNG: young, COUNT: count},
-            status="done",
-            summary={
-                "modal": [
-                    {
-                        "pose_name": "p",
-                        "frequencies_hz": [
-                            100.0 * number + count + index for index in range(watched)
-                        ],
-                    }
-                ]
-            },
-        )
-        for (number, young), count in itertools.product(enumerate(youngs), range(1, counts + 1))
-    ]
+    records = []
+    for (number, young), count in itertools.product(enumerate(youngs), range(1, counts + 1)):
+        hz = [100.0 * number + count + index for index in range(watched)]
+        summary = {"modal": [{"pose_name": "p", "frequencies_hz": hz}]}
+        varied: dict[str, TomlValue] = {YOUNG: young, COUNT: count}
+        records.append(StudyRecord(f"{young} {count}", "", varied, "done", summary=summary))
     return tabulate_study(study, records)
 
 
@@ -84,9 +74,8 @@ def test_every_series_of_a_study_is_drawn_and_its_legend_is_whole(figures: list[
     looks = {(line.get_color(), line.get_linestyle()) for line in figure.axes[0].get_lines()}
     assert len(looks) == 20
     (legend,) = figure.legends
-    assert [
-        text.get_text().replace("\n", " ").rpartition(" ")[2] for text in legend.get_texts()
-    ] == [str(n) for n in range(1, 21)]
+    words = [text.get_text().split()[-1] for text in legend.get_texts()]
+    assert words == [str(n) for n in range(1, 21)]
     box, page = legend.get_window_extent(), figure.bbox
     assert page.x0 <= box.x0 and box.x1 <= page.x1 and page.y0 <= box.y0 and box.y1 <= page.y1
     panel = figure.axes[0].get_tightbbox()
@@ -96,18 +85,17 @@ def test_every_series_of_a_study_is_drawn_and_its_legend_is_whole(figures: list[
 def test_quantities_stand_on_an_axis_of_numbers_with_their_unit_and_titles_are_words(
     figures: list[Figure],
 ) -> None:
+    def places(axes: Axes) -> FloatArray:
+        return np.asarray(axes.get_lines()[0].get_xdata(), dtype=float)
+
     draw_study(make_table(2, ("110 GPa", "150 GPa", "210 GPa")))
     axes = figures[0].axes[0]
-    np.testing.assert_allclose(
-        np.asarray(axes.get_lines()[0].get_xdata(), dtype=float), [110.0, 150.0, 210.0]
-    )
+    np.testing.assert_allclose(places(axes), [110.0, 150.0, 210.0])
     assert [label.get_text() for label in axes.get_xticklabels()] == ["110", "150", "210"]
     assert axes.get_xlabel() == "materials.steel.E [GPa]"
     assert axes.get_title("left") == "frequency 1 [Hz]"
     draw_study(make_table(2, ("210 GPa", "1.5e5 MPa")))
-    np.testing.assert_allclose(
-        np.asarray(figures[1].axes[0].get_lines()[0].get_xdata(), dtype=float), [1.5e11, 2.1e11]
-    )
+    np.testing.assert_allclose(places(figures[1].axes[0]), [1.5e11, 2.1e11])
     assert figures[1].axes[0].get_xlabel() == "materials.steel.E [Pa]"
 
 
@@ -125,20 +113,15 @@ def test_words_among_quantities_are_no_numbers() -> None:
     assert found is not None and (found.unit, found.values) == ("Pa", (110e9, 200e9))
 
 
+COMPLIANCE = "compliance_um_per_kN"
+
+
 @pytest.mark.parametrize(
     ("path", "short", "title"),
     [
         ("modal.frequencies_hz[0]", "frequencies_hz[0]", "frequency 1 [Hz]"),
-        (
-            "static.tcp.compliance_um_per_kN[0][2]",
-            "compliance_um_per_kN[0][2]",
-            "compliance xz [µm/kN]",
-        ),
-        (
-            "static.a.compliance_um_per_kN[0][0]",
-            "a.compliance_um_per_kN[0][0]",
-            "a compliance xx [µm/kN]",
-        ),
+        (f"static.tcp.{COMPLIANCE}[0][2]", f"{COMPLIANCE}[0][2]", "compliance xz [µm/kN]"),
+        (f"static.a.{COMPLIANCE}[0][0]", f"a.{COMPLIANCE}[0][0]", "a compliance xx [µm/kN]"),
         ("totals.mass_kg", "mass_kg", "mass [kg]"),
         ("seconds", "seconds", "seconds [s]"),
         ("modal.rigid_count", "rigid_count", "rigid count"),
@@ -152,62 +135,37 @@ def test_labels_that_would_touch_are_moved_up() -> None:
     assert _spread_labels([1.0, 1.1, 5.0], 1.0) == [1.0, 2.0, 5.0]
 
 
-def make_comparison() -> ComparisonSummary:
-    def variant() -> dict[str, object]:
-        point = {
-            "compliance_um_per_kN": np.diag([1010.2, 2.0, 3.0]).tolist(),
-            "compliance_6x6": np.eye(6).tolist(),
-            "weak_link": dict.fromkeys("xyz"),
-            "error_um_per_kN": {"x": 0.12, "y": 0.01, "z": None},
-            "error_share": {"x": {"discretisation": 0.12}},
-        }
-        seconds = dict.fromkeys(
-            ("load", "components", "couple", "modes", "static", "frf", "others", "total"), 1.0
-        )
-        effort = {"seconds": seconds, "cpu_seconds": seconds, "elastic_components": 0}
-        errors = {
-            "error_hz": [0.5] * 4,
-            "error_share": [{"discretisation": 0.5}] * 4,
-            "error_left_out": [],
-            "rigid_count": 0,
-        }
-        effort |= {"from_store": 0, "peak_rss_mb": 100.0}
-        return (
-            {
-                "static": {"tcp": point},
-                "frf": [],
-                "others": {},
-                "mac": [],
-                "failures": [],
-                "effort": effort,
-            }
-            | dict.fromkeys(("full_dofs", "reduced_dofs", "coupled_dofs"), 6)
-            | errors
-        )
+STEPS = ("load", "components", "couple", "modes", "static", "frf", "others", "total")
 
+
+def make_variant() -> dict[str, object]:
+    point = {
+        "compliance_um_per_kN": np.diag([1010.2, 2.0, 3.0]).tolist(),
+        "compliance_6x6": np.eye(6).tolist(),
+        "weak_link": dict.fromkeys("xyz"),
+        "error_um_per_kN": {"x": 0.12, "y": 0.01, "z": None},
+        "error_share": {"x": {"discretisation": 0.12}},
+    }
+    seconds = dict.fromkeys(STEPS, 1.0)
+    effort = {"seconds": seconds, "cpu_seconds": seconds, "elastic_components": 0}
+    effort |= {"from_store": 0, "peak_rss_mb": 100.0}
+    variant = {"static": {"tcp": point}, "frf": [], "others": {}, "mac": [], "failures": []}
+    variant |= {"effort": effort, "error_hz": [0.5] * 4, "error_left_out": [], "rigid_count": 0}
+    variant |= dict.fromkeys(("full_dofs", "reduced_dofs", "coupled_dofs"), 6)
+    return variant | {"error_share": [{"discretisation": 0.5}] * 4}
+
+
+def make_comparison() -> ComparisonSummary:
     names = [f"variant_with_a_long_name_{number}" for number in range(7)]
-    hz = (1010.2, 1010.4, 1012.0, 99.5)
-    rows = [
-        {
-            "name": f"part bends {number}",
-            "origin": names[0],
-            "variants": {
-                name: {
-                    "number": number + 1,
-                    "frequency_hz": value,
-                    "error_hz": 0.5,
-                    "deviation": 0.0,
-                    "mac": 1.0,
-                }
-                for name in names
-            },
-        }
-        for number, value in enumerate(hz)
-    ]
-    return sketch(ComparisonSummary, {
-        "scene": "s", "pose": "p", "reference": names[0], "mac_threshold": 0.5, "modes": rows, "variants": {name: variant() for name in names},
-        "columns": names, "not_computed": {}, "verdicts": {}, "not_compared": [],
-    })  # fmt: skip
+    rows = []
+    for number, hz in enumerate((1010.2, 1010.4, 1012.0, 99.5)):
+        cell = {"number": number + 1, "frequency_hz": hz, "error_hz": 0.5, "deviation": 0.0}
+        variants = {name: cell | {"mac": 1.0} for name in names}
+        rows.append({"name": f"part bends {number}", "origin": names[0], "variants": variants})
+    found = {"scene": "s", "pose": "p", "reference": names[0], "mac_threshold": 0.5}
+    found |= {"modes": rows, "variants": {name: make_variant() for name in names}}
+    found |= {"columns": names, "not_computed": {}, "verdicts": {}, "not_compared": []}
+    return sketch(ComparisonSummary, found)
 
 
 def test_labels_of_a_comparison_do_not_touch_and_have_no_bare_point(figures: list[Figure]) -> None:
@@ -219,12 +177,8 @@ def test_labels_of_a_comparison_do_not_touch_and_have_no_bare_point(figures: lis
     boxes = [text.get_window_extent() for text in texts if text.get_text()[0].isdigit()]
     assert len(boxes) == 4 * 7
     for one, other in itertools.combinations(boxes, 2):
-        assert (
-            one.x1 <= other.x0
-            or other.x1 <= one.x0
-            or one.y1 <= other.y0 + 1.0
-            or other.y1 <= one.y0 + 1.0
-        )
+        apart = one.x1 <= other.x0 or other.x1 <= one.x0
+        assert apart or one.y1 <= other.y0 + 1.0 or other.y1 <= one.y0 + 1.0
     (legend,) = bars.legends
     assert legend.get_window_extent().x0 >= 0.0 and legend.get_window_extent().x1 <= bars.bbox.x1
 
@@ -239,29 +193,19 @@ def test_a_comparison_of_single_parts_names_no_weak_links() -> None:
 
 
 def test_colour_bars_of_a_sweep_hold_whole_numbers_not_offsets(figures: list[Figure]) -> None:
-    sweep = Sweep(
-        name="plane",
-        kind="grid",
-        axes=("X", "Y"),
-        units=("m", "rad"),
-        positions=np.array([[0.0, 0.0], [0.0, 1.0], [0.1, 0.0], [0.1, 1.0]]),
-        shape=(2, 2),
+    positions = np.array([[0.0, 0.0], [0.0, 1.0], [0.1, 0.0], [0.1, 1.0]])
+    nothing: dict[str, Any] = {"modes": None, "tracked": None, "points": {}, "figures": {}}
+    found = SweepResults(
+        name="machine",
+        key="",
+        sweep=Sweep("plane", "grid", ("X", "Y"), ("m", "rad"), positions, (2, 2)),
+        states=("done",) * 4,
+        errors=("",) * 4,
+        shapes=np.zeros((4, 0, 0), dtype=np.float32),
+        condition=np.array([1.10801, 1.10802, 1.10803, 1.10804]),
+        **nothing,
     )
-    draw_sweep(
-        SweepResults(
-            name="machine",
-            key="",
-            sweep=sweep,
-            states=("done",) * 4,
-            errors=("",) * 4,
-            modes=None,
-            tracked=None,
-            shapes=np.zeros((4, 0, 0), dtype=np.float32),
-            points={},
-            condition=np.array([1.10801, 1.10802, 1.10803, 1.10804]),
-            figures={},
-        )
-    )
+    draw_sweep(found)
     bar = figures[0].axes[1]
     assert bar.yaxis.get_offset_text().get_text() == ""
     labels = [float(label.get_text()) for label in bar.get_yticklabels() if label.get_text()]
@@ -311,12 +255,8 @@ def test_the_responses_of_all_poses_are_drawn_over_each_other(figures: list[Figu
     assert words[2][-2:] == ["pose a", "pose b"]
     assert words[0][-4:] == ["20", "50", "100", "200 Hz"]
     drawn = str(draw_overlay(curves, "all"))
-    assert (
-        drawn.count("<path") == 2 * 2
-        and "pose a" in drawn
-        and "pose b" in drawn
-        and ">50<" in drawn
-    )
+    assert drawn.count("<path") == 2 * 2
+    assert "pose a" in drawn and "pose b" in drawn and ">50<" in drawn
     assert "frf_all_poses" not in _draw_responses(curves[:1])
 
 
@@ -325,19 +265,13 @@ def test_compliances_are_shown_in_one_unit_everywhere() -> None:
 
 
 def make_rows(factor: float) -> list[ValidationRow]:
-    return [
-        dataclasses.replace(
-            compare_value(
-                compliance_name(variant, fidelity, axis),
-                factor * right,
-                Target(right, "um/kN", float("nan"), "shown only"),
-            ),
-            case=CASE,
-        )
-        for variant in VARIANTS
-        for fidelity in FIDELITIES
-        for axis, right in MEASURED_COMPLIANCE.items()
-    ]
+    models = itertools.product(VARIANTS, FIDELITIES, MEASURED_COMPLIANCE.items())
+    rows = []
+    for variant, fidelity, (axis, right) in models:
+        target = Target(right, "um/kN", float("nan"), "shown only")
+        row = compare_value(compliance_name(variant, fidelity, axis), factor * right, target)
+        rows.append(dataclasses.replace(row, case=CASE))
+    return rows
 
 
 def test_the_figure_shows_the_deviations_of_the_rows() -> None:
