@@ -24,9 +24,7 @@ def box_faces() -> list[CadFace]:
             area = float(np.prod([SIZE[i] for i in range(3) if i != axis]))
             faces.append(
                 CadFace(
-                    len(faces) + 1,
-                    "plane",
-                    area,
+                    *(len(faces) + 1, "plane", area),
                     center=as_vector(0.5 * (low + high)),
                     normal=as_vector(normal),
                     low=as_vector(low),

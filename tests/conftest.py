@@ -23,16 +23,7 @@ SOURCE = {"test_contributing.py", "test_layering.py", "test_release_check.py", "
 NAMED = re.compile(r'"(headstock\.[\w.]+)"')
 # what `./headstock test --quick` leaves out, but for the tests of the kind smoke
 SLOW_KINDS = (
-    "fem",
-    "scenes",
-    "process",
-    "mpi",
-    "faults",
-    "trials",
-    "slow",
-    "hard",
-    "documents",
-    "source",
+    *("fem", "scenes", "process", "mpi", "faults", "trials", "slow", "hard", "documents", "source"),
 )
 
 
@@ -154,10 +145,8 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     for item in items:
-        kinds = kinds_of(item.path) | (
-            {"fem"} if "dense" in getattr(item, "fixturenames", ()) else set()
-        )
-        for kind in sorted(kinds):
+        dense = {"fem"} if "dense" in getattr(item, "fixturenames", ()) else set()
+        for kind in sorted(kinds_of(item.path) | dense):
             item.add_marker(kind)
     for marker in ("faults", "trials"):  # minutes to hours, only when they are asked for
         if marker not in config.option.markexpr:
@@ -166,14 +155,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             items[:] = [item for item in items if item not in left_out]
     # files that take long first (stable): in the end both workers have short tests left, and
     # neither waits for the other
+    weights = {"process": 2, "mpi": 2, "documents": 2, "fem": 1}
     lengths = {item.path: 0 for item in items}
     for item in items:
-        length = sum(
-            item.get_closest_marker(kind) is not None for kind in ("process", "mpi", "documents")
-        )
-        lengths[item.path] = max(
-            lengths[item.path], 2 * length + (item.get_closest_marker("fem") is not None)
-        )
+        length = sum(weights[kind] for kind in weights if item.get_closest_marker(kind))
+        lengths[item.path] = max(lengths[item.path], length)
     items.sort(key=lambda item: -lengths[item.path])
 
 
@@ -197,11 +183,8 @@ def pytest_collection_finish() -> None:
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
-    if (
-        session.config.getoption("--none-skipped")
-        and reporter is not None
-        and reporter.stats.get("skipped")
-    ):
+    skipped = reporter is not None and reporter.stats.get("skipped")
+    if skipped and session.config.getoption("--none-skipped"):
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
@@ -213,13 +196,11 @@ def refuse_slow_kinds(event: str, details: tuple[object, ...]) -> None:
         return
     starts = event in ("subprocess.Popen", "os.fork", "os.posix_spawn")
     if starts and running[0].get_closest_marker("smoke") is None:
-        raise RuntimeError(
-            f"this test starts a process: pytestmark = pytest.mark.process is missing ({details[0]})"
-        )
+        lacks = "pytestmark = pytest.mark.process is missing"
+        raise RuntimeError(f"this test starts a process: {lacks} ({details[0]})")
     if event == "import" and details[0] in ELASTIC:
-        raise RuntimeError(
-            f"this test imports {details[0]}: pytestmark = pytest.mark.fem is missing"
-        )
+        lacks = "pytestmark = pytest.mark.fem is missing"
+        raise RuntimeError(f"this test imports {details[0]}: {lacks}")
 
 
 running: list[pytest.Item] = []

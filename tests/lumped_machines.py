@@ -58,19 +58,16 @@ def two_node_body(
     places = {"foot": np.zeros(3), "head": np.array([0.0, 0.0, length])}
     component = _component(name, mass, places, placement)
     middle = np.array([0.0, 0.0, 0.5 * length])
-    stretch = np.hstack(
-        [-rigid_transfer(places["foot"], middle), rigid_transfer(places["head"], middle)]
-    )
+    foot, head = (rigid_transfer(place, middle) for place in places.values())
+    stretch = np.hstack([-foot, head])
     half = 0.5 * mass * np.diag([1.0, 1.0, 1.0, *([(0.1 * length) ** 2] * 3)])
-    inertia = mass * np.diag([0.25 * length**2, 0.25 * length**2, 0.0]) + mass * (
-        0.1 * length
-    ) ** 2 * np.eye(3)
+    inertia = mass * length**2 * np.diag([0.26, 0.26, 0.01])
     return component, Superelement(
         name=name,
         labels=tuple((node, dof) for node in places for dof in DOF_NAMES),
         frames=tuple(Frame(place) for place in places.values()),
         interface_maps={
-            node: InterfaceMap(i, Frame(place)) for i, (node, place) in enumerate(places.items())
+            node: InterfaceMap(i, Frame(places[node])) for i, node in enumerate(places)
         },
         stiffness=stretch.T @ np.diag(np.asarray(stiffness, dtype=float)) @ stretch,
         mass=np.asarray(np.kron(np.eye(2), half), dtype=np.float64),
@@ -117,10 +114,7 @@ def lumped_machine(
         "lumped",
         {component.name: component for component, _ in bodies},
         {joint.name: joint for joint in joints},
-        {
-            name: Point(name, _end(tool), _end(work))
-            for name, (tool, work) in (points or {}).items()
-        },
+        {name: Point(name, *map(_end, ends)) for name, ends in (points or {}).items()},
     )
     return {superelement.name: superelement for _, superelement in bodies}, machine
 

@@ -13,6 +13,7 @@ from headstock.scene.reading.findings import Findings
 from headstock.scene.scene import Scene
 
 ROOT = Path(__file__).resolve().parents[2]
+COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
 MACHINES = sorted(
     path for path in (ROOT / "machines").glob("*.toml") if not path.stem.endswith("_targets")
 )
@@ -76,17 +77,16 @@ def test_the_comparison_of_this_file_sees_a_change_of_one_number() -> None:
 
 
 def build_column(analyses: Mapping[str, Mapping[str, object]] | None = None) -> hs.Machine:
+    column = hs.Component(
+        solid=hs.Box("38 mm", 0.1, np.float64(0.5)),
+        material="steel",
+        fidelity="segmented",
+        interfaces={"foot": hs.Interface(face="z-"), "tip": hs.Interface(face="z+")},
+    )
     return hs.Machine(
         analyses=analyses or {},
         materials={"steel": hs.Material(E=2.1e11, nu=0.3, rho="7850 kg/m^3")},
-        components={
-            "column": hs.Component(
-                solid=hs.Box("38 mm", 0.1, np.float64(0.5)),
-                material="steel",
-                fidelity="segmented",
-                interfaces={"foot": hs.Interface(face="z-"), "tip": hs.Interface(face="z+")},
-            )
-        },
+        components={"column": column},
         joints={"clamp": hs.Joint(between=["ground", "column.foot"], kind="rigid")},
         points={"tcp": hs.Point(tool="column.tip", work="ground")},
     )
@@ -94,7 +94,7 @@ def build_column(analyses: Mapping[str, Mapping[str, object]] | None = None) -> 
 
 def test_a_machine_of_nouns_is_the_machine_of_the_file(tmp_path: Path) -> None:
     built = build_column()
-    assert built == hs.load(ROOT / "tests" / "data" / "segmented_column.toml")
+    assert built == hs.load(COLUMN)
     text = built.save(tmp_path / "column.toml").read_text()
     assert 'box = ["38 mm", "100 mm", "500 mm"]' in text
     assert 'E = "210 GPa"' in text
@@ -103,9 +103,7 @@ def test_a_machine_of_nouns_is_the_machine_of_the_file(tmp_path: Path) -> None:
 
 def test_a_machine_without_a_file_runs() -> None:
     built = build_column(analyses={"modal": {"count": 2}})
-    from_file = hs.load(ROOT / "tests" / "data" / "segmented_column.toml").change(
-        set={"analyses.modal": {"count": 2}}
-    )
+    from_file = hs.load(COLUMN, set={"analyses.modal": {"count": 2}})
     first, second = (hs.run(each).modes["reference"] for each in (built, from_file))
     assert np.array_equal(first.frequencies_hz, second.frequencies_hz)
     assert 120.0 < first.frequencies_hz[0] < 135.0
@@ -127,12 +125,8 @@ def test_a_noun_reads_in_si_units_and_compares_by_value() -> None:
 
 
 def test_a_rotational_stiffness_takes_its_own_si_unit() -> None:
-    joint = hs.Joint(
-        between=["a.b", "c.d"],
-        kind="linear_guide",
-        axis="x",
-        stiffness={"lateral": 4e8, "normal": 5e8, "pitch": 4e5},
-    )
+    values = {"lateral": 4e8, "normal": 5e8, "pitch": 4e5}
+    joint = hs.Joint(between=["a.b", "c.d"], kind="linear_guide", axis="x", stiffness=values)
     assert str(joint.table["stiffness"]).count("N/um") == 2
     stiffness = joint.stiffness
     assert isinstance(stiffness, dict)
@@ -172,8 +166,7 @@ def test_files_go_with_a_machine_that_is_saved_and_no_other_file_is_written_over
 
 def test_a_variant_is_applied_before_settings() -> None:
     path = ROOT / "machines" / "three_axis.toml"
-    both = hs.load(path, variant="R", set={"components.y_base.fidelity": "segmented"})
-    assert both == hs.load(path).change(
-        variant="R", set={"components.y_base.fidelity": "segmented"}
-    )
+    setting = {"components.y_base.fidelity": "segmented"}
+    both = hs.load(path, variant="R", set=setting)
+    assert both == hs.load(path).change(variant="R", set=setting)
     assert both.scene.variant == "R"

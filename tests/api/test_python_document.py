@@ -100,25 +100,25 @@ def test_the_first_notebook_runs_from_its_folder(
     assert "mode 01 shape [m/sqrt(kg)]" in arrays
 
 
-@pytest.mark.trials
-def test_the_notebook_of_the_workspace_reaches_every_pose(
-    run_notebook: Callable[[str], list[object]],
-) -> None:
-    assert run_notebook("workspace")[0] == 21
+TRIAL = pytest.mark.trials
 
 
 @pytest.mark.parametrize(
     "name",
     [
         "frf_and_chatter",
-        pytest.param("mesh_convergence", marks=pytest.mark.trials),
-        pytest.param("step_part", marks=pytest.mark.trials),
+        pytest.param("mesh_convergence", marks=TRIAL),
+        pytest.param("step_part", marks=TRIAL),
+        pytest.param("workspace", marks=TRIAL),
     ],
 )
 def test_a_notebook_runs_from_its_folder(
     name: str, run_notebook: Callable[[str], list[object]]
 ) -> None:
-    assert run_notebook(name)
+    shown = run_notebook(name)
+    assert shown
+    # poses that are reached
+    assert name != "workspace" or shown[0] == 21
 
 
 def test_every_notebook_has_its_test_and_its_place_in_the_site() -> None:

@@ -82,20 +82,25 @@ def differences(problem: FitProblem, place: FloatArray) -> FloatArray:
     return np.column_stack(columns)
 
 
+def slopes(problem: FitProblem) -> tuple[FloatArray, FloatArray]:
+    """Where a fit starts, and its exact derivatives there."""
+    place = problem.coordinates([parameter.start for parameter in problem.parameters])
+    return place, data_jacobian(problem, evaluate(problem, place))
+
+
 @pytest.mark.parametrize("variant", ["stiff", "turned"])
 def test_the_jacobian_is_that_of_sixth_order_differences(tmp_path: Path, variant: str) -> None:
     text = "".join(
         "\n".join([f"[parameters.{name}]", *lines, ""]) for name, lines in PARAMETERS.items()
     )
     problem = _prepare_text(tmp_path, TARGETS.format(variant=variant) + text)
-    place = problem.coordinates([parameter.start for parameter in problem.parameters])
-    exact, expected = data_jacobian(problem, evaluate(problem, place)), differences(problem, place)
+    place, exact = slopes(problem)
+    expected = differences(problem, place)
     scale = np.abs(expected).max(axis=0)
     assert (scale > 0.0).all()
     worst = np.abs(exact - expected).max(axis=0) / scale
-    assert dict(zip(PARAMETERS, worst, strict=True)) == {
-        name: approx(0.0, abs=1e-6) for name in PARAMETERS
-    }
+    named = dict(zip(PARAMETERS, worst, strict=True))
+    assert named == approx(dict.fromkeys(PARAMETERS, 0.0), abs=1e-6)
 
 
 SCREW = """
@@ -120,11 +125,8 @@ def test_a_nut_in_series_with_its_screw_is_differentiated_as_a_whole(tmp_path: P
     length too.
     """
     problem = _prepare_text(tmp_path, SCREW.format(variant="screw"))
-    place = problem.coordinates([parameter.start for parameter in problem.parameters])
-    exact, expected = data_jacobian(problem, evaluate(problem, place)), differences(problem, place)
+    place, exact = slopes(problem)
+    expected = differences(problem, place)
     assert exact == approx(expected, abs=1e-6 * np.abs(expected).max())
-    bare = data_jacobian(
-        prepared := _prepare_text(tmp_path, SCREW.format(variant="stiff")),
-        evaluate(prepared, place),
-    )
+    _, bare = slopes(_prepare_text(tmp_path, SCREW.format(variant="stiff")))
     assert np.abs(exact - bare)[:, 0].max() > 1e-3 * np.abs(bare[:, 0]).max()

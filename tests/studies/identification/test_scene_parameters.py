@@ -2,7 +2,6 @@
 along, and the values come back with which the data were computed.
 """
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +9,12 @@ import pytest
 from mpi4py import MPI
 
 import headstock as hs
-from common import approx
+from common import Shell, approx
 from fixture_machines import write_scene
-from headstock.app.command_line import main
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.storage.store import Store
 from headstock.studies.identification.identification import prepare_problem
-from headstock.studies.identification.problem import data_jacobian, evaluate
+from headstock.studies.identification.problem import FitProblem, data_jacobian, evaluate
 from headstock.studies.identification.target_files import load_targets
 from headstock.validation.machines.identification_cases import SCENE, _write_frequencies
 
@@ -59,38 +57,41 @@ def measure(machine: hs.Machine, pose: str) -> FloatArray:
     return hs.run(machine, analyses=["modal"]).modes[pose].frequencies_hz
 
 
+def prepare(scene: Path, targets: str) -> FitProblem:
+    path = write_scene(scene.parent, targets, name="targets")
+    return prepare_problem(load_targets(path, scene), Store(scene.parent), MPI.COMM_SELF)
+
+
 def write_case(name: str, scene: Path, *, variant: str | None, pose: str) -> str:
     """A case of the target file with the frequencies of the true values."""
     found = measure(hs.load(scene, variant=variant, set=TRUE_KEYS), pose)
     choice = f'variant = "{variant}"\n' if variant else ""
-    return (
-        f'[cases.{name}]\n{choice}pose = "{pose}"\nfrequencies = {_write_frequencies(found[:6])}\n'
-    )
+    frequencies = _write_frequencies(found[:6])
+    return f'[cases.{name}]\n{choice}pose = "{pose}"\nfrequencies = {frequencies}\n'
 
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Path:
-    path = write_scene(tmp_path, SHORT, name="machine")
-    return path
+    return write_scene(tmp_path, SHORT, name="machine")
+
+
+def identify(shell: Shell, scene: Path, targets: str) -> str:
+    """What the command prints; its files are in ``out``."""
+    shell.write(targets, name="targets")
+    return shell(f"identify {scene.name} targets.toml -o out").out
 
 
 @pytest.mark.trials
-def test_parameters_of_the_scene_are_found_again(
-    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    targets, output = tmp_path / "targets.toml", tmp_path / "out"
-    targets.write_text(
-        write_case("written", scene, variant=None, pose="middle")
-        + write_case("stiff", scene, variant="stiff", pose="out")
-        + TARGETS
-    )
-    assert main(["identify", str(scene), str(targets), "-o", str(output)]) == 0
-    assert "wall" in capsys.readouterr().out
-    found = hs.identify(scene, targets).values
+def test_parameters_of_the_scene_are_found_again(scene: Path, shell: Shell) -> None:
+    cases = write_case("written", scene, variant=None, pose="middle")
+    cases += write_case("stiff", scene, variant="stiff", pose="out")
+    assert "wall" in identify(shell, scene, cases + TARGETS)
+    found = hs.identify(scene, "targets.toml").values
     assert found == approx({"wall": 0.046, "pads": 71e6, "stretch": 0.13}, rel=1e-4)
     # pasted into the scene, the file gives the machine with which the data were computed
-    scene.write_text(SHORT + (output / "calibrated.toml").read_text())
-    assert "components" not in (output / "calibrated.toml").read_text()
+    calibrated = shell.text("out/calibrated.toml")
+    scene.write_text(SHORT + calibrated)
+    assert "components" not in calibrated
     fitted = measure(hs.load(scene, variant="calibrated"), "middle")
     assert fitted == approx(measure(hs.load(scene, set=TRUE_KEYS), "middle"), rel=1e-5)
 
@@ -109,15 +110,11 @@ def test_parameters_of_the_scene_are_found_again(
 def test_what_cannot_be_fitted_is_told(
     scene: Path, tmp_path: Path, old: str, new: str, key: str, message: str
 ) -> None:
-    targets = tmp_path / "targets.toml"
-    scene.write_text(
-        SHORT.replace("stretch = 1.0", 'stretch = 1.0\nunused = "35 mm"\nout = "40 mm"').replace(
-            'X = "150 mm"', 'X = "= 3 * out"'
-        )
-    )
+    more = ("stretch = 1.0", 'stretch = 1.0\nunused = "35 mm"\nout = "40 mm"')
+    write_scene(tmp_path, SHORT, more, ('X = "150 mm"', 'X = "= 3 * out"'), name="machine")
     case = '[cases.written]\npose = "out"\nfrequencies = ["40 Hz", "50 Hz", "60 Hz"]\n'
     assert old in TARGETS
-    targets.write_text(case + TARGETS.replace(old, new, 1))
+    targets = write_scene(tmp_path, case + TARGETS.replace(old, new, 1), name="targets")
     with pytest.raises(hs.SceneError) as caught:
         hs.identify(scene, targets)
     found = [problem for problem in caught.value.problems if message in problem.message]
@@ -144,13 +141,12 @@ scale = "linear"
 
 
 def test_what_follows_has_the_derivatives_of_keys_that_are_fitted_one_by_one(
-    scene: Path, tmp_path: Path
+    scene: Path,
 ) -> None:
     case = '[cases.stiff]\nvariant = "screw"\nfrequencies = ["40 Hz", "50 Hz", "60 Hz", "70 Hz"]\n'
     found = []
     for text in (TARGETS, BY_KEYS):
-        targets = write_scene(tmp_path, case + text, name="targets")
-        problem = prepare_problem(load_targets(targets, scene), Store(tmp_path), MPI.COMM_SELF)
+        problem = prepare(scene, case + text)
         point = evaluate(problem, problem.coordinates([0.044, 57e6, 0.07]))
         found.append((point.residuals, data_jacobian(problem, point)))
     (residuals, jacobian), (wanted, slopes) = found
@@ -172,38 +168,33 @@ bounds = ["30 mm", "120 mm"]
 
 @pytest.mark.fem
 @pytest.mark.trials
-def test_the_wall_of_an_elastic_part_is_found_again(
-    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_wall_of_an_elastic_part_is_found_again(scene: Path, shell: Shell) -> None:
     """Each value is another mesh, so that the fit ends near the truth and not at it."""
     scene.write_text(ELASTIC)
     truth = hs.load(scene, variant="fine", set={"parameters.wall": "43 mm"})
-    case = f'[cases.fine]\nvariant = "fine"\npose = "middle"\nfrequencies = {_write_frequencies(measure(truth, "middle")[:6])}\n'
-    targets = write_scene(tmp_path, case + WALL, name="targets")
-    assert main(["identify", str(scene), str(targets), "-o", str(tmp_path / "out")]) == 0
-    assert "column is meshed and reduced anew at every value of wall" in capsys.readouterr().out
-    found = json.loads((tmp_path / "out" / "identification.json").read_text())
+    frequencies = _write_frequencies(measure(truth, "middle")[:6])
+    case = f'[cases.fine]\nvariant = "fine"\npose = "middle"\nfrequencies = {frequencies}\n'
+    printed = identify(shell, scene, case + WALL)
+    assert "column is meshed and reduced anew at every value of wall" in printed
+    found = shell.json("out/identification.json")
     assert found["parameters"]["wall"]["value"] == approx(43.0, rel=2e-3)
 
 
 @pytest.mark.fem
 @pytest.mark.parametrize("wall", ["40 mm", pytest.param("100 mm", marks=pytest.mark.trials)])
 def test_derivatives_of_a_part_that_is_meshed_anew_are_those_of_the_machine(
-    scene: Path, tmp_path: Path, wall: str
+    scene: Path, wall: str
 ) -> None:
     """The column of 100 mm is square: its bending modes are any two of their plane."""
     scene.write_text(ELASTIC.replace('wall = "40 mm"', f'wall = "{wall}"'))
-    targets = write_scene(
-        tmp_path,
-        '[cases.fine]\nvariant = "fine"\nfrequencies = ["40 Hz", "50 Hz", "60 Hz", "70 Hz"]\n'
-        + WALL,
-        name="targets",
-    )
-    problem = prepare_problem(load_targets(targets, scene), Store(tmp_path), MPI.COMM_SELF)
+    frequencies = '["40 Hz", "50 Hz", "60 Hz", "70 Hz"]'
+    case = f'[cases.fine]\nvariant = "fine"\nfrequencies = {frequencies}\n'
+    problem = prepare(scene, case + WALL)
     (place,) = problem.coordinates([problem.parameters[0].start])
     point = evaluate(problem, np.array([place]))
     ahead, behind = (
-        evaluate(problem, np.array([place + side * 0.02]), point).residuals for side in (1.0, -1.0)
+        evaluate(problem, np.array([each]), point).residuals
+        for each in (place + 0.02, place - 0.02)
     )
     wanted = (ahead - behind) / 0.04
     found = data_jacobian(problem, point)[:, 0]

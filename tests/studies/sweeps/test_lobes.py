@@ -70,11 +70,9 @@ def test_every_pose_of_a_sweep_has_the_limits_of_a_run_in_it(tmp_path: Path) -> 
         mapped = summary["lobes"][name]
         at = int(np.argmax(limits.depths.min(axis=0)))
         assert mapped["common_best_rpm"] == approx(RPM * limits.speeds[at])
-        np.testing.assert_allclose(
-            np.array(mapped["at_common_best_mm"], dtype=float),
-            MM * limits.depths[:, at],
-            rtol=1e-12,
-        )
-        assert float((MM * limits.depths[:, at]).min()) == mapped["common_best_mm"]
+        depths = MM * limits.depths[:, at]
+        found_mm = np.array(mapped["at_common_best_mm"], dtype=float)
+        np.testing.assert_allclose(found_mm, depths, rtol=1e-12)
+        assert float(depths.min()) == mapped["common_best_mm"]
         for number, best in enumerate(limits.depths.argmax(axis=1)):
             assert np.array(mapped["best_rpm"])[number] == approx(RPM * limits.speeds[best])

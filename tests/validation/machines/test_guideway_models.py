@@ -42,10 +42,8 @@ def test_statics_are_those_of_the_same_mesh_at_any_place_and_frequencies_come_fr
     model: Model,
 ) -> None:
     machine, mesh, parts = model
-    found, expected = (
-        _answer_reduced(machine, parts, 0.0871),
-        _answer_same_mesh(machine, mesh, 0.0871),
-    )
+    found = _answer_reduced(machine, parts, 0.0871)
+    expected = _answer_same_mesh(machine, mesh, 0.0871)
     errors = _relative_deviations(found, expected)
     assert errors[:3].max() < 1e-7
     assert errors[3:].max() < 1e-2 and np.median(errors[3:]) < 1e-3
@@ -82,11 +80,8 @@ def test_the_unreduced_model_has_each_carriage_on_a_patch_where_it_stands() -> N
     machine = load_scene(SCENE).machine
     fixed = fix_carriages(machine, Pose("p", {"X": 0.05}))
     patch = fixed.components["bed"].interfaces["carriage_2"].patches[0]
-    assert (
-        patch.shape == "rect"
-        and patch.size == approx((0.1, 0.03))
-        and patch.center[:2] == approx((-0.06, 0.09))
-    )
+    assert (patch.shape, patch.size) == ("rect", approx((0.1, 0.03)))
+    assert patch.center[:2] == approx((-0.06, 0.09))
     assert all(joint.length is None and joint.screw is None for joint in fixed.joints.values())
     distance = 0.4 + 0.05
     expected = 1.0 / (1.0 / 4e8 + 1.0 / 6e8 + distance / (210e9 * np.pi * 0.014**2))
