@@ -147,7 +147,8 @@ def test_linear_elements_fail_in_bending_and_in_torsion(
     for kind in ("tet4", "hex8"):
         series = pick_series(*cantilever, "static", kind)
         found = deviations(series, ["dx(Fx)", "dx(Mb)", "dx(Mc)"])
-        assert len(found) == 3 and max(each.value for each in found) < -0.10, kind
+        assert len(found) == 3 * len(CANTILEVER[f"static_{kind}"])
+        assert max(each.value for each in found) < -0.10, kind
     (torsion,) = deviations(pick_series(*cantilever, "modal", "hex8"), ["T1"])
     assert torsion.value > 0.10
 
@@ -187,8 +188,9 @@ def test_the_fixed_beam_s_torsion_is_20_per_cent_off_its_analytic_value_with_any
     fixed_beam: Refinement,
 ) -> None:
     for kind in ("hex8", "hex27"):
-        (torsion,) = deviations(pick_series(*fixed_beam, "modal", kind), ["T1"])
-        assert torsion.value > 0.20
+        torsions = deviations(pick_series(*fixed_beam, "modal", kind), ["T1"])
+        assert len(torsions) == len(FIXED[f"modal_{kind}"])
+        assert min(each.value for each in torsions) > 0.20
     series = pick_series(*fixed_beam, "modal", "hex27")
     finest = deviations(series, ["X1", "T1", "X2"], against="solid")
     assert abs(worst_of(finest).value) < 0.03

@@ -1,6 +1,5 @@
 """Cutting coefficients of one's own, materials by name, up and down milling, and limits of mills."""
 
-import json
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 import headstock as hs
-from common import approx, run_process
+from common import Shell, approx, read_json
+from fixture_machines import write_scene
 
-ROOT = Path(__file__).resolve().parents[2]
 STEEL = 'Ktc = "1800 N/mm^2"\nKrc = "540 N/mm^2"\nKac = "0 N/mm^2"\nKte = "30 N/mm"\nKre = "9 N/mm"'
 SCENE = """
 [components.slider]
@@ -63,13 +62,7 @@ on_request = true
 
 
 def write(folder: Path, *changes: tuple[str, str]) -> Path:
-    text = SCENE
-    for old, new in changes:
-        assert text.count(old) >= 1, old
-        text = text.replace(old, new)
-    path = folder / "scene.toml"
-    path.write_text(text.replace("STEEL", STEEL))
-    return path
+    return write_scene(folder, SCENE, *changes, *([("STEEL", STEEL)] if not changes else []))
 
 
 def run(folder: Path, analysis: str, settings: dict[str, str] | None = None) -> dict[str, Any]:
@@ -78,7 +71,7 @@ def run(folder: Path, analysis: str, settings: dict[str, str] | None = None) -> 
         write(folder)
     machine = hs.load(folder / "scene.toml", set=settings or {})
     hs.run(machine, analyses=[analysis], output=folder / "out")
-    found: dict[str, Any] = json.loads((folder / "out" / "summary.json").read_text())
+    found: dict[str, Any] = read_json(folder / "out" / "summary.json")
     return found
 
 
@@ -158,9 +151,8 @@ def test_coefficients_of_the_catalogue_are_those_written_out(tmp_path: Path) -> 
 
 def test_limits_fall_as_coefficients_grow(tmp_path: Path) -> None:
     once = lowest(tmp_path)
-    twice = lowest(
-        tmp_path, {"cutting.my_steel.Ktc": "3600 MPa", "cutting.my_steel.Krc": "1080 MPa"}
-    )
+    double = {"cutting.my_steel.Ktc": "3600 MPa", "cutting.my_steel.Krc": "1080 MPa"}
+    twice = lowest(tmp_path, double)
     assert twice == approx(0.5 * once, rel=1e-3)
 
 
@@ -172,28 +164,22 @@ def test_kienzle_is_its_tangent_at_the_mean_chip_and_says_where(tmp_path: Path) 
     # mean over the arc of a chip of 0.2 mm per tooth at 30 % immersion
     chip = 0.2 * 2.0 * 0.3 / np.arccos(1.0 - 2.0 * 0.3)
     slope, edge = 0.75 * 1700.0 * chip**-0.25, 0.25 * 1700.0 * chip**0.75
-    write(
-        tmp_path,
-        (
-            "STEEL",
-            f'Ktc = "{slope} MPa"\nKrc = "{0.3 * slope} MPa"\nKac = "0 MPa"\nKte = "{edge} N/mm"\nKre = "{0.3 * edge} N/mm"',
-        ),
-    )
+    own = {"Ktc": slope, "Krc": 0.3 * slope, "Kac": 0.0}
+    lines = [f'{name} = "{value} MPa"' for name, value in own.items()]
+    lines += [f'Kte = "{edge} N/mm"', f'Kre = "{0.3 * edge} N/mm"']
+    write(tmp_path, ("STEEL", "\n".join(lines)))
     assert cruise(kienzle) == approx(cruise(tmp_path), rel=1e-9, abs=1e-15)
     (line,) = [own for own in run(kienzle, "path")["assumptions"] if "path.cut.material" in own]
-    assert (
-        "chip thickness of 0.104 mm (mean of a chip at 0.2 mm per tooth and 30 % immersion)" in line
-    )
+    mean = "mean of a chip at 0.2 mm per tooth and 30 % immersion"
+    assert f"chip thickness of 0.104 mm ({mean})" in line
     (line,) = [own for own in run(kienzle, "lobes")["assumptions"] if "lobes.material" in own]
     assert "chip thickness of 0.1 mm (assumed" in line and "chip_thickness ± 50 %" in line
 
 
 def test_the_range_of_a_coefficient_is_a_share_of_the_error(tmp_path: Path) -> None:
     """A machine of one body deviates in proportion to the only coefficient that is not zero."""
-    write(
-        tmp_path,
-        ("STEEL", 'Ktc = "1800 MPa"\nKrc = "0 MPa"\nKac = "0 MPa"\nranges = { Ktc = "10 %" }'),
-    )
+    ranged = 'Ktc = "1800 MPa"\nKrc = "0 MPa"\nKac = "0 MPa"\nranges = { Ktc = "10 %" }'
+    write(tmp_path, ("STEEL", ranged))
     across = mill(tmp_path)["y"]
     for zone in ("accelerating", "decelerating"):
         share = across["error_share"][zone]["cutting coefficients"]
@@ -203,14 +189,11 @@ def test_the_range_of_a_coefficient_is_a_share_of_the_error(tmp_path: Path) -> N
     assert mill(tmp_path)["y"]["errors"]["accelerating"]["peak_um"] is None
 
 
-def test_a_dozen_materials_are_listed_with_source_and_range(tmp_path: Path) -> None:
-    done = run_process(
-        [str(ROOT / "headstock"), "catalogue", "cutting", "--json", str(tmp_path / "all.json")],
-        check=True,
-    )
-    listed = json.loads((tmp_path / "all.json").read_text())
+def test_a_dozen_materials_are_listed_with_source_and_range(shell: Shell) -> None:
+    printed = shell("catalogue cutting --json all.json").out
+    listed = shell.json("all.json")
     assert len(listed) >= 12 and all(own["source"] for own in listed)
-    assert all(own["name"] in done.stdout for own in listed)
+    assert all(own["name"] in printed for own in listed)
     kienzle = [own["toml"] for own in listed if "kc11" in own["toml"]]
     assert len(kienzle) >= 11 and all("ranges" in own for own in kienzle)
 

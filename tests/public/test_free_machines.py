@@ -35,8 +35,7 @@ TWO_ENDS = 'interfaces = { end = { face = "z+" }, other = { face = "z-", couplin
 
 
 def run(folder: Path, text: str) -> hs.Results:
-    scene = write_scene(folder, text)
-    return hs.run(scene)
+    return hs.run(write_scene(folder, text))
 
 
 def bar(

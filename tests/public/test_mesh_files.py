@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 import headstock as hs
 from common import approx
+from fixture_machines import machine
 
 RHO = 7850.0
 LENGTH, WIDTH, CELLS = 200.0, 20.0, 5  # of a bar in millimetres, and its cells
@@ -25,25 +26,17 @@ WEDGES = [(0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7)]
 HEX_EDGES = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4)]
 HEX_EDGES += [(0, 4), (1, 5), (2, 6), (3, 7)]
 WEDGE_EDGES = [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)]
-SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bar]
-solid = { mesh = "FILE", unit = "1 mm"MORE }
-material = "steel"
-fidelity = "FIDELITY"
-mesh = { allow_locking = true }
-interfaces = { foot = { face = "FOOT" }, head = { face = "HEAD" } }
-[joints.clamp]
-between = ["ground", "bar.foot"]
-JOINT
-[points]
-head = { tool = "bar.head", work = "ground" }
-[analyses.modal]
-count = 2
-"""
+SCENE = machine("""
+machine = "bar"
+names = { tip = "head", tcp = "head" }
+without = ["joints.clamp.kind"]
+components.bar.solid = { mesh = "FILE", unit = "1 mm", MORE = "MORE" }
+components.bar.fidelity = "FIDELITY"
+components.bar.mesh = { allow_locking = true }
+components.bar.interfaces = { foot = { face = "FOOT" }, head = { face = "HEAD" } }
+joints.clamp.JOINT = "JOINT"
+analyses.modal = { count = 2 }
+""")
 SPRING = """kind = "spring"
 stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 N m/mrad", ry = "1 N m/mrad", rz = "1 N m/mrad" }
 """
@@ -54,9 +47,9 @@ def write_scene(
     path: Path, mesh: str, *, fidelity: str, ends: Sequence[str], more: str = ""
 ) -> Path:
     joint = 'kind = "rigid"' if fidelity == "elastic" else SPRING
-    text = SCENE
-    words = {"FILE": mesh, "FIDELITY": fidelity, "MORE": more, "JOINT": joint}
-    for key, value in (words | {"FOOT": ends[0], "HEAD": ends[1]}).items():
+    text = SCENE.replace(', MORE = "MORE"', more).replace('JOINT = "JOINT"', joint)
+    words = {"FILE": mesh, "FIDELITY": fidelity, "FOOT": ends[0], "HEAD": ends[1]}
+    for key, value in words.items():
         text = text.replace(key, value)
     path.write_text(text)
     return path
@@ -99,13 +92,10 @@ class Bar:
 
     def sets(self) -> str:
         foot, head = (self.at(height).split(", ") for height in (0.0, LENGTH))
-        lines = []
+        text = ""
         for name, members in (("FOOT", foot), ("HEAD", head)):
-            lines += [
-                f"*NSET, NSET={name}",
-                *(", ".join(members[i : i + 8]) for i in range(0, 9, 8)),
-            ]
-        return "\n".join(lines) + "\n"
+            text += f"*NSET, NSET={name}\n{', '.join(members[:8])}\n{', '.join(members[8:])}\n"
+        return text
 
 
 def flat(bar: Bar, kind: str) -> str:
@@ -293,24 +283,17 @@ def test_a_nastran_deck_in_a_turned_cylindrical_system_is_the_same_bar(
 ) -> None:
     bar = Bar()
     # the third axis of the system is x of the bar, the first its z
-    lines = [
-        "sol 103",
-        "cend",
-        "begin bulk",
-        "cord2c,3,,0.,0.,0.,1.,0.,0.",
-        ",0.,0.,1.",
-        "grdset,,3",
-    ]
+    lines = ["sol 103", "cend", "begin bulk"]
+    lines += ["cord2c,3,,0.,0.,0.,1.,0.,0.", ",0.,0.,1.", "grdset,,3"]
     for number, (x, y, z) in enumerate(bar.points, 1):
         # x, y, z of the system are z, -y and x of the bar
         radius, angle = np.hypot(z, y), np.degrees(np.arctan2(-y, z))
         lines.append(f"grid,{number},,{radius:.12g},{angle:.14g},{x:.12g} $ node")
     order = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15]
     for number, cell in enumerate(bar.cells, 1):
-        words = [str(cell[place]) for place in order]
-        lines += [f"chexa   {number:>8}{1:>8}" + "".join(f"{word:>8}" for word in words[:6])]
-        lines += [f"{'':8}" + "".join(f"{word:>8}" for word in words[6:14])]
-        lines += [f"{'':8}" + "".join(f"{word:>8}" for word in words[14:])]
+        words = [f"{cell[place]:>8}" for place in order]
+        lines += [f"chexa   {number:>8}{1:>8}" + "".join(words[:6])]
+        lines += [f"{'':8}" + "".join(part) for part in (words[6:14], words[14:])]
     for number, height in ((1, 0.0), (2, LENGTH)):
         lines += [f"spc1,{number},123456," + ",".join(bar.at(height).split(", ")[:6]) + ",+"]
         lines += ["+," + ",".join(bar.at(height).split(", ")[6:])]
@@ -338,10 +321,9 @@ def test_two_materials_of_a_file_are_named_and_taken_apart(tmp_path: Path) -> No
     assert "2 materials: LOW (Steel, E = 210000" in said and "UP (Other, E = 70000" in said
     assert 'solid = "NAME"' in said and 'solid = "*"' in said
     for chosen, share in (("LOW", 0.4), ("up", 0.6), ("*", 1.0)):
-        result = run(
-            tmp_path, "bar.inp", two_sections(Bar(), "70000."), fidelity="rigid",
-            more=f', solid = "{chosen}"', ends=("z-", "set:cut" if share < 1.0 else "z+"),
-        )  # fmt: skip
+        chosen, text = f', solid = "{chosen}"', two_sections(Bar(), "70000.")
+        ends = ("z-", "set:cut" if share < 1.0 else "z+")
+        result = run(tmp_path, "bar.inp", text, fidelity="rigid", more=chosen, ends=ends)
         assert result.components["bar"].mass_kg == approx(share * MASS, rel=1e-9)
     equal = run(tmp_path, "bar.inp", two_sections(Bar(), "2.1E5"), fidelity="rigid")
     assert equal.components["bar"].mass_kg == approx(MASS, rel=1e-9)
@@ -351,16 +333,14 @@ def test_two_materials_of_a_file_are_named_and_taken_apart(tmp_path: Path) -> No
 
 
 def test_layers_of_several_materials_are_refused_by_name(tmp_path: Path) -> None:
-    text = two_sections(Bar(), "70000.").replace(
-        "LOW, MATERIAL=Steel\n\n", "LOW, COMPOSITE\n1., 3, Steel\n1., 3, {}\n"
-    )
+    layers = "LOW, COMPOSITE\n1., 3, Steel\n1., 3, {}\n"
+    text = two_sections(Bar(), "70000.").replace("LOW, MATERIAL=Steel\n\n", layers)
     said = refuse(tmp_path, "bar.inp", text.format("Other"))
     assert "*SOLID SECTION, ELSET=LOW is a composite section: materials Steel, Other" in said
     assert "give the section one with MATERIAL=" in said
     # layers of one material are a section like any other
-    assert "2 materials: LOW (STEEL, E = 210000" in refuse(
-        tmp_path, "bar.inp", text.format("STEEL")
-    )
+    said = refuse(tmp_path, "bar.inp", text.format("STEEL"))
+    assert "2 materials: LOW (STEEL, E = 210000" in said
 
 
 def test_a_rotation_axis_of_two_equal_points_is_named(tmp_path: Path) -> None:
@@ -376,12 +356,8 @@ def instances(*, apart: bool, tie: bool) -> str:
     bar = Bar(cells=1)
     height = LENGTH / CELLS
     part = f"*Part, name=P\n*Node\n{bar.nodes()}*Element, type=C3D20\n{bar.elements()}*End Part\n"
-    faces = (
-        "*Elset, elset=_up, internal, instance=A\n1,\n*Surface, type=ELEMENT, name=up\n_up, S2\n"
-    )
-    faces += (
-        "*Elset, elset=_on, internal, instance=B\n1,\n*Surface, type=ELEMENT, name=on\n_on, S1\n"
-    )
+    face = "*Elset, elset=_{0}, internal, instance={1}\n1,\n*Surface, type=ELEMENT, name={0}\n_{0}, {2}\n"
+    faces = face.format("up", "A", "S2") + face.format("on", "B", "S1")
     return (
         part + "*Assembly, name=All\n*Instance, name=A, part=P\n*End Instance\n"
         f"*Instance, name=B, part=P\n{5.0 if apart else 0.0}, 0., {height}\n*End Instance\n{faces}"
@@ -397,10 +373,8 @@ def test_instances_are_one_part_where_they_are_tied_node_to_node(tmp_path: Path)
     for apart, tie in ((True, True), (False, False)):
         said = refuse(tmp_path, "a.inp", instances(apart=apart, tie=tie))
         assert "falls into 2 parts that share no node" in said and '"A", "B"' in said
-    one = run(
-        tmp_path, "a.inp", instances(apart=True, tie=True), fidelity="rigid", more=', solid = "B"',
-        ends=ends,
-    )  # fmt: skip
+    text = instances(apart=True, tie=True)
+    one = run(tmp_path, "a.inp", text, fidelity="rigid", more=', solid = "B"', ends=ends)
     assert one.components["bar"].mass_kg == approx(MASS / CELLS, rel=1e-9)
 
 

@@ -3,6 +3,7 @@ out to has a limit.
 """
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +26,12 @@ parameters.leaf = "1 mm"
 """)
 
 
-@pytest.fixture
-def write(tmp_path: Path):  # type: ignore[no-untyped-def]
-    def write(parameters: str, rest: str = "") -> Path:
-        path = write_scene(tmp_path, SCENE + parameters + "\n" + rest)
-        return path
+Write = Callable[..., Path]
 
-    return write
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    return lambda parameters, rest="": write_scene(tmp_path, f"{SCENE}{parameters}\n{rest}")
 
 
 def chain(count: int, form: str) -> str:
@@ -57,7 +57,7 @@ def problem(path: Path, variant: str | None = None) -> str:
     return str(error.value)
 
 
-def test_a_chain_of_thousands_and_sums_of_sums_are_calculated(write) -> None:  # type: ignore[no-untyped-def]
+def test_a_chain_of_thousands_and_sums_of_sums_are_calculated(write: Write) -> None:
     start = time.process_time()
     assert height(write(chain(3000, '"= {0} + 1 mm"'))) == approx(3.001)
     sums = write(chain(23, '"= {0} + {1}"'))
@@ -75,7 +75,7 @@ def test_a_chain_of_thousands_and_sums_of_sums_are_calculated(write) -> None:  #
 @pytest.mark.parametrize(
     "form", ['["= {0}", "= {0}", "= {0}", "= {1}"]', '{{ x = "= {0}", y = ["= {0}", 2, "= {1}"] }}']
 )
-def test_lists_and_tables_of_each_other_have_a_limit(write, form: str) -> None:  # type: ignore[no-untyped-def]
+def test_lists_and_tables_of_each_other_have_a_limit(write: Write, form: str) -> None:
     said = problem(write(chain(40, form)))
     assert "components.block.solid.box[2]" in said
     assert "needs the parameter 'p0'" in said
@@ -83,7 +83,7 @@ def test_lists_and_tables_of_each_other_have_a_limit(write, form: str) -> None: 
     assert "write a shorter one" in said
 
 
-def test_one_list_in_many_places_and_lists_in_each_other_have_a_limit(write) -> None:  # type: ignore[no-untyped-def]
+def test_one_list_in_many_places_and_lists_in_each_other_have_a_limit(write: Write) -> None:
     loads = "\n".join(f'[loads.l{n}]\nat = "= long"' for n in range(1000))
     long = f'height = "1 m"\nlong = [{",".join("7" * 2000)}]'
     assert "write shorter lists" in problem(write(long, loads))
@@ -95,9 +95,15 @@ def test_one_list_in_many_places_and_lists_in_each_other_have_a_limit(write) -> 
 @pytest.mark.parametrize(
     "text", ["12 mm] * [3", "12 mm + 3 mm", "= 12 mm] * [3 mm", "3", "1 kg", "mm", "", "[12 mm]"]
 )
-def test_a_text_is_a_quantity_and_never_a_part_of_an_expression(write, text: str) -> None:  # type: ignore[no-untyped-def]
+def test_a_text_is_a_quantity_and_never_a_part_of_an_expression(write: Write, text: str) -> None:
     said = problem(write(f'a = "{text}"\nheight = "= a + 0 mm"'))
     assert "components.block.solid.box[2]" in said
+
+
+def lines(form: str, count: int) -> str:
+    """Parameters of a number and the next one, and a height that is one of them."""
+    entries = [form.format(number, (number + 1) % count) for number in range(count)]
+    return "\n".join([*entries, 'height = "= p1"'])
 
 
 @pytest.mark.parametrize(
@@ -113,42 +119,32 @@ def test_a_text_is_a_quantity_and_never_a_part_of_an_expression(write, text: str
         ('height = "= ' + "1" * 300_000 + 'a"', "longer than 200"),
         (chain(3000, '"= {0} * {0}"'), "power of a unit beyond 30"),
         (chain(3000, '"= {0} * {0}"').replace("leaf", "12"), "range of numbers"),
-        (
-            "\n".join(f'p{n} = "= p{(n + 1) % 4000}"' for n in range(4000)) + '\nheight = "= p1"',
-            "calculated from itself",
-        ),
-        (
-            "\n".join(f'p{n} = "= q{n}"' for n in range(5000)) + '\nheight = "= p1"',
-            "unknown parameter 'q1'",
-        ),
+        (lines('p{0} = "= p{1}"', 4000), "calculated from itself"),
+        (lines('p{0} = "= q{0}"', 5000), "unknown parameter 'q1'"),
     ],
     ids=lambda text: text[:30],
 )
-def test_what_cannot_be_calculated_is_named_soon(write, parameters: str, expected: str) -> None:  # type: ignore[no-untyped-def]
+def test_what_cannot_be_calculated_is_named_soon(
+    write: Write, parameters: str, expected: str
+) -> None:
     said = problem(write(parameters))
     assert expected in said
     assert len(said) < 50_000
 
 
-def test_a_name_that_stands_for_a_text_may_stand_for_another_name(write) -> None:  # type: ignore[no-untyped-def]
-    path = write(
-        'height = "= a"\na = "= b"\nb = "5 µm"\nlist = ["= a", { x = "= list2" }]\nlist2 = 3'
-    )
-    assert height(path) == approx(5e-6)
+def test_a_name_that_stands_for_a_text_may_stand_for_another_name(write: Write) -> None:
+    lists = 'list = ["= a", { x = "= list2" }]\nlist2 = 3'
+    assert height(write(f'height = "= a"\na = "= b"\nb = "5 µm"\n{lists}')) == approx(5e-6)
 
 
-def test_places_in_places_have_a_limit_and_so_have_their_names(write) -> None:  # type: ignore[no-untyped-def]
+def test_places_in_places_have_a_limit_and_so_have_their_names(write: Write) -> None:
     places = "places = [" + ",".join(['["1 mm", "0 mm", "0 mm"]'] * 200) + "]"
     block = SCENE[SCENE.index("solid =") : SCENE.index("interfaces =")]
     many = f'[components.many]\n{block}{places}\n[components.many.interfaces.i]\nface = "z+"\n'
     inner = places.replace(', "0 mm"]', "]")
-    said = problem(
-        write(
-            'height = "1 m"',
-            f'{many}rect = {{ size = ["1 mm", "1 mm"] }}\n{inner}\n'
-            f'[[components.many.interfaces.i.patches]]\nrect = {{ size = ["1 mm", "1 mm"] }}\n{inner}\n',
-        )
-    )
+    rect = f'rect = {{ size = ["1 mm", "1 mm"] }}\n{inner}\n'
+    patches = "[[components.many.interfaces.i.patches]]"
+    said = problem(write('height = "1 m"', f"{many}{rect}{patches}\n{rect}"))
     assert "components.many.places" in said
     assert "write fewer places" in said
     named = '[joints.k]\nkind = "{text}"\nbetween = ["ground", "block.foot"]\nplaces.{name} = []\n'
@@ -156,14 +152,13 @@ def test_places_in_places_have_a_limit_and_so_have_their_names(write) -> None:  
     assert "is no name of a place" in problem(write('height = "1 m"', long))
 
 
-def test_overrides_of_long_or_many_keys_end_soon(write) -> None:  # type: ignore[no-untyped-def]
+def test_overrides_of_long_or_many_keys_end_soon(write: Write) -> None:
     many = "\n".join(f'a{n} = "1 mm"' for n in range(6000)) + '\nheight = "= a0 + a5999"'
     changed = "\n".join(f'"parameters.a{n}" = "2 mm"' for n in range(6000))
     start = time.process_time()
     assert height(write(many, f"[variants.all]\n{changed}"), "all") == approx(0.004)
     assert time.process_time() - start < SECONDS
     name = "_" * 400_000
-    said = problem(
-        write('height = "1 m"', f'[variants.all]\n"joints.{name}.kind" = "rigid"'), "all"
-    )
+    variant = f'[variants.all]\n"joints.{name}.kind" = "rigid"'
+    said = problem(write('height = "1 m"', variant), "all")
     assert "cannot set joints" in said

@@ -1,6 +1,5 @@
 """What stands behind ± where nobody knows the error of a mesh, and where meshes change damping."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +7,8 @@ import numpy as np
 import pytest
 
 import headstock as hs
-from fixture_machines import machine
+from common import read_json
+from fixture_machines import machine, write_scene
 
 SHEET = machine("""
 machine = "bar"
@@ -30,45 +30,28 @@ up_to = "400 Hz"
 outputs = [["tip", "z"], "top"]
 loads.push = { at = ["tip", "z"], size = "100 N", shape = "step" }
 """)
-ROD = """
-[materials.soft]
-E = "10 GPa"
-nu = 0.3
-rho = "10000 kg/m^3"
-[components.rod]
-solid = { tube = { outer = "200 mm", length = "800 mm" } }
-material = "soft"
-mesh = { size = "SIZE" }
-rayleigh = { alpha = "ALPHA 1/s", beta = "BETA s" }
-interfaces = { foot = { face = "z-" }, top = { face = "z+" } }
-[joints.clamp]
-between = ["rod.foot", "ground"]
-kind = "rigid"
-[points]
-tip = { tool = "rod.top", work = "ground" }
-[effects]
-damping = true
-[analyses.frf]
-inputs = [["tip", "x"]]
-from = "0 Hz"
-to = "150 Hz"
-points = 16
-adaptive = false
+ROD = machine("""
+machine = "bar"
+names = { bar = "rod", tip = "top", tcp = "tip" }
+materials.steel = { E = "10 GPa", rho = "10000 kg/m^3" }
+components.rod.solid = { tube = { outer = "200 mm", length = "800 mm" } }
+components.rod.mesh = { size = "SIZE" }
+components.rod.rayleigh = { alpha = "ALPHA 1/s", beta = "BETA s" }
+components.rod.interfaces = { foot = { face = "z-" }, top = { face = "z+" } }
+effects.damping = true
+analyses.frf = { inputs = [["tip", "x"]], from = "0 Hz", to = "150 Hz", points = 16, adaptive = false }
 [analyses.transient]
 duration = "0.06 s"
 up_to = "600 Hz"
 outputs = [["tip", "x"]]
-[analyses.transient.loads]
-push = { at = ["tip", "x"], size = "100 N", shape = "step" }
-"""
+loads.push = { at = ["tip", "x"], size = "100 N", shape = "step" }
+""")
 
 
 def run(folder: Path, text: str, name: str = "scene") -> tuple[hs.Results, dict[str, Any]]:
     """What a run found, and its summary."""
-    scene = folder / f"{name}.toml"
-    scene.write_text(text)
-    results = hs.run(scene, output=folder / name)
-    return results, json.loads((folder / name / "summary.json").read_text())
+    results = hs.run(write_scene(folder, text, name=name), output=folder / name)
+    return results, read_json(folder / name / "summary.json")
 
 
 def test_a_mesh_that_shows_no_error_leaves_no_number_with_an_error(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from slurm_stand_ins import write_stand_ins
 
-from common import run_process
+from common import Done, run_process
 from fixture_machines import machine
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -103,9 +103,8 @@ def opened(
     code: int = 0,
 ) -> tuple[set[str], str]:
     """Run a command in a planted folder: what it opened there, and what it printed."""
-    done = run_process(
-        command, cwd=folder, env=settings(folder, shim) | {**(variables or {})}, timeout=100
-    )
+    own = settings(folder, shim) | {**(variables or {})}
+    done = run_process(command, cwd=folder, env=own, timeout=100)
     assert done.returncode == code, done.stderr
     return list_opened(folder), done.stdout + done.stderr
 
@@ -124,85 +123,78 @@ def list_opened(folder: Path) -> set[str]:
 EMPTY = {"PYTHONPATH": os.environ.get("PYTHONPATH", "") + ":", "LD_LIBRARY_PATH": ":"}
 
 
+def launch(line: str, *words: str | Path) -> list[str | Path]:
+    return [ROOT / "headstock", *line.split(), *words]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return plant(tmp_path / "work")
+
+
 @pytest.mark.mpi
 def test_a_run_on_two_ranks_opens_its_scene_and_its_results_and_nothing_else(
-    tmp_path: Path, shim: Path
+    folder: Path, shim: Path
 ) -> None:
-    folder = plant(tmp_path / "work")
-    words = ["run", "scene.toml", "-o", "out", "--ranks", "2", "--no-figures"]
-    found, said = opened(folder, [ROOT / "headstock", *words], shim, EMPTY)
+    words = launch("run scene.toml -o out --ranks 2 --no-figures")
+    found, said = opened(folder, words, shim, EMPTY)
     assert "compliance" in said
     assert found == set()
 
 
-def test_checking_loads_no_library_that_reads_settings(tmp_path: Path, shim: Path) -> None:
-    folder = plant(tmp_path / "work")
-    assert opened(folder, [ROOT / "headstock", "check", "scene.toml"], shim)[0] == set()
+def test_checking_loads_no_library_that_reads_settings(folder: Path, shim: Path) -> None:
+    assert opened(folder, launch("check scene.toml"), shim)[0] == set()
     heavy = "[name for name in ('mpi4py', 'h5py', 'petsc4py', 'dolfinx', 'matplotlib') if name in sys.modules]"
-    script = tmp_path / "script.py"
+    script = folder.parent / "script.py"
     script.write_text(
         f"import sys\nimport headstock as hs\nhs.check('scene.toml')\nprint({heavy})\n"
     )
-    found, said = opened(folder, [ROOT / "headstock", "python", script], shim)
-    assert (found, said) == (set(), "[]\n")
+    assert opened(folder, launch("python", script), shim) == (set(), "[]\n")
 
 
-def test_commands_open_what_they_name_and_nothing_else(tmp_path: Path, shim: Path) -> None:
+def test_commands_open_what_they_name_and_nothing_else(folder: Path, shim: Path) -> None:
     """The store knows the part from the first; the trace of all is one file."""
-    folder = plant(tmp_path / "work")
-    commands = (
-        "run scene.toml -o out",
-        "report out",
-        "export scene.toml bar --mesh out/bar.med",
-    )
-    lines: dict[str, list[str | Path]] = {
-        text: [ROOT / "headstock", *text.split()] for text in commands
-    }
-    found = {text: opened(folder, words, shim, EMPTY) for text, words in lines.items()}
-    assert {text: names for text, (names, _) in found.items()} == {text: set() for text in commands}
-    assert "compliance" in found[commands[0]][1]
+    lines = ("run scene.toml -o out", "report out", "export scene.toml bar --mesh out/bar.med")
+    found = [opened(folder, launch(line), shim, EMPTY) for line in lines]
+    assert [names for names, _ in found] == [set()] * len(lines)
+    assert "compliance" in found[0][1]
 
 
 def test_a_job_of_slurm_opens_its_scene_and_its_results_and_nothing_else(
-    tmp_path: Path, shim: Path
+    folder: Path, shim: Path
 ) -> None:
-    folder = plant(tmp_path / "work")
-    write_stand_ins(tmp_path / "bin")
-    words = ["run", "scene.toml", "-o", "out", "--no-figures", "--on", "slurm"]
-    path = f"{tmp_path / 'bin'}:{os.environ['PATH']}"
-    found, said = opened(folder, [ROOT / "headstock", *words], shim, {"PATH": path})
+    stand_ins = folder.parent / "bin"
+    write_stand_ins(stand_ins)
+    path = {"PATH": f"{stand_ins}:{os.environ['PATH']}"}
+    words = launch("run scene.toml -o out --no-figures --on slurm")
+    found, said = opened(folder, words, shim, path)
     assert "compliance" in said
     # the script, the log and what is on record of the job
     assert {name for name in found if not name.startswith("results/slurm/")} == set()
 
 
-def test_pip_reads_no_settings_of_the_working_folder(tmp_path: Path, shim: Path) -> None:
+def test_pip_reads_no_settings_of_the_working_folder(folder: Path, shim: Path) -> None:
     """Not from a folder that a relative name of the environment stands for, either."""
-    folder = plant(tmp_path / "work")
     own = {
-        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+        "XDG_CACHE_HOME": str(folder.parent / "cache"),
         "PIP_NO_INDEX": "1",
         "PIP_FIND_LINKS": "",
         "PIP_CONFIG_FILE": "pip.conf",
     }
-    words = [str(ROOT / "headstock"), "exec", "--with", "benchmarks", "true"]
+    words = launch("exec --with benchmarks true")
     found, said = opened(folder, words, shim, own, code=1)
     assert "No matching distribution" in said
     assert found == set()
 
 
 def test_jupyterlab_and_its_kernel_read_nothing_of_the_working_folder(
-    tmp_path: Path, shim: Path
+    folder: Path, tmp_path: Path, shim: Path
 ) -> None:
-    folder = plant(tmp_path / "work")
-    command = [str(ROOT / "headstock"), "notebook", "--no-browser", "--allow-root"]
-    command += ["--IdentityProvider.token=t"]
+    command = launch("notebook --no-browser --allow-root --IdentityProvider.token=t")
     # the packages of tests, in front of its own, would be others than it needs
-    variables = settings(folder, shim) | {
-        "PYTHONPATH": "",
-        "IPYTHONDIR": str(tmp_path / "profiles"),
-    }
-    variables["JUPYTER_RUNTIME_DIR"] = str(tmp_path / "runtime")
+    own = {"IPYTHONDIR": str(tmp_path / "profiles"), "PYTHONPATH": ""}
+    own["JUPYTER_RUNTIME_DIR"] = str(tmp_path / "runtime")
+    variables = settings(folder, shim) | own
 
     def ask(path: str, data: bytes | None = None) -> str:
         request = urllib.request.Request(f"{address}{path}?token=t", data=data)
@@ -240,11 +232,10 @@ def test_jupyterlab_and_its_kernel_read_nothing_of_the_working_folder(
 
 
 def test_a_program_of_the_users_stays_in_its_folder_and_reads_nothing_there(
-    tmp_path: Path, shim: Path
+    folder: Path, shim: Path
 ) -> None:
     """Also from a second thread's point of view, while the libraries are loaded."""
-    folder = plant(tmp_path / "work")
-    script = tmp_path / "script.py"
+    script = folder.parent / "script.py"
     script.write_text(
         "import os, sys, threading\nimport headstock as hs\nfolders, ended = set(), threading.Event()\n"
         "def watch():\n    while not ended.wait(1e-4):\n        folders.add(os.getcwd())\n"
@@ -252,40 +243,35 @@ def test_a_program_of_the_users_stays_in_its_folder_and_reads_nothing_there(
         "hs.run('scene.toml', output='out')\nended.set()\nwatcher.join()\n"
         "print([os.path.basename(one) for one in folders], 'petsc4py.PETSc' in sys.modules)\n"
     )
-    found, said = opened(folder, [ROOT / "headstock", "python", script], shim)
+    found, said = opened(folder, launch("python", script), shim)
     assert found == set()
     assert said.splitlines()[-1] == "['work'] True"
 
 
+def run_code(folder: Path, code: str, **variables: str) -> Done:
+    """A program of the user's in a folder with the scene."""
+    (folder / "scene.toml").write_text(SCENE)
+    own = os.environ | {"HEADSTOCK_STORE": str(folder / "store")} | variables
+    done = run_process([sys.executable, "-P", "-c", code], cwd=folder, env=own, timeout=100)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
 def test_a_library_that_the_user_loaded_in_such_a_folder_is_named(tmp_path: Path) -> None:
-    (tmp_path / "scene.toml").write_text(SCENE)
     (tmp_path / "ucx.conf").write_text("")
     code = "import mpi4py.MPI\nimport headstock as hs\nhs.run('scene.toml')\n"
-    done = run_process(
-        [sys.executable, "-P", "-c", code],
-        cwd=tmp_path,
-        env=os.environ | {"HEADSTOCK_STORE": str(tmp_path / "store")},
-        timeout=100,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "mpi4py.MPI was loaded before Headstock needed it" in done.stderr
-    assert "ucx.conf" in done.stderr
+    said = run_code(tmp_path, code).stderr
+    assert "mpi4py.MPI was loaded before Headstock needed it" in said
+    assert "ucx.conf" in said
 
 
 def test_settings_of_the_account_are_read(tmp_path: Path) -> None:
-    (tmp_path / "scene.toml").write_text(SCENE)
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / ".petscrc").write_text("-headstock_mine 7\n")
     code = (
         "import headstock as hs\nhs.run('scene.toml')\nfrom petsc4py import PETSc\n"
         "print(PETSc.Options().getInt('headstock_mine'))\n"
     )
-    own = {
-        "HOME": str(tmp_path / "home"),
-        "HEADSTOCK_STORE": str(tmp_path / "store"),
-        "XDG_CACHE_HOME": os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache"),
-    }
-    done = run_process(
-        [sys.executable, "-P", "-c", code], cwd=tmp_path, env=os.environ | own, timeout=100
-    )
-    assert done.stdout == "7\n", done.stderr
+    cache = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    done = run_code(tmp_path, code, HOME=str(tmp_path / "home"), XDG_CACHE_HOME=cache)
+    assert done.stdout == "7\n"
