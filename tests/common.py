@@ -55,8 +55,9 @@ Choice = str | Callable[[FloatArray], BoolArray]
 
 
 def run_process(command: Sequence[str | Path], *, check: bool = False, **options: Any) -> Done:
-    """Run a program to its end, with what it prints as text."""
-    return subprocess.run(command, capture_output=True, text=True, check=check, **options)
+    """Run a program to its end, with what it prints as text, whatever bytes there are."""
+    options |= {"capture_output": True, "text": True, "errors": "replace"}
+    return subprocess.run(command, check=check, **options)
 
 
 def rank_words(ranks: int) -> list[str]:
@@ -77,7 +78,7 @@ def run_on_ranks(ranks: int, folder: Path, *program: str) -> Done:
         "HEADSTOCK_THREADS": "1",  # the core of a sleeping rank would change the last digits
     }
     command = ["/bin/sh", str(start), *rank_words(ranks), "-P", *program]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, env=variables)
+    return run_process(command, timeout=120, env=variables)
 
 
 def run_alone(folder: Path, *words: str) -> Done:

@@ -4,6 +4,7 @@ import ast
 import os
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,7 @@ DOCUMENTS = (
         for name in ("hpc", "tutorial", "comparing", "show", "mesh_files")
     ),
 )
+PATHS = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
 BLOCK = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 # these would run the tests again, build an environment, or run for minutes; their own tests see to
 # them
@@ -52,6 +54,14 @@ def blocks(document: str, language: str) -> list[str]:
     return [text for kind, text in BLOCK.findall(path.read_text()) if kind == language]
 
 
+def run_in(folder: Path, *command: str) -> str:
+    """What a command prints in a folder, that ends well with a store of its own there."""
+    variables = {**os.environ, **PATHS, "HEADSTOCK_STORE": str(folder / "store")}
+    done = run_process([*command], cwd=folder, env=variables, timeout=SECONDS)
+    assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    return done.stdout
+
+
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
     """A folder in which the commands of a document can be typed without leaving anything in the
@@ -60,9 +70,8 @@ def checkout(tmp_path: Path) -> Path:
     for name in ("machines", "tests", "docs"):
         (tmp_path / name).symlink_to(ROOT / name)
     program = tmp_path / "headstock"
-    program.write_text(
-        f'#!/bin/sh\nexec "{sys.executable}" -P -m headstock.app.command_line "$@"\n'
-    )
+    started = f'"{sys.executable}" -P -m headstock.app.command_line'
+    program.write_text(f'#!/bin/sh\nexec {started} "$@"\n')
     program.chmod(0o755)
     return tmp_path
 
@@ -71,34 +80,18 @@ def checkout(tmp_path: Path) -> Path:
 def test_every_command_of_a_document_runs_as_typed(document: str, checkout: Path) -> None:
     shown = [text for text in blocks(document, "sh") if not SKIPPED.search(text)]
     assert shown
-    variables = {
-        **os.environ,
-        "HEADSTOCK_STORE": str(checkout / "store"),
-        "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-    }
     for text in shown:
-        done = run_process(["sh", "-eu", "-c", text], cwd=checkout, env=variables, timeout=SECONDS)
-        assert done.returncode == 0, (
-            f"{document}:\n{text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
-        )
+        run_in(checkout, "sh", "-eu", "-c", text)
 
 
 def test_the_python_of_the_page_of_files_finds_the_arrays_of_its_table(checkout: Path) -> None:
     page = "docs/files.md"
     (command,), (program,) = blocks(page, "sh"), blocks(page, "python")
-    printed = [
-        run_process(
-            line,
-            cwd=checkout,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            check=True,
-            timeout=SECONDS,
-        ).stdout
-        for line in (["sh", "-eu", "-c", command], [sys.executable, "-P", "-c", program])
-    ]
+    run_in(checkout, "sh", "-eu", "-c", command)
+    printed = run_in(checkout, sys.executable, "-P", "-c", program)
     summary = read_summary(checkout / "results" / "files")
     compliance = summary["static"]["tcp"]["compliance_um_per_kN"][0][0]
-    assert printed[1] == f"{compliance:.0f} um/kN\n"
+    assert printed == f"{compliance:.0f} um/kN\n"
     mesh = read_mesh(checkout / "results" / "files", "column")
     kept = [
         name for name in mesh.array_names if not re.search(r"mode (?!01)|static tcp [yz]", name)
@@ -111,28 +104,15 @@ def test_the_python_of_the_page_of_files_finds_the_arrays_of_its_table(checkout:
 def test_the_python_of_the_page_of_architecture_prints_what_it_shows(checkout: Path) -> None:
     page = "docs/architecture.md"
     _, shown = blocks(page, "text")
-    done = run_process(
-        [sys.executable, "-P", "-c", "\n".join(blocks(page, "python"))],
-        cwd=checkout,
-        env={
-            **os.environ,
-            "HEADSTOCK_STORE": str(checkout / "store"),
-            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-        },
-        timeout=SECONDS,
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
-    assert done.stdout == shown
+    program = "\n".join(blocks(page, "python"))
+    assert run_in(checkout, sys.executable, "-P", "-c", program) == shown
 
 
 def test_the_page_of_architecture_names_what_exists() -> None:
-    named = re.findall(
-        r"`((?:\w+/)+\w+\.py):([\w.]+)`", (ROOT / "docs/architecture.md").read_text()
-    )
+    page = (ROOT / "docs/architecture.md").read_text()
+    named = re.findall(r"`((?:\w+/)+\w+\.py):([\w.]+)`", page)
     assert len(named) > 30
-    assert {
-        f"{file}:{name}" for file, name in named if name not in defined_in(ROOT / file)
-    } == set()
+    assert [each for each in named if each[1] not in defined_in(ROOT / each[0])] == []
 
 
 def defined_in(path: Path) -> set[str]:
@@ -152,29 +132,38 @@ def defined_in(path: Path) -> set[str]:
     return names
 
 
-def test_the_cost_of_a_large_part_on_the_page_of_clusters_is_what_its_command_prints() -> None:
-    done = run_process(
-        [sys.executable, ROOT / "benchmarks" / "large_model.py"],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        check=True,
-        timeout=SECONDS,
-    )
-    (total,) = re.findall(r"^all +(.*)$", done.stdout, re.M)
+def test_the_cost_of_a_large_part_on_the_page_of_clusters_is_what_its_command_prints(
+    tmp_path: Path,
+) -> None:
+    printed = run_in(tmp_path, sys.executable, str(ROOT / "benchmarks" / "large_model.py"))
+    (total,) = re.findall(r"^all +(.*)$", printed, re.M)
     first, *_, longest, memory = total.split()
     page = " ".join((ROOT / "docs" / "hpc.md").read_text().split())
     assert f"take {int(first) / 60:.0f} to {int(longest) / 60:.0f} minutes and {memory} GB" in page
 
 
-def test_the_scene_reference_is_up_to_date() -> None:
-    # otherwise: ./headstock schema --markdown > docs/scene_reference.md
-    assert (ROOT / "docs" / "scene_reference.md").read_text() == _render_reference(plain_schema())
+@pytest.mark.parametrize(
+    ("page", "command", "render"),
+    [
+        ("scene_reference", "schema --markdown", lambda: _render_reference(plain_schema())),
+        ("units", "schema units", _render_units),
+        ("catalogue", "catalogue --markdown", lambda: _render_catalogue(read_catalogue().values())),
+        (
+            "cutting_coefficients",
+            "catalogue cutting --markdown",
+            lambda: _render_cutting(read_cutting_materials().values()),
+        ),
+    ],
+)
+def test_a_page_that_a_command_writes_is_up_to_date(
+    page: str, command: str, render: Callable[[], str]
+) -> None:
+    path = ROOT / "docs" / f"{page}.md"
+    assert path.read_text() == render(), f"./headstock {command} > docs/{page}.md"
 
 
-def test_the_page_of_units_is_up_to_date_and_every_unit_on_it_is_read() -> None:
-    # otherwise: ./headstock schema units > docs/units.md
-    page = (ROOT / "docs" / "units.md").read_text()
-    assert page == _render_units()
-    rows = re.findall(r"^\| (`.*`) \| an? ", page, re.M)
+def test_every_unit_on_the_page_of_units_is_read() -> None:
+    rows = re.findall(r"^\| (`.*`) \| an? ", _render_units(), re.M)
     units = [unit for row in rows for unit in re.findall("`([^`]+)`", row)]
     assert {"mm", "um"}.isdisjoint(units) and {"m", "rpm", "psi"} <= {*units}
     assert [unit for unit in units if measure_unit(unit)[0] <= 0] == []
@@ -188,26 +177,10 @@ def test_no_cell_of_the_scene_reference_is_empty() -> None:
     assert {len(texts) for texts in cells.values()} == {4}
 
 
-def test_the_page_of_the_catalogue_is_up_to_date() -> None:
-    # otherwise: ./headstock catalogue --markdown > docs/catalogue.md
-    page = (ROOT / "docs" / "catalogue.md").read_text()
-    assert page == _render_catalogue(read_catalogue().values())
-
-
-def test_the_page_of_cutting_coefficients_is_up_to_date() -> None:
-    # otherwise: ./headstock catalogue cutting --markdown > docs/cutting_coefficients.md
-    page = (ROOT / "docs" / "cutting_coefficients.md").read_text()
-    assert page == _render_cutting(read_cutting_materials().values())
-
-
 def test_every_key_of_scenes_and_target_files_says_what_it_means() -> None:
     scene, targets = plain_schema(), TargetsTable.model_json_schema()
-    tables = {
-        **rules_in(scene, "$defs"),
-        **rules_in(targets, "$defs"),
-        "Scene": scene,
-        "Targets": targets,
-    }
+    tables = rules_in(scene, "$defs") | rules_in(targets, "$defs")
+    tables |= {"Scene": scene, "Targets": targets}
     rules = {
         f"{name}.{key}": rule
         for name, table in tables.items()
@@ -303,11 +276,8 @@ def test_sentences_of_the_documents_are_short() -> None:
 def test_documents_speak_as_engineers_do() -> None:
     texts = written_texts()
     assert len(texts) > 40
-    found = {
-        name: sorted({each[0].lower() for each in IDIOMS.finditer(text)})
-        for name, text in texts.items()
-    }
-    assert {name: words for name, words in found.items() if words} == {}
+    found = [(name, each[0]) for name, text in texts.items() for each in IDIOMS.finditer(text)]
+    assert found == []
 
 
 def written_texts() -> dict[str, str]:

@@ -52,6 +52,8 @@ STARTED = re.compile(
 )
 # words that the launcher knows and the program does not
 LAUNCHER = {"test", "exec", "docs", "python", "notebook", "release-check", "COMMAND", "--with"}
+IN_CHECKOUT = r"(?:tests|benchmarks|docs|machines|environment)/\S+"
+OF_SCENES = r"(?:machines|tests)/[^{*]+$"
 # in blocks beside commands of the program
 OTHER_PROGRAMS = {"cat", "echo", "mkdir", "export"}
 # placeholders that an option would refuse
@@ -187,20 +189,13 @@ def launched_files(words: list[str]) -> list[str]:
     """What a command of the launcher names of this checkout that is not there: files, and options
     of benchmarks.
     """
-    faults = [
-        word
-        for word in words
-        if re.fullmatch(r"(?:tests|benchmarks|docs|machines|environment)/\S+", word)
-        and not (ROOT / word).exists()
-    ]
-    scripts = [word for word in words if word.startswith("benchmarks/") and (ROOT / word).exists()]
-    for script in scripts:
-        source = (ROOT / script).read_text()
-        faults += [
-            word
-            for word in words
-            if word.startswith("--") and word != "--with" and f'"{word}"' not in source
-        ]
+    files = {word for word in words if re.fullmatch(IN_CHECKOUT, word)}
+    faults = sorted(word for word in files if not (ROOT / word).exists())
+    options = [word for word in words if word.startswith("--") and word != "--with"]
+    for script in files - {*faults}:
+        if script.startswith("benchmarks/"):
+            source = (ROOT / script).read_text()
+            faults += [option for option in options if f'"{option}"' not in source]
     return faults
 
 
@@ -214,17 +209,14 @@ def missing_names(given: Mapping[str, Any]) -> list[str]:
     placeholder.
     """
     named = str(given.get("scene") or given.get("file") or "")
-    faults = [
-        str(value)
-        for value in given.values()
-        if re.match(r"(?:machines|tests)/[^{*]+$", str(value)) and not (ROOT / str(value)).exists()
-    ]
+    files = [str(value) for value in given.values() if re.match(OF_SCENES, str(value))]
+    faults = [file for file in files if not (ROOT / file).exists()]
     if faults or not re.fullmatch(r"machines/.*\.toml", named):
         return faults
-    variants = [given.get("variant"), *split_list(given.get("variants"))]
-    for variant in variants:
-        load(named, variant, tuple(given.get("set_") or ()))
-    scene = load(named, given.get("variant"), tuple(given.get("set_") or ()))
+    settings = tuple(given.get("set_") or ())
+    for variant in split_list(given.get("variants")):
+        load(named, variant, settings)
+    scene = load(named, given.get("variant"), settings)
     known: dict[str, Collection[str]] = {
         "pose": scene.poses,
         "analysis": NAMES,
@@ -232,9 +224,8 @@ def missing_names(given: Mapping[str, Any]) -> list[str]:
     }
     for key, names in known.items():
         asked = given.get(key) or []
-        faults += [
-            name for name in ([asked] if isinstance(asked, str) else asked) if name not in names
-        ]
+        asked = [asked] if isinstance(asked, str) else asked
+        faults += [name for name in asked if name not in names]
     return faults
 
 

@@ -1,9 +1,6 @@
-"""Sweeps and studies whose disk fills up, and that go on when there is more room: nothing finished
-is lost, the end is that of an undisturbed one.
-
-One run after the other on a disk that fills up: a named error or a right result, and the old result
-as it was. Runs, sweeps and studies on a disk that fills up: a named error or a right result,
-nothing torn, nothing lost.
+"""Runs, sweeps and studies on a disk that fills up: a named error or a right result, and the old
+result as it was. Those that go on when there is more room lose nothing that was finished, and end as
+undisturbed ones do.
 """
 
 import os
@@ -54,6 +51,7 @@ GROWING = (".journal", ".jsonl")
 TIMED = ("points.jsonl", "study.csv", "study.json")
 EXTRA_ROOM = 0.5  # of what is needed, from one start of a trial to the next
 MOST_STARTS = 4
+ENOUGH = "enough room: the right result"
 Bytes = dict[str, bytes]
 # folder of scene and store, folder of results, kind, variant, environment; exit code and what was
 # said on standard error
@@ -64,12 +62,8 @@ KINDS = ("run", *RESUMED)
 
 def require_named(code: int, said: str) -> None:
     """Check that what did not end well ended with 1 and with words about the disk."""
-    if (
-        code != 1
-        or "Traceback" in said
-        or "internal error" in said
-        or not any(words in said for words in NAMED)
-    ):
+    fault = "Traceback" in said or "internal error" in said
+    if code != 1 or fault or not any(words in said for words in NAMED):
         raise FaultError(f"it ended with {code} and said: {said.strip()[-500:]}")
 
 
@@ -86,13 +80,7 @@ class RunTrials:
             if code:
                 raise FaultError(f"an undisturbed run of {variant} ended with {code}: {said}")
             self._expected[variant] = read_numbers(places.results)
-        folders = (places.results, places.store)
-        self._needed = sum(
-            path.stat().st_size
-            for folder in folders
-            for path in folder.rglob("*")
-            if path.is_file()
-        )
+        self._needed = _size_of(places.results) + _size_of(places.store)
 
     def attempt(self, folder: Path, share: float, turn: int) -> str:
         """Run with a share of the room needed, in a folder of its own; how it ended, in words."""
@@ -100,20 +88,14 @@ class RunTrials:
         # where temporary files are on the small disk, forms are compiled too: the compiler writes
         # there
         places = make_places(folder, cache=folder / "cache" if TEMPORARY in shared else None)
-        with limited_room(
-            folder, ("results", *shared), limited_files=self._limited_files
-        ) as set_room:
+        names = ("results", *shared)
+        with limited_room(folder, names, limited_files=self._limited_files) as set_room:
             shutil.copytree(self._old, places.results, dirs_exist_ok=True)
             set_room(int(MOST_ROOM * share * self._needed))
             return self._judge(places)
 
     def _judge(self, places: Places) -> str:
-        before = {
-            path.relative_to(self._old): path.read_bytes()
-            for path in self._old.rglob("*")
-            if path.is_file()
-        }
-        wanted = self._expected[VARIANTS[1]]
+        before, wanted = _read_files(self._old), self._expected[VARIANTS[1]]
         code, said = finish_run(places, VARIANTS[1])
         if check_files(places.results):
             raise FaultError(f"temporaries stayed behind: {check_files(places.results)}")
@@ -121,12 +103,12 @@ class RunTrials:
         if code == 0:
             if not found.equal(wanted):
                 raise FaultError("the run ended with 0 and other numbers")
-            return "enough room: the right result"
+            return ENOUGH
         require_named(code, said)
         if found.equal(wanted):
             return "exit 1 for want of room for the report; the new result whole"
         for name in ("results.h5", "summary.json"):
-            if (places.results / name).read_bytes() != before[Path(name)]:
+            if (places.results / name).read_bytes() != before[name]:
                 raise FaultError(f"the run ended with 1 and changed {name}")
         return "exit 1: the old result as it was"
 
@@ -144,12 +126,8 @@ class ResumeTrials:
         start: Start | None = None,
     ) -> None:
         """Leave both variants undisturbed once."""
-        self._kind, self._limited_files, self._scene, self._run = (
-            kind,
-            limited_files,
-            scene,
-            start or _run_process,
-        )
+        self._kind, self._scene = kind, scene
+        self._limited_files, self._run = limited_files, start or _run_process
         self._old, self.results = root / "old", root / "results"
         root.mkdir(parents=True)
         for variant, folder in ((OLD, self._old), (None, self.results)):
@@ -161,28 +139,21 @@ class ResumeTrials:
         self._expected, self._content = _read_files(self.results), read_content(self.results)
         self._before = _read_files(self._old)
         self._growing = sum(len(content) for content in _read_growing(self.results).values())
-        store = sum(path.stat().st_size for path in (root / "store").rglob("*.h5"))
-        self._needed = store + sum(
-            path.stat().st_size for path in self.results.rglob("*") if path.is_file()
-        )
+        self._needed = _size_of(self.results) + _size_of(root / "store", "*.h5")
 
     def attempt(self, folder: Path, share: float, turn: int) -> str:
         """Start with a share of the room needed, and again with more until it ends well; how it
         ended, in words."""
         # Open MPI keeps files of its own where temporary files are
-        choices = (
-            SHARED
-            if "ranks" not in self._kind
-            else [names for names in SHARED if TEMPORARY not in names]
-        )
+        ranks = "ranks" in self._kind
+        choices = [names for names in SHARED if not (ranks and TEMPORARY in names)]
         shared = choices[turn % len(choices)]
         (folder / "store").mkdir(parents=True)
         (folder / TEMPORARY).mkdir()
         # every other disk is full while poses and points are finished, the others at any time
         room = int(share * (1.1 * self._growing if turn % 2 else MOST_ROOM * self._needed))
-        with limited_room(
-            folder, ("results", *shared), limited_files=self._limited_files
-        ) as set_room:
+        names = ("results", *shared)
+        with limited_room(folder, names, limited_files=self._limited_files) as set_room:
             shutil.copytree(self._old, folder / "results", dirs_exist_ok=True)
             said_before: list[str] = []
             for start in range(MOST_STARTS):
@@ -195,11 +166,8 @@ class ResumeTrials:
                 self._check_remains(folder / "results", finished)
                 if code == 0:
                     self._require_whole(folder / "results")
-                    return (
-                        f"the right result after {', '.join(said_before)}"
-                        if start
-                        else "enough room: the right result"
-                    )
+                    after = f"after {', '.join(said_before)}"
+                    return f"the right result {after}" if start else ENOUGH
                 require_named(code, said)
                 said_before.append(said.partition(":")[0].splitlines()[-1])
         raise FaultError("it ended with 1 and enough room")
@@ -233,9 +201,8 @@ class ResumeTrials:
     def _require_whole(self, results: Path) -> None:
         found = _read_files(results)
         if found.keys() != self._expected.keys():
-            raise FaultError(
-                f"other files than those of an undisturbed one: {sorted(found.keys() ^ self._expected.keys())}"
-            )
+            others = sorted(found.keys() ^ self._expected.keys())
+            raise FaultError(f"other files than those of an undisturbed one: {others}")
         for name, content in self._expected.items():
             if name not in TIMED and found[name] != content:
                 raise FaultError(f"{name} differs from that of an undisturbed one")
@@ -243,6 +210,10 @@ class ResumeTrials:
             difference := find_difference(read_content(results), self._content)
         ):
             raise FaultError(f"the content is not that of an undisturbed one: {difference}")
+
+
+def _size_of(folder: Path, pattern: str = "*") -> int:
+    return sum(path.stat().st_size for path in folder.rglob(pattern) if path.is_file())
 
 
 def _read_files(folder: Path) -> Bytes:
@@ -265,9 +236,8 @@ def _read_growing(folder: Path) -> Bytes:
 def _run_process(
     root: Path, folder: Path, kind: str, variant: str | None, places: Mapping[str, str]
 ) -> tuple[int, str]:
-    process = start_resumable(
-        root, folder, kind, variant=variant, environment={**os.environ, **places}
-    )
+    environment = {**os.environ, **places}
+    process = start_resumable(root, folder, kind, variant=variant, environment=environment)
     said = wait_for_end(process)
     return process.returncode, said
 
@@ -298,9 +268,8 @@ def _fill_disks(root: Path, runs: int, seed: int, kinds: Sequence[str]) -> Outco
         # of each kind the room grows from trial to trial
         share = (turn + chance.random()) / -(-runs // len(kinds))
         try:
-            outcome.note_trial(
-                f"{kind}: {trials[kind].attempt(root / f'trial-{trial}', share, turn)}"
-            )
+            ending = trials[kind].attempt(root / f"trial-{trial}", share, turn)
+            outcome.note_trial(f"{kind}: {ending}")
         except FaultError as error:
             outcome.note_trial(f"{kind}: fault")
             outcome.faults.append(f"trial {trial + 1} ({kind}, {share:.3f} of all room): {error}")

@@ -1,15 +1,12 @@
 """Mesh, superelement, STEP, force, path and target files damaged at random: read, or refused by
 name; the process that asks never falls.
-
-Small sound files of every kind a scene may refer to: a box of 10-node tets, its superelement,
-measured forces, a way of axes.
 """
 
 import random
 import resource
 from pathlib import Path
-from typing import Any
 
+import meshio
 import numpy as np
 
 from faults.mutations import mutate_bytes, mutate_text
@@ -20,7 +17,6 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import DOF_NAMES, Frame
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import MeshFile, StepFile
-from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import describe_component, mesh_component
 from headstock.pipeline.planning.resources import peak_memory_mb
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
@@ -34,7 +30,6 @@ from headstock.validation.parts.structured_meshes import lattice_mesh, straight_
 SIZE = (0.04, 0.06, 0.2)
 # the last two of a 10-node tet come in another order than gmsh's
 TET10_ORDER = (0, 1, 2, 3, 4, 5, 6, 7, 9, 8)
-LINE = 8
 SECONDS_ALLOWED = 10.0
 MB_ALLOWED = 1024.0
 STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
@@ -59,51 +54,19 @@ analyses.modal = {}
 """)
 
 
-def box_mesh() -> ComponentMesh:
-    """A box of 10-node tets with its corner at the origin [m]."""
-    return lattice_mesh(straight_lattice((1, 2, 4), SIZE), "tet10", straight=True)
-
-
-def msh_text(mesh: ComponentMesh) -> str:
-    """Text of a gmsh file of version 2.2."""
-    nodes = [f"{i} {x!r} {y!r} {z!r}" for i, (x, y, z) in enumerate(_rows(mesh.points), 1)]
-    cells = [
-        f"{i} 11 2 99 99 {' '.join(str(n + 1) for n in cell)}"
-        for i, cell in enumerate(_rows(mesh.cells), 1)
-    ]
-    head = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "1", '3 99 "solid"']
-    head += ["$EndPhysicalNames", "$Nodes", str(len(nodes)), *nodes, "$EndNodes"]
-    return "\n".join([*head, "$Elements", str(len(cells)), *cells, "$EndElements", ""])
-
-
-def inp_text(mesh: ComponentMesh) -> str:
-    """Text of an Abaqus deck."""
-    nodes = [f"{i}, {x!r}, {y!r}, {z!r}" for i, (x, y, z) in enumerate(_rows(mesh.points), 1)]
-    cells = [
-        f"{i}, {', '.join(str(cell[n] + 1) for n in TET10_ORDER)}"
-        for i, cell in enumerate(_rows(mesh.cells), 1)
-    ]
-    head = ["*Heading", "box", "*NODE, NSET=Nall", *nodes]
-    elements = ["*Element, type=C3D10, elset=Eall", *cells]
-    return "\n".join([*head, *elements, "*STEP", "*END STEP", ""])
-
-
-def bdf_text(mesh: ComponentMesh) -> str:
-    """Text of a Nastran bulk data file."""
-    lines = ["BEGIN BULK", "MAT1,1,2.1+11,,0.3"]
-    for i, (x, y, z) in enumerate(_rows(mesh.points), 1):
-        lines += [
-            f"{'GRID*':<8}{i:<16}{'':16}{x:<16.9e}{y:<16.9e}{'*':<8}".rstrip(),
-            f"{'*':<8}{z:<16.9e}",
-        ]
-    for i, cell in enumerate(_rows(mesh.cells), 1):
-        fields = [str(i), "1", *(str(cell[n] + 1) for n in TET10_ORDER)]
-        first, rest = fields[:LINE], fields[LINE:]
-        lines += [
-            f"{'CTETRA':<8}" + "".join(f"{word:<8}" for word in first) + "+",
-            f"{'+':<8}" + "".join(f"{word:<8}" for word in rest),
-        ]
-    return "\n".join([*lines, "ENDDATA", ""])
+def write_meshes(folder: Path) -> None:
+    """Write a box of 10-node tets with its corner at the origin [m] in three formats."""
+    box = lattice_mesh(straight_lattice((1, 2, 4), SIZE), "tet10", straight=True)
+    numbers = [np.full(len(box.cells), 99)]
+    mesh = meshio.Mesh(
+        box.points,
+        [("tetra10", box.cells[:, TET10_ORDER])],
+        cell_data={"gmsh:physical": numbers, "gmsh:geometrical": numbers},
+        field_data={"solid": np.array([99, 3])},
+    )
+    mesh.write(folder / "part.msh", file_format="gmsh22", binary=False)
+    for name in ("part.inp", "part.bdf"):
+        mesh.write(folder / name)
 
 
 def forces_text() -> str:
@@ -145,23 +108,11 @@ def box_superelement() -> Superelement:
 
 def write_samples(folder: Path) -> dict[str, bytes]:
     """Content of a sound file by its name; STEP files and targets are not among them."""
-    mesh = box_mesh()
-    texts = {
-        "part.msh": msh_text(mesh),
-        "part.inp": inp_text(mesh),
-        "part.bdf": bdf_text(mesh),
-        "forces.csv": forces_text(),
-        "path.csv": path_text(),
-    }
-    write_superelement(folder / "sample.h5", box_superelement())
-    return {
-        **{name: text.encode() for name, text in texts.items()},
-        "part.h5": (folder / "sample.h5").read_bytes(),
-    }
-
-
-def _rows(array: Any) -> list[list[Any]]:
-    return list(array.tolist())
+    write_meshes(folder)
+    (folder / FORCES).write_text(forces_text())
+    (folder / PATH).write_text(path_text())
+    write_superelement(folder / "part.h5", box_superelement())
+    return {name: (folder / name).read_bytes() for name in KINDS if name != TARGETS}
 
 
 def run_file_fuzz(runs: int, *, seed: int, root: Path) -> Outcome:

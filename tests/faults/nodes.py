@@ -5,13 +5,13 @@ under a job.
 import contextlib
 import json
 import os
-import subprocess
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from common import Done, run_process
 from faults.resume import SCENE as SWEPT_SCENE
 from faults.runs import SCENE, FaultError
 from faults.slurm_daemons import Slurm, run_slurm
@@ -64,19 +64,11 @@ class TwoNodes:
         store: str,
         folder: str | Path = ".",
         **variables: str,
-    ) -> "subprocess.CompletedProcess[str]":
+    ) -> Done:
         """Run a command to its end, in an allocation where there are several nodes."""
         allocation = ["salloc", f"--nodes={nodes}", "--ntasks=4", "--quiet"] if nodes > 1 else []
-        return subprocess.run(
-            [*allocation, *words],
-            cwd=folder,
-            env=self.environment(store) | variables,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=TIME_LIMIT,
-            stdin=subprocess.DEVNULL,
-        )
+        environment = self.environment(store) | variables
+        return run_process([*allocation, *words], cwd=folder, env=environment, timeout=TIME_LIMIT)
 
     def environment(self, store: str) -> dict[str, str]:
         """Variables of every command; the transports are left to its launcher."""
@@ -86,29 +78,15 @@ class TwoNodes:
 
     def submit(self, words: list[str], *, store: str) -> str:
         """Submit a command as a job of both nodes; the number of the job."""
-        done = subprocess.run(
-            [
-                *("sbatch", "--parsable", "--requeue", "--nodes=2", "--ntasks=2"),
-                *("--open-mode=append", f"--output={self.root}/%j.log", "--export=ALL"),
-                "--wrap",
-                "exec " + " ".join(words),
-            ],
-            env=self.environment(store),
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        return done.stdout.strip()
+        sbatch = ["sbatch", "--parsable", "--requeue", "--nodes=2", "--ntasks=2"]
+        sbatch += ["--open-mode=append", f"--output={self.root}/%j.log", "--export=ALL"]
+        command = [*sbatch, "--wrap", f"exec {' '.join(words)}"]
+        return run_process(command, env=self.environment(store), check=True).stdout.strip()
 
     def job_state(self, job: str) -> str:
         """State of a job as Slurm names it."""
-        done = subprocess.run(
-            ["squeue", "--noheader", "--states=all", f"--jobs={job}", "--format=%T"],
-            env=self.environment(""),
-            capture_output=True,
-            text=True,
-        )
-        return done.stdout.strip()
+        command = ["squeue", "--noheader", "--states=all", f"--jobs={job}", "--format=%T"]
+        return run_process(command, env=self.environment("")).stdout.strip()
 
     def launches(self) -> tuple[int, ...]:
         """How many job steps each node has begun."""
@@ -149,12 +127,8 @@ def fail_node_under_study(two: TwoNodes, output: str) -> list[Point]:
     before = two.points(output)
     _wait(two, job, "went on", lambda: two.job_state(job) == "PENDING")
     two.slurm.start_node(NODES[1])
-    _wait(
-        two,
-        job,
-        "did not end",
-        lambda: two.job_state(job) not in ("PENDING", "RUNNING", "COMPLETING"),
-    )
+    unfinished = ("PENDING", "RUNNING", "COMPLETING")
+    _wait(two, job, "did not end", lambda: two.job_state(job) not in unfinished)
     if two.job_state(job) != "COMPLETED":
         raise FaultError(f"the job ended as {two.job_state(job)}: {_log(two, job)}")
     return before

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import h5py
 
+from common import Done, run_process
 from faults.runs import FaultError, Outcome
 from faults.slurm_daemons import run_slurm
 from headstock.pipeline.storage.provenance import PROJECT
@@ -41,17 +42,9 @@ class SlurmPlaces:
     root: Path
     variables: dict[str, str]
 
-    def run(self, *words: str) -> "subprocess.CompletedProcess[str]":
+    def run(self, *words: str) -> Done:
         """Run a command to its end."""
-        return subprocess.run(
-            words,
-            env=self._environment(),
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=TIME_LIMIT,
-            stdin=subprocess.DEVNULL,
-        )
+        return run_process(words, env=self._environment(), timeout=TIME_LIMIT)
 
     def start_sweep(self, folder: str) -> "subprocess.Popen[str]":
         """Start the sweep as an array job."""
@@ -135,10 +128,8 @@ def _disturb(
     """Wait until a task has finished a pose, then end it before it has finished all."""
     journals = places.root / folder / "poses"
     end = time.monotonic() + TIME_LIMIT
-    while (
-        sum(path.stat().st_size > 1000 for path in journals.glob(f"*-{task}of{TASKS}-*.journal"))
-        == 0
-    ):
+    pattern = f"*-{task}of{TASKS}-*.journal"
+    while not any(path.stat().st_size > 1000 for path in journals.glob(pattern)):
         if process.poll() is not None or time.monotonic() > end:
             raise FaultError(f"task {task} wrote no pose")
         time.sleep(POLL_SECONDS)
@@ -147,12 +138,10 @@ def _disturb(
     if ending == ENDINGS[2]:
         _signal_task(places, folder, task, signal.SIGKILL)
         return
-    tool = "requeue" if ending == ENDINGS[1] else "cancel"
-    job = f"{_job_number(places, folder)}_{task}"
-    words = ("scontrol", "requeue") if tool == "requeue" else ("scancel",)
-    done = places.run(*words, job)
+    words = ("scontrol", "requeue") if ending == ENDINGS[1] else ("scancel",)
+    done = places.run(*words, f"{_job_number(places, folder)}_{task}")
     if done.returncode:
-        raise FaultError(f"{tool} of {job}: {done.stderr.strip()}")
+        raise FaultError(f"{' '.join(words)} of task {task}: {done.stderr.strip()}")
 
 
 def _signal_task(places: SlurmPlaces, folder: str, task: int, number: signal.Signals) -> None:
@@ -176,18 +165,16 @@ def _check_complaint(said: str, task: int) -> None:
 
 def _check_kept(places: SlurmPlaces, folder: str, task: int, *, requeued: bool) -> None:
     """The task that was begun twice computed only what it had not finished the first time."""
-    log = (places.root / folder / "slurm" / f"{_job_number(places, folder)}_{task}.log").read_text(
-        errors="replace"
-    )
+    name = f"{_job_number(places, folder)}_{task}.log"
+    log = (places.root / folder / "slurm" / name).read_text(errors="replace")
     if requeued and "REQUEUE" not in log:
         raise FaultError(f"task {task} was not put back into the queue: {log[-1500:]}")
     computed = re.findall(rf"part {task} of {TASKS}: (\d+) poses? computed", log)
     with h5py.File(places.root / folder / FILES[0], "r") as file:
         share = len(range(task - 1, len(file["positions"]), TASKS))
     if not computed or not 0 < int(computed[-1]) < share:
-        raise FaultError(
-            f"task {task} of {share} poses, begun again, did not go on where it was: {log[-1500:]}"
-        )
+        begun = f"task {task} of {share} poses, begun again"
+        raise FaultError(f"{begun}, did not go on where it was: {log[-1500:]}")
 
 
 def _complete(places: SlurmPlaces, folder: str, task: int) -> None:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from common import run_process
 from faults.runs import FaultError
 
 DAEMONS = ("munged", "slurmctld", "slurmd")
@@ -102,13 +103,9 @@ class Slurm:
 
     def node_states(self) -> set[str]:
         """States of the nodes, as Slurm names them; empty while it does not answer."""
-        done = subprocess.run(
-            ["sinfo", "--noheader", "--Node", "--format=%T"],
-            env={**os.environ, **self.variables},
-            capture_output=True,
-            text=True,
-            timeout=START_SECONDS,
-        )
+        command = ["sinfo", "--noheader", "--Node", "--format=%T"]
+        variables = {**os.environ, **self.variables}
+        done = run_process(command, env=variables, timeout=START_SECONDS)
         return set(done.stdout.split()) if done.returncode == 0 else set()
 
     def wait_until(self, is_ready: Callable[[], bool]) -> None:

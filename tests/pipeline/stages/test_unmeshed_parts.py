@@ -9,7 +9,7 @@ import pytest
 
 import scene_runs
 from common import approx
-from faults.file_fuzz import SIZE, box_mesh, msh_text
+from faults.file_fuzz import SIZE, write_meshes
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.survey import survey_step
@@ -35,7 +35,7 @@ fidelity = "rigid"
 free = true
 interfaces.foot = { face = "z-" }
 [components.bar]
-solid = { mesh = "box.msh", unit = "1 m" }
+solid = { mesh = "part.msh", unit = "1 m" }
 material = "steel"
 fidelity = "rigid"
 at = ["0 mm", "0 mm", "50 mm"]
@@ -53,7 +53,7 @@ count = 6
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     shutil.copy(SUPPORT, tmp_path / "support.step")
-    (tmp_path / "box.msh").write_text(msh_text(box_mesh()))
+    write_meshes(tmp_path)
     (tmp_path / "scene.toml").write_text(SCENE)
     return tmp_path
 
