@@ -120,17 +120,22 @@ def read_rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def read_units(path: Path) -> dict[str, str | None]:
-    """Unit of each array of an HDF5 file, by its name; None for one without."""
-    found: dict[str, str | None] = {}
+def read_datasets[T](path: Path, take: Callable[[h5py.Dataset], T]) -> dict[str, T]:
+    """What is taken of each array of an HDF5 file, by its name."""
+    found: dict[str, T] = {}
 
     def keep(name: str, item: object) -> None:
         if isinstance(item, h5py.Dataset):
-            found[name] = item.attrs.get("unit")
+            found[name] = take(item)
 
     with h5py.File(path) as file:
         file.visititems(keep)
     return found
+
+
+def read_units(path: Path) -> dict[str, str | None]:
+    """Unit of each array of an HDF5 file; None for one without."""
+    return read_datasets(path, lambda item: item.attrs.get("unit"))
 
 
 class Shell:
@@ -177,6 +182,71 @@ class Shell:
     def files(self, name: str = ".") -> set[str]:
         """Names of what lies in a folder."""
         return {path.name for path in (self.folder / name).iterdir()}
+
+
+def find_difference(
+    one: object,
+    other: object,
+    place: str = "",
+    *,
+    loose: tuple[str, ...] = (),
+    skip: tuple[type, ...] = (),
+) -> str:
+    """Where two values differ in type or content; empty where they do not.
+
+    Args:
+        loose: Beginnings of places in which entries may stand in another order.
+        skip: Types that are not compared.
+    """
+    if type(one) is not type(other):
+        return f"{place}: {type(one).__name__} and {type(other).__name__}"
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        same = one.dtype == other.dtype and one.shape == other.shape
+        return "" if same and one.tobytes() == other.tobytes() else place
+    pairs: list[tuple[str, object, object]] = []
+    if dataclasses.is_dataclass(one):
+        names = [field.name for field in dataclasses.fields(one)]
+        pairs = [(f".{name}", getattr(one, name), getattr(other, name)) for name in names]
+    elif isinstance(one, list | tuple) and isinstance(other, list | tuple):
+        if len(one) != len(other):
+            return place
+        pairs = [(f"[{i}]", *both) for i, both in enumerate(zip(one, other, strict=True))]
+    elif isinstance(one, Mapping) and isinstance(other, Mapping):
+        order = sorted if place.startswith(loose) else list
+        if order(one) != order(other):
+            return place
+        pairs = [(f"[{key}]", one[key], other[key]) for key in one]
+    elif one != other and not (one != one and other != other):
+        return f"{place}: {one!r} and {other!r}"
+    found = (
+        find_difference(mine, theirs, place + where, loose=loose, skip=skip)
+        for where, mine, theirs in pairs
+        if not isinstance(mine, skip)
+    )
+    return next(filter(None, found), "")
+
+
+def read_leaves(
+    value: Any, leave_out: Callable[[str], bool] = lambda key: False, place: str = ""
+) -> dict[str, Any]:
+    """What nested tables and lists hold by its place, without what stands under some keys."""
+    if not value or not isinstance(value, dict | list):
+        return {place: value}
+    items = value.items() if isinstance(value, dict) else enumerate(value)
+    return {
+        inner: leaf
+        for key, item in items
+        if not leave_out(str(key))
+        for inner, leaf in read_leaves(item, leave_out, f"{place}/{key}").items()
+    }
+
+
+def loaded_by(code: str) -> set[str]:
+    """Packages that a fresh interpreter has loaded after some code."""
+    listing = f"{code}\nimport sys\nprint(*{{name.partition('.')[0] for name in sys.modules}})"
+    done = run_process([sys.executable, "-P", "-c", listing], timeout=120)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.splitlines()[-1].split())
 
 
 def approx(expected: object, rel: float | None = None, abs: SupportsFloat | None = None) -> object:

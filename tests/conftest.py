@@ -93,11 +93,12 @@ def kinds_of(path: Path) -> frozenset[str]:
     text = path.read_text()
     elements = uses_elements(path, by_name=False)
     runs = any(word in text for word in ("run_alone", "run_command", "Shell"))
+    starts = any(word in text for word in ("run_process", "loaded_by"))
     signs = {
         "fem": elements,
         "scenes": runs or (not elements and uses_elements(path, by_name=True)),
         "smoke": "pytestmark = pytest.mark.smoke" in text,
-        "process": bool(imports & {"subprocess", "multiprocessing"}) or "run_process" in text,
+        "process": starts or bool(imports & {"subprocess", "multiprocessing"}),
         "mpi": any(word in text for word in ("mpirun", "run_on_ranks", "rank_words")),
         "faults": path.is_relative_to(ROOT / "tests" / "faults"),
         "hard": "pytest.mark.hard(" in text,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
-from common import Shell, run_process
+from common import Shell, loaded_by, run_process
 from headstock.machine import Sections
 from headstock.scene.schema.scene import SceneTable
 
@@ -28,13 +28,6 @@ def column(shell: Shell) -> Shell:
 @pytest.fixture
 def scene(column: Shell) -> Path:
     return column.folder / "scene.toml"
-
-
-def loaded_by(code: str) -> set[str]:
-    """Packages that a fresh interpreter has loaded after some code."""
-    listing = f"{code}\nimport sys\nprint(*{{name.partition('.')[0] for name in sys.modules}})"
-    done = run_process([sys.executable, "-P", "-c", listing], check=True)
-    return set(done.stdout.split())
 
 
 @pytest.mark.parametrize("code", ["import headstock", "import headstock.geometry.frames"])

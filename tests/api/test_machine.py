@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from common import find_difference
 from headstock.scene.reading.findings import Findings
 from headstock.scene.scene import Scene
 
@@ -19,43 +20,14 @@ MACHINES = sorted(
 )
 
 
-def find_difference(one: object, other: object, place: str = "") -> str:
-    """Where two scenes differ; empty where they do not."""
-    if type(one) is not type(other):
-        return f"{place}: {type(one).__name__} and {type(other).__name__}"
-    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        return "" if one.shape == other.shape and one.tobytes() == other.tobytes() else place
-    pairs: list[tuple[str, object, object]] = []
-    if dataclasses.is_dataclass(one):
-        names = [field.name for field in dataclasses.fields(one)]
-        pairs = [(f".{name}", getattr(one, name), getattr(other, name)) for name in names]
-    elif isinstance(one, list | tuple) and isinstance(other, list | tuple):
-        if len(one) != len(other):
-            return place
-        pairs = [(f"[{i}]", *both) for i, both in enumerate(zip(one, other, strict=True))]
-    elif isinstance(one, Mapping) and isinstance(other, Mapping):
-        # sections may stand in another order, entries of a section may not
-        order = sorted if place.startswith((".raw", ".written")) else list
-        if order(one) != order(other):
-            return place
-        pairs = [(f"[{key}]", one[key], other[key]) for key in one]
-    elif one != other:
-        return f"{place}: {one!r} and {other!r}"
-    found = (
-        find_difference(mine, theirs, place + where)
-        for where, mine, theirs in pairs
-        if not isinstance(mine, Path)  # the scene file and its parts are elsewhere
-    )
-    return next(filter(None, found), "")
-
-
 def scene_difference(one: Scene, other: Scene) -> str:
     # warnings and findings name file and line; tables may be written in another order
     first, second = (
         dataclasses.replace(scene, warnings=(), findings=Findings(""), written={})
         for scene in (one, other)
     )
-    return find_difference(first, second)
+    # sections may stand in another order; the scene file and its parts are elsewhere
+    return find_difference(first, second, loose=(".raw", ".written"), skip=(Path,))
 
 
 @pytest.mark.parametrize("path", MACHINES, ids=lambda path: path.stem)

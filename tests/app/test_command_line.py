@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from common import Shell, approx, run_process
+from common import Shell, approx, loaded_by, run_process
 from headstock.app.actions.checking import choose_fidelity
 from headstock.app.terminal import guard
 from headstock.geometry.errors import HeadstockError
@@ -32,18 +32,14 @@ def run_in_shell(command: str) -> subprocess.CompletedProcess[str]:
     return run_process(["bash", "-c", command], env=variables, timeout=120)
 
 
-def loaded_by(*lines: str) -> set[str]:
+def loaded_by_commands(*lines: str) -> set[str]:
     """Packages that commands have loaded in a process of their own; they have to end well."""
     calls = "".join(f"assert main({line.split()!r}) == 0\n" for line in lines)
-    code = f"import sys; from headstock.app.command_line import main\n{calls}"
-    shown = f"{code}print('loaded', *{{name.partition('.')[0] for name in sys.modules}})"
-    done = run_process([sys.executable, "-P", "-c", shown], timeout=120)
-    assert done.returncode == 0, done.stderr
-    return set(done.stdout.splitlines()[-1].split()[1:])
+    return loaded_by(f"from headstock.app.command_line import main\n{calls}")
 
 
 def test_help_imports_nothing_that_computes_and_lists_what_works(block: Shell) -> None:
-    loaded = loaded_by("--help")
+    loaded = loaded_by_commands("--help")
     assert "typer" in loaded
     assert not loaded & {*HEAVY, "numpy", "scipy", "pydantic", "mpi4py"}
     commands = "check plan run study compare identify validate report doctor schema catalogue test"
@@ -60,7 +56,7 @@ def test_help_shows_brackets_as_they_are(name: str, block: Shell) -> None:
 def test_no_heavy_library_is_imported_by_check_plan_or_a_run_without_elastic_components(
     block: Shell,
 ) -> None:
-    assert not loaded_by("check scene.toml", "plan scene.toml", RUN) & {*HEAVY}
+    assert not loaded_by_commands("check scene.toml", "plan scene.toml", RUN) & {*HEAVY}
 
 
 def test_run_writes_results_summary_and_report_and_prints_stages(block: Shell) -> None:
@@ -85,7 +81,7 @@ def test_the_second_run_of_an_unchanged_scene_takes_all_from_the_store_and_needs
 ) -> None:
     block.change(('fidelity = "rigid"', 'mesh = { size = "50 mm" }'))
     block(RUN)
-    assert not loaded_by("run scene.toml -o out") & {*HEAVY}
+    assert not loaded_by_commands("run scene.toml -o out") & {*HEAVY}
     stages = block.json("out/summary.json")["stages"]
     assert [row["cached"] for row in stages if row["stage"] in {"mesh", "reduce"}] == [True, True]
 

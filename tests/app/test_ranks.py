@@ -5,11 +5,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 
-from common import Done, approx, read_json, run_alone, run_command, run_on_ranks
+from common import Done, approx, read_datasets, read_json, run_alone, run_command, run_on_ranks
 from fixture_machines import machine, write_scene
 from headstock.pipeline import runner
 from headstock.reduction.components import elastic
@@ -253,15 +252,8 @@ def test_a_split_part_that_is_refused_ends_the_job_with_the_message_of_one_rank(
 
 def read_arrays(path: Path) -> dict[str, bytes]:
     """Numbers in a file of results by name."""
-    found: dict[str, bytes] = {}
-
-    def keep(name: str, item: h5py.Dataset | h5py.Group) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "fi":
-            found[name] = np.asarray(item[()]).tobytes()
-
-    with h5py.File(path) as file:
-        file.visititems(keep)
-    return found
+    found = read_datasets(path, lambda item: np.asarray(item[()]))
+    return {name: array.tobytes() for name, array in found.items() if array.dtype.kind in "fi"}
 
 
 def test_components_dealt_out_to_ranks_give_the_bytes_of_one_rank(

@@ -17,6 +17,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from common import read_datasets
 from faults.runs import PROGRAM, FaultError, Outcome, start_command, wait_for_end
 from fixture_machines import machine
 from headstock.pipeline.storage.journals import read_journal
@@ -96,7 +97,8 @@ def read_content(folder: Path) -> Content:
     try:
         if (folder / "sweep.h5").is_file():
             with h5py.File(folder / "sweep.h5") as file:
-                return _read_arrays(file)
+                found: Content = {str(name): str(value) for name, value in file.attrs.items()}
+            return found | read_datasets(folder / "sweep.h5", lambda item: item[()])
         records = [json.loads(line) for line in (folder / "points.jsonl").read_text().splitlines()]
         listing = json.loads((folder / "study.json").read_text())
     except (OSError, ValueError) as error:
@@ -108,17 +110,6 @@ def read_content(folder: Path) -> Content:
     return kept
 
 
-def _read_arrays(file: h5py.File) -> Content:
-    found: Content = {str(name): str(value) for name, value in file.attrs.items()}
-
-    def keep(name: str, item: object) -> None:
-        if isinstance(item, h5py.Dataset):
-            found[name] = item[()]
-
-    file.visititems(keep)
-    return found
-
-
 def find_difference(found: Content, expected: Content) -> str:
     """The first name whose content differs, by more than ``EQUAL`` of its largest number where it
     has numbers; empty for none.
@@ -127,22 +118,17 @@ def find_difference(found: Content, expected: Content) -> str:
         return f"other names: {sorted(found.keys() ^ expected.keys())[:3]}"
     for name, value in expected.items():
         other = found[name]
-        if (
-            isinstance(value, str)
-            or isinstance(other, str)
-            or value.dtype.kind != "f"
-            or np.shape(value) != np.shape(other)
-        ):
+        words = isinstance(value, str) or isinstance(other, str)
+        numbers = not words and value.dtype.kind == "f"
+        if not numbers or np.shape(value) != np.shape(other):
             if not np.array_equal(value, other):
                 return f"{name} differs"
             continue
         limit = SINGLE if value.dtype == np.float32 else EQUAL
-        error = np.abs(value - other) / max(float(np.nanmax(np.abs(value), initial=0.0)), 1e-300)
-        if (
-            not np.array_equal(np.isnan(value), np.isnan(other))
-            or np.nanmax(error, initial=0.0) > limit
-        ):
-            return f"{name} differs by {np.nanmax(error, initial=0.0):.2g} of its largest number"
+        largest = max(float(np.nanmax(np.abs(value), initial=0.0)), 1e-300)
+        error = float(np.nanmax(np.abs(value - other), initial=0.0)) / largest
+        if error > limit or not np.array_equal(np.isnan(value), np.isnan(other)):
+            return f"{name} differs by {error:.2g} of its largest number"
     return ""
 
 

@@ -5,12 +5,13 @@ tests/faults/test_nodes.py``; the launcher enters a root that has one.
 import os
 import shutil
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from common import approx, read_json
+from common import approx, read_json, read_leaves
 from faults.nodes import SIZES_MM, TwoNodes, fail_node_under_study, run_two_nodes
 from faults.runs import SCENE, Numbers, read_numbers
 from faults.slurm_daemons import DAEMONS
@@ -73,20 +74,10 @@ def launched(two: TwoNodes, before: tuple[int, ...]) -> list[int]:
     return [now - old for now, old in zip(two.launches(), before, strict=True)]
 
 
-def read_found(value: object, place: str = "") -> dict[str, float]:
+def read_found(path: Path) -> dict[str, float]:
     """Numbers of a JSON file by their place in it, without what they took."""
-    if isinstance(value, dict):
-        items = [(str(key), item) for key, item in value.items()]
-    elif isinstance(value, list):
-        items = [(str(number), item) for number, item in enumerate(value)]
-    else:
-        return {place: float(value)} if isinstance(value, int | float) else {}
-    return {
-        inner: number
-        for key, item in items
-        if not any(cost in key for cost in COSTS)
-        for inner, number in read_found(item, f"{place}/{key}").items()
-    }
+    found = read_leaves(read_json(path), lambda key: any(cost in key for cost in COSTS))
+    return {place: float(leaf) for place, leaf in found.items() if isinstance(leaf, int | float)}
 
 
 def assert_equal(found: Numbers, expected: Numbers, share: float) -> None:
@@ -176,7 +167,7 @@ def test_a_command_submitted_to_two_nodes_finds_what_one_process_finds(
         asked = [str(PROJECT / "headstock"), *line, "--json", f"{command}-{name}.json"]
         said = finish(two, [*asked, *more], f"{command}-{name}", nodes=1, folder=two.root)
         assert ("submitted" in said) == bool(more)
-        found.append(read_found(read_json(two.root / f"{command}-{name}.json")))
+        found.append(read_found(two.root / f"{command}-{name}.json"))
         assert not more or launched(two, before) == [1, 1]
     job, here = found
     assert len(here) > 3

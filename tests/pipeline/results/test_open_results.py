@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-from collections.abc import Mapping
 from pathlib import Path
 
 import h5py
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from common import find_difference
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.results.files import open_results
 from headstock.pipeline.results.results import Results
@@ -26,31 +26,6 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import keep_analyses, list_analyses
 
 MACHINES = Path(__file__).resolve().parents[3] / "machines"
-
-
-def find_difference(one: object, other: object, place: str = "") -> str:
-    """Where two values differ in type or content; empty where they do not."""
-    if type(one) is not type(other):
-        return f"{place}: {type(one).__name__} and {type(other).__name__}"
-    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
-        same = one.dtype == other.dtype and one.shape == other.shape
-        return "" if same and one.tobytes() == other.tobytes() else place
-    pairs: list[tuple[str, object, object]] = []
-    if dataclasses.is_dataclass(one):
-        names = [field.name for field in dataclasses.fields(one)]
-        pairs = [(f".{name}", getattr(one, name), getattr(other, name)) for name in names]
-    elif isinstance(one, tuple) and isinstance(other, tuple):
-        if len(one) != len(other):
-            return place
-        pairs = [(f"[{i}]", *both) for i, both in enumerate(zip(one, other, strict=True))]
-    elif isinstance(one, Mapping) and isinstance(other, Mapping):
-        if list(one) != list(other):
-            return place
-        pairs = [(f"[{key}]", one[key], other[key]) for key in one]
-    elif one != other and not (one != one and other != other):
-        return place
-    found = (find_difference(mine, theirs, place + where) for where, mine, theirs in pairs)
-    return next(filter(None, found), "")
 
 
 @pytest.fixture(scope="module")
