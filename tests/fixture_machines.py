@@ -51,6 +51,16 @@ def write_scene(folder: Path, text: str, *changes: tuple[str, str], name: str = 
     return path
 
 
+def targets(*hz: int, **parameters: str) -> str:
+    """A target file of natural frequencies; each parameter is ``key: low, high``."""
+    text = f"[cases.measured]\nfrequencies = {write_value([f'{each} Hz' for each in hz])}\n"
+    for name, line in parameters.items():
+        key, bounds = line.split(": ")
+        keys = {"keys": [key], "bounds": bounds.split(", ")}
+        text += "".join(write_table(f"parameters.{name}", keys))
+    return text
+
+
 def write_tables(scene: Mapping[str, object]) -> Iterator[str]:
     """A table an entry of each section, keys a line; tables further down are inline."""
     for key, value in scene.items():

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from common import approx, read_json, run_on_ranks
-from fixture_machines import machine
+from fixture_machines import machine, targets
 
 SCENE = machine("""
 machine = "block"
@@ -20,13 +20,7 @@ sweeps.line = { axes = { X = ["0 mm", "10 mm", 3] } }
 variants.heavy = { "materials.steel.rho" = "9000 kg/m^3" }
 analyses.modal.count = 4
 """)
-TARGETS = """
-[cases.measured]
-frequencies = ["60 Hz", "70 Hz"]
-[parameters.mount]
-keys = ["joints.mount.stiffness.x"]
-bounds = ["2 N/um", "50 N/um"]
-"""
+TARGETS = targets(60, 70, mount="joints.mount.stiffness.x: 2 N/um, 50 N/um")
 SCRIPT = """
 import json, os, sys
 import headstock as hs

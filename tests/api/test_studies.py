@@ -8,6 +8,7 @@ import pytest
 
 import headstock as hs
 from common import Shell, approx
+from fixture_machines import targets
 
 ROOT = Path(__file__).resolve().parents[2]
 COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
@@ -101,19 +102,13 @@ def test_a_sweep_has_the_frequencies_of_runs_in_its_poses(tmp_path: Path) -> Non
     assert wanted == approx(np.sort(single)[: len(wanted)], rel=1e-6)
 
 
-TARGETS = """
-[fit]
-starts = 3
-[cases.measured]
-frequencies = ["200 Hz", "500 Hz"]
-[parameters.length]
-keys = ["components.column.solid.box[2]"]
-bounds = ["300 mm", "600 mm"]
-[parameters.stiffness]
-keys = ["materials.steel.E"]
-bounds = ["100 GPa", "300 GPa"]
-prior_sigma = 0.05
-"""
+TARGETS = "[fit]\nstarts = 3\n" + targets(
+    200,
+    500,
+    length="components.column.solid.box[2]: 300 mm, 600 mm",
+    stiffness="materials.steel.E: 100 GPa, 300 GPa",
+)
+TARGETS += "prior_sigma = 0.05\n"
 
 
 @pytest.mark.trials

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from common import Shell, run_once
-from fixture_machines import machine
+from fixture_machines import machine, targets
 
 BLOCK = machine("""
 machine = "block"
@@ -20,13 +20,7 @@ vary = { "materials.steel.rho" = ["7000 kg/m^3", "8000 kg/m^3"] }
 watch = ["modal.frequencies_hz[0:3]"]
 """)
 
-TARGETS = """
-[cases.measured]
-frequencies = ["170 Hz", "179 Hz"]
-[parameters.mount]
-keys = ["joints.mount.stiffness.x"]
-bounds = ["5 N/um", "20 N/um"]
-"""
+TARGETS = targets(170, 179, mount="joints.mount.stiffness.x: 5 N/um, 20 N/um")
 
 
 @pytest.fixture

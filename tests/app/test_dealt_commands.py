@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from common import Done, approx, read_json, read_leaves, run_command
-from fixture_machines import machine, write_scene
+from fixture_machines import machine, targets, write_scene
 
 pytestmark = pytest.mark.process
 
@@ -23,21 +23,9 @@ components.column.segments = { along = "z", count = 4 }
 components.column.interfaces = { foot = { face = "z-" }, tip = { face = "z+", coupling = "average" } }
 joints.mount.stiffness = { x = "100 N/um", y = "80 N/um", z = "200 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
 """)
-TARGETS = """
-[fit]
-starts = 4
-[cases.column]
-frequencies = ["400 Hz", "600 Hz", "1400 Hz"]
-[parameters.x]
-keys = ["joints.mount.stiffness.x"]
-bounds = ["20 N/um", "500 N/um"]
-[parameters.y]
-keys = ["joints.mount.stiffness.y"]
-bounds = ["20 N/um", "500 N/um"]
-[parameters.z]
-keys = ["joints.mount.stiffness.z"]
-bounds = ["20 N/um", "900 N/um"]
-"""
+SPRING = "joints.mount.stiffness.{}: 20 N/um, {} N/um"
+BOUNDS = {axis: SPRING.format(axis, high) for axis, high in (("x", 500), ("y", 500), ("z", 900))}
+TARGETS = "[fit]\nstarts = 4\n" + targets(400, 600, 1400, **BOUNDS)
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from common import approx, read_json, read_leaves
 from faults.nodes import SIZES_MM, TwoNodes, fail_node_under_study, run_two_nodes
 from faults.runs import SCENE, Numbers, read_numbers
 from faults.slurm_daemons import DAEMONS
+from fixture_machines import targets
 from headstock.pipeline.storage.provenance import PROJECT
 
 pytestmark = [
@@ -40,13 +41,7 @@ SPRUNG = SCENE.replace(
     """kind = "spring"
 stiffness = { x = "10 N/um", y = "12 N/um", z = "40 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }""",
 )
-TARGETS = """
-[cases.measured]
-frequencies = ["200 Hz", "240 Hz"]
-[parameters.clamp]
-keys = ["joints.clamp.stiffness.x"]
-bounds = ["2 N/um", "50 N/um"]
-"""
+TARGETS = targets(200, 240, clamp="joints.clamp.stiffness.x: 2 N/um, 50 N/um")
 
 
 @pytest.fixture(scope="module")

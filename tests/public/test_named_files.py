@@ -8,7 +8,7 @@ import pytest
 from cross_slide import ANALYSES, SCENE, TARGETS
 
 from common import Shell, present
-from fixture_machines import machine
+from fixture_machines import machine, targets
 
 ROOT = Path(__file__).resolve().parents[2]
 # as documents and `--help` write files: a word in capitals stands for a name
@@ -48,16 +48,7 @@ components.part.mesh = { size = "40 mm", cells = "hex" }
 analyses.static = { at = "tcp" }
 """)
 UFF = "    -1\n   151\nmodal test\n    -1\n"
-
-
-TARGET = """
-[cases.a]
-tolerance = "1 %"
-frequencies = ["60 Hz"]
-[parameters.E]
-keys = ["materials.steel.E"]
-bounds = ["100 GPa", "300 GPa"]
-"""
+TARGET = targets(60, E="materials.steel.E: 100 GPa, 300 GPa")
 
 
 @pytest.fixture
