@@ -60,6 +60,24 @@ def run_process(command: Sequence[str | Path], *, check: bool = False, **options
     return subprocess.run(command, check=check, **options)
 
 
+def place_launcher(folder: Path) -> Path:
+    """A folder in which ``./headstock`` can be typed."""
+    program = folder / "headstock"
+    started = f'"{sys.executable}" -P -m headstock.app.command_line'
+    program.write_text(f'#!/bin/sh\nexec {started} "$@"\n')
+    program.chmod(0o755)
+    return folder
+
+
+def run_in(folder: Path, *command: str, **variables: str) -> str:
+    """What a command prints that ends well in a folder, with a store of its own there."""
+    paths = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    own = {**os.environ, **paths, "HEADSTOCK_STORE": str(folder / "store"), **variables}
+    done = run_process(command, cwd=folder, env=own, timeout=300)
+    assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    return done.stdout
+
+
 def rank_words(ranks: int) -> list[str]:
     """How MPI starts Python on so many ranks, which share cores: MPICH lets them without being told."""
     mpirun = shutil.which("mpirun")

@@ -93,7 +93,7 @@ def kinds_of(path: Path) -> frozenset[str]:
     text = path.read_text()
     elements = uses_elements(path, by_name=False)
     runs = any(word in text for word in ("run_alone", "run_command", "Shell"))
-    starts = any(word in text for word in ("run_process", "loaded_by"))
+    starts = any(word in text for word in ("run_process", "run_in", "loaded_by"))
     signs = {
         "fem": elements,
         "scenes": runs or (not elements and uses_elements(path, by_name=True)),

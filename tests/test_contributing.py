@@ -12,7 +12,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from common import approx, read_json, run_process
+from common import approx, read_json, run_in, run_process
 
 ROOT = Path(__file__).resolve().parent.parent
 PATCH = ROOT / "tests" / "data" / "adding_an_analysis.patch"
@@ -61,12 +61,9 @@ def extended(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return copy
 
 
-def run_in(copy: Path, command: str) -> str:
-    paths = {"PYTHONPATH": str(copy / ".typing"), "HEADSTOCK_STORE": str(copy / "store")}
+def run_copy(copy: Path, command: str) -> str:
     words = [sys.executable, "-P", "-m", *shlex.split(command)]
-    done = run_process(words, cwd=copy, env=os.environ | paths, timeout=300)
-    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-    return done.stdout
+    return run_in(copy, *words, PYTHONPATH=str(copy / ".typing"))
 
 
 def test_the_list_of_files_of_a_new_analysis_is_that_of_a_patch_that_adds_one() -> None:
@@ -78,7 +75,7 @@ def test_the_list_of_files_of_a_new_analysis_is_that_of_a_patch_that_adds_one() 
 
 def test_a_shipped_scene_runs_with_the_analysis_of_the_patch(extended: Path) -> None:
     line = "run machines/three_axis.toml --variant segmented -o out --no-figures"
-    shown = run_in(extended, f"headstock.app.command_line {line} --set analyses={{mass={{}}}}")
+    shown = run_copy(extended, f"headstock.app.command_line {line} --set analyses={{mass={{}}}}")
     summary = read_json(extended / "out" / "summary.json")
     found = summary["mass"]["reference"]
     assert found["mass_kg"] == approx(summary["totals"]["mass_kg"], rel=1e-12)
@@ -98,7 +95,7 @@ def test_the_patched_tree_keeps_its_layers_and_passes_the_tests_of_the_patch(
 ) -> None:
     tests = "tests/solvers/linear/test_mass.py tests/pipeline/stages/test_mass.py"
     plain = "-q -p no:cacheprovider -p no:xdist -k 'mass or imports_or_names or glance'"
-    assert " passed" in run_in(extended, f"pytest {plain} {tests} tests/test_layering.py")
+    assert " passed" in run_copy(extended, f"pytest {plain} {tests} tests/test_layering.py")
 
 
 @pytest.mark.parametrize(("title", "patterns"), [

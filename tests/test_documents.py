@@ -1,7 +1,6 @@
 """What README and tutorial tell the reader to type works, and what is generated is up to date."""
 
 import ast
-import os
 import re
 import sys
 from collections.abc import Callable
@@ -9,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from common import run_process
+from common import place_launcher, run_in, run_process
 from headstock.app.actions.cataloguing import _render_catalogue, _render_cutting
 from headstock.app.actions.schemas import _render_reference, _render_units, plain_schema, rules_in
 from headstock.pipeline.numbers.folders import read_summary
@@ -27,7 +26,6 @@ DOCUMENTS = (
         for name in ("hpc", "tutorial", "comparing", "show", "mesh_files")
     ),
 )
-PATHS = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
 BLOCK = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 # these would run the tests again, build an environment, or run for minutes; their own tests see to
 # them
@@ -54,14 +52,6 @@ def blocks(document: str, language: str) -> list[str]:
     return [text for kind, text in BLOCK.findall(path.read_text()) if kind == language]
 
 
-def run_in(folder: Path, *command: str) -> str:
-    """What a command prints in a folder, that ends well with a store of its own there."""
-    variables = {**os.environ, **PATHS, "HEADSTOCK_STORE": str(folder / "store")}
-    done = run_process([*command], cwd=folder, env=variables, timeout=SECONDS)
-    assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
-    return done.stdout
-
-
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
     """A folder in which the commands of a document can be typed without leaving anything in the
@@ -69,11 +59,7 @@ def checkout(tmp_path: Path) -> Path:
     """
     for name in ("machines", "tests", "docs"):
         (tmp_path / name).symlink_to(ROOT / name)
-    program = tmp_path / "headstock"
-    started = f'"{sys.executable}" -P -m headstock.app.command_line'
-    program.write_text(f'#!/bin/sh\nexec {started} "$@"\n')
-    program.chmod(0o755)
-    return tmp_path
+    return place_launcher(tmp_path)
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)

@@ -1,5 +1,6 @@
 """The examples that a user copies run as they are, on coarse or rigid variants of their machines."""
 
+import functools
 import os
 import sys
 from collections.abc import Callable
@@ -8,7 +9,7 @@ from pathlib import Path
 import pytest
 import pyvista
 
-from common import run_process
+from common import place_launcher, run_in
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
@@ -47,24 +48,7 @@ def run(tmp_path: Path) -> Run:
     (tmp_path / "examples").mkdir()
     for file in EXAMPLES.iterdir():
         (tmp_path / "examples" / file.name).write_text(file.read_text())
-    launcher = tmp_path / "headstock"
-    launcher.write_text(
-        f'#!/bin/sh\nexec "{sys.executable}" -P -m headstock.app.command_line "$@"\n'
-    )
-    launcher.chmod(0o755)
-
-    def call(*words: str, **variables: str) -> str:
-        settings = {
-            **os.environ,
-            "HEADSTOCK_STORE": str(tmp_path / "store"),
-            "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-            **variables,
-        }
-        done = run_process(list(words), cwd=tmp_path, env=settings, timeout=300)
-        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
-        return str(done.stdout)
-
-    return call
+    return functools.partial(run_in, place_launcher(tmp_path))
 
 
 def test_every_example_is_on_the_page_of_examples_and_there_are_six() -> None:
