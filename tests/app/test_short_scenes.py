@@ -10,130 +10,12 @@ import pytest
 
 import headstock as hs
 from common import Shell, approx, read_leaves
+from fixture_machines import stored_scene
 
-REQUESTS = """
-[poses.middle]
-[poses.out]
-X = "60 mm"
-[sweeps.line]
-axes = { X = ["-100 mm", "100 mm", 3] }
-[analyses.static]
-at = "x_tcp"
-[analyses.modal]
-count = 6
-[analyses.frf]
-to = "500 Hz"
-points = 20
-[effects]
-damping = { modal = 0.02 }
-"""
-SHORT = """
-include = [{ file = "parts/slide.toml", prefix = "x_" }]
-name = "A slide"
-[parameters]
-wall = "60 mm"
-foot = "200 N/um"
-[materials.iron]
-E = "110 GPa"
-nu = 0.25
-rho = "7200 kg/m^3"
-[components.base]
-solid = { box = ["600 mm", "400 mm", "= 2 * wall"] }
-material = "iron"
-fidelity = "rigid"
-[components.base.interfaces.bottom]
-face = "z-"
-[components.base.interfaces.rail]
-face = "z+"
-rect = { size = ["500 mm", "30 mm"] }
-places = [["0 mm", "90 mm"], ["0 mm", "-90 mm"]]
-[joints.foot]
-between = ["ground", "base.bottom"]
-kind = "mount"
-stiffness = { vertical = "= foot", horizontal = "= 0.4 * foot" }
-places = [["250 mm", "150 mm", "0 mm"], ["-250 mm", "150 mm", "0 mm"], ["0 mm", "-150 mm", "0 mm"]]
-each.2 = { "stiffness.vertical" = "= 0.8 * foot" }
-[axes.X]
-joints = ["x_carriage", "x_drive"]
-direction = "x"
-limits = ["-120 mm", "= 2 * wall"]
-[variants.loose]
-"joints.x_carriage.stiffness.normal" = "= 0.5 * x_guide"
-[variants.thick]
-"parameters.x_height" = "120 mm"
-[studies.guides.vary]
-"parameters.x_guide" = ["60 N/um", "90 N/um"]
-"joints.x_carriage_3.stiffness.normal" = ["50 N/um", "80 N/um"]
-[studies.guides]
-set = { "parameters.x_height" = "90 mm" }
-watch = ["modal.frequencies_hz[0:6]", "static.x_tcp.compliance_um_per_kN[2][2]"]
-"""
-PART = """
-[parameters]
-guide = "90 N/um"
-height = "100 mm"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.slider]
-solid = { box = ["300 mm", "240 mm", "= height"] }
-material = "steel"
-at = ["0 mm", "0 mm", "150 mm"]
-fidelity = "rigid"
-interfaces = { bottom = { face = "z-" }, tool = { face = "z+" } }
-[joints.carriage]
-between = ["slider.bottom", "base.rail_{rail}"]
-kind = "linear_guide"
-axis = "x"
-normal = "z"
-stiffness = { normal = "= guide", lateral = "= 0.7 * guide" }
-carriages = { middle = ["0 mm", "0 mm", "135 mm"], along = "200 mm", across = "180 mm" }
-each.4 = { "stiffness.lateral" = "= 0.6 * guide" }
-[joints.drive]
-between = ["slider.bottom", "base.rail_1"]
-kind = "ball_screw"
-axis = "x"
-at = ["0 mm", "0 mm", "135 mm"]
-stiffness = { axial = "70 N/um" }
-[points.tcp]
-tool = "slider.tool"
-work = "ground"
-"""
-FULL = """
-name = "A slide"
-[materials]
-iron = { E = "110 GPa", nu = 0.25, rho = "7200 kg/m^3" }
-x_steel = { E = "210 GPa", nu = 0.3, rho = "7850 kg/m^3" }
-[components.base]
-solid = { box = ["600 mm", "400 mm", "120 mm"] }
-material = "iron"
-fidelity = "rigid"
-[components.base.interfaces]
-bottom = { face = "z-" }
-rail_1 = { face = "z+", rect = { size = ["500 mm", "30 mm"], center = ["0 mm", "90 mm"] } }
-rail_2 = { face = "z+", rect = { size = ["500 mm", "30 mm"], center = ["0 mm", "-90 mm"] } }
-[components.x_slider]
-solid = { box = ["300 mm", "240 mm", "100 mm"] }
-material = "x_steel"
-at = ["0 mm", "0 mm", "150 mm"]
-fidelity = "rigid"
-interfaces = { bottom = { face = "z-" }, tool = { face = "z+" } }
-[points.x_tcp]
-tool = "x_slider.tool"
-work = "ground"
-[axes.X]
-joints = ["x_carriage_1", "x_carriage_2", "x_carriage_3", "x_carriage_4", "x_drive"]
-direction = "x"
-limits = ["-120 mm", "120 mm"]
-[variants.loose]
-"joints.x_carriage_1.stiffness.normal" = "45 N/um"
-"joints.x_carriage_2.stiffness.normal" = "45 N/um"
-"joints.x_carriage_3.stiffness.normal" = "45 N/um"
-"joints.x_carriage_4.stiffness.normal" = "45 N/um"
-[variants.thick]
-"components.x_slider.solid.box[2]" = "120 mm"
-"""
+REQUESTS = stored_scene("short_scenes_requests")
+SHORT = stored_scene("short_scenes_short")
+PART = stored_scene("short_scenes_part")
+FULL = stored_scene("short_scenes_full")
 FOOT = """[joints.foot_{0}]
 between = ["ground", "base.bottom"]
 kind = "mount"
@@ -260,11 +142,11 @@ def in_full(keys: Mapping[str, str]) -> dict[str, str]:
 
 
 FAULTS = {
-    "unit": ('rho = "7850 kg/m^3"', 'rho = "7850 kg"', 8, "materials.x_steel.rho"),
-    "face": ('bottom = { face = "z-"', 'bottom = { face = "q-"', 14, "components.x_slider.interfaces.bottom"),
-    "file": ('box = ["300 mm", "240 mm", "= height"]', 'step = "no.step"', 10, "components.x_slider.solid.step"),
-    "parameter": ('"= height"', '"= hight"', 10, "components.x_slider.solid.box[2]"),
-    "syntax": ("[points.tcp]", "[points", 29, ""),
+    "unit": ('rho = "7850 kg/m^3"', 'rho = "7850 kg"', 7, "materials.x_steel.rho"),
+    "face": ('bottom = { face = "z-"', 'bottom = { face = "q-"', 13, "components.x_slider.interfaces.bottom"),
+    "file": ('box = ["300 mm", "240 mm", "= height"]', 'step = "no.step"', 9, "components.x_slider.solid.step"),
+    "parameter": ('"= height"', '"= hight"', 9, "components.x_slider.solid.box[2]"),
+    "syntax": ("[points.tcp]", "[points", 28, ""),
 }  # fmt: skip
 
 
@@ -291,6 +173,6 @@ def test_a_setting_of_an_included_parameter_is_named_where_its_value_is_wrong(bo
     """Once for all carriages that have it."""
     setting = "parameters.x_guide=60kg"
     message = both(f"run short.toml --set {setting}", code=2).err
-    place = f"parts/slide.toml:20 (--set {setting}): joints.x_carriage_"
+    place = f"parts/slide.toml:19 (--set {setting}): joints.x_carriage_"
     assert message.count(place) == 3
     assert f"{place}1.stiffness.normal" in message

@@ -12,7 +12,7 @@ import numpy as np
 from faults.mutations import mutate_bytes, mutate_text
 from faults.runs import FaultError, Outcome
 from faults.scene_fuzz import MACHINES
-from fixture_machines import machine
+from fixture_machines import stored_scene
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import DOF_NAMES, Frame
 from headstock.geometry.parts.components import Component, Material
@@ -38,20 +38,7 @@ KINDS = ("part.msh", "part.inp", "part.bdf", "part.h5", FORCES, PATH, TARGETS)
 STEP = "part.step"
 STEP_EVERY = 10  # the shipped STEP part takes a second to read
 # beside the path: a rotary axis and one without limits; small enough to load in milliseconds
-PATH_SCENE = machine("""
-machine = "axis"
-names = { guide = "turn", feet = "guide", bed = "slide", slider = "table" }
-without = ["joints.screw", "joints.turn.axis", "axes.X.limits", "points.tcp"]
-joints.guide.kind = "spring"
-joints.guide.stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 N m/mrad", ry = "1 N m/mrad", rz = "1 N m/mrad" }
-joints.turn.kind = "spring"
-joints.turn.stiffness = { x = "1 N/um", y = "1 N/um", z = "1 N/um", rx = "1 N m/mrad", ry = "1 N m/mrad", rz = "1 N m/mrad" }
-axes.X = { joints = ["guide"], direction = "x" }
-axes.C = { joints = ["turn"], direction = "z", kind = "rotary", limits = ["-180 deg", "180 deg"] }
-sweeps.way = { path = "path.csv", step = "5 mm" }
-sweeps.rows = { path = "path.csv" }
-analyses.modal = {}
-""")
+PATH_SCENE = stored_scene("file_fuzz_path_scene")
 
 
 def write_meshes(folder: Path) -> None:

@@ -19,25 +19,11 @@ import numpy as np
 
 from common import read_datasets
 from faults.runs import PROGRAM, FaultError, Outcome, start_command, wait_for_end
-from fixture_machines import machine
+from fixture_machines import stored_scene
 from headstock.pipeline.storage.journals import read_journal
 from headstock.studies.sweeps.journals import _pose_form
 
-SCENE = machine("""
-machine = "rail"
-name = "Resumed"
-components.bed.fidelity = "segmented"
-components.bed.segments = { count = 10 }
-components.slide.interfaces = { bottom = { face = "z-" } }
-axes.X.direction = "x"
-points.tcp.tool = "slide.bottom"
-sweeps.line = { axes = { X = ["-200 mm", "200 mm", 500] } }
-analyses.static = {}
-analyses.modal = { count = 5 }
-[studies.grid]
-vary = { "components.bed.segments.count" = [6, 7, 8, 9, 10, 11, 12, 13] }
-watch = ["modal.frequencies_hz[0:3]", "static.tcp.compliance_um_per_kN[0][0]"]
-""")
+SCENE = stored_scene("resume")
 NAMES = {"sweep": "line", "study": "grid"}
 # what is run in turn; the last on two ranks, of which one is killed
 KINDS = ("sweep", "study", "sweep on 2 ranks")

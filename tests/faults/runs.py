@@ -18,24 +18,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from fixture_machines import machine
+from fixture_machines import stored_scene
 from headstock.geometry.frames import FloatArray
 
 VARIANTS = ("steel", "iron")
-SCENE = machine("""
-machine = "bar"
-names = { bar = "column" }
-name = "Column"
-materials.iron = { E = "110 GPa", nu = 0.25, rho = "7200 kg/m^3" }
-components.column.solid = { box = ["40 mm", "60 mm", "200 mm"] }
-components.column.mesh = { size = "20 mm" }
-components.column.reduction = { modes = 8 }
-components.column.interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
-variants.steel = { "components.column.material" = "steel" }
-variants.iron = { "components.column.material" = "iron" }
-analyses.static = { at = "tcp" }
-analyses.modal = { count = 4 }
-""")
+SCENE = stored_scene("runs")
 TIME_LIMIT = 1800.0  # of what takes seconds: for machines where a dozen other programs run
 EQUAL = 1e-12
 PROGRAM = (sys.executable, "-P", "-m", "headstock.app.command_line")

@@ -11,54 +11,10 @@ from numpy.typing import NDArray
 
 import headstock as hs
 from common import Shell, approx, read_json
-from fixture_machines import write_scene
+from fixture_machines import stored_scene, write_scene
 
 STEEL = 'Ktc = "1800 N/mm^2"\nKrc = "540 N/mm^2"\nKac = "0 N/mm^2"\nKte = "30 N/mm"\nKre = "9 N/mm"'
-SCENE = """
-[components.slider]
-solid = { point_mass = "30 kg" }
-[joints.guide]
-between = ["slider.center", "ground"]
-kind = "linear_guide"
-axis = "x"
-normal = "z"
-stiffness = { lateral = "60 N/um", normal = "90 N/um" }
-[joints.screw]
-between = ["slider.center", "ground"]
-kind = "ball_screw"
-axis = "x"
-stiffness = { axial = "40 N/um" }
-[axes.X]
-joints = ["guide", "screw"]
-limits = ["-100 mm", "100 mm"]
-[points]
-tcp = { tool = "slider.center", work = "ground" }
-[effects]
-damping = { modal = "10 %" }
-cutting_force = true
-[cutting.my_steel]
-STEEL
-[analyses.path]
-from = { X = "-4 mm" }
-to = { X = "4 mm" }
-feeds = ["2400 mm/min"]
-time_constant = "20 ms"
-residual_time = "50 ms"
-pose_model = "frozen"
-[analyses.path.cut]
-mill = { diameter = "10 mm", teeth = 2, helix = "30 deg" }
-spindle = "6000 rpm"
-axial_depth = "1 mm"
-radial_depth = "3 mm"
-material = "my_steel"
-[analyses.lobes]
-speeds = ["3000 rpm", "9000 rpm", 5]
-mill = { diameter = "10 mm", teeth = 4 }
-radial_depth = "10 mm"
-material = "my_steel"
-directions = ["x"]
-on_request = true
-"""
+SCENE = stored_scene("cutting")
 
 
 def write(folder: Path, *changes: tuple[str, str]) -> Path:

@@ -9,27 +9,14 @@ import pytest
 
 import headstock as hs
 from common import approx
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 
 YOUNG, DENSITY, THICK, LONG = 210e9, 7850.0, 0.02, 1.0
 MASS = DENSITY * THICK**2 * LONG
 # of a beam, Hz times (beta L)^2: Euler and Bernoulli
 BEAM_HZ = THICK / np.sqrt(12.0) / LONG**2 * np.sqrt(YOUNG / DENSITY) / (2.0 * np.pi)
 FREE_FREE, PINNED_FREE = 22.3733, 15.4182
-BAR = machine("""
-machine = "bar"
-names = { bar = "beam", foot = "end", tip = "other" }
-without = ["joints", "points"]
-free = true
-materials.steel.LOSS = "LOSS"
-components.beam.solid = { box = ["20 mm", "20 mm", "1000 mm"] }
-components.beam.interfaces = { end = { face = "z+" }, other = { face = "z-", coupling = "average" } }
-components.beam.COMPONENT = "COMPONENT"
-effects.damping = "DAMPING"
-[analyses]
-modal = { count = 9 }
-frf = { inputs = [["beam.end", "x"]], from = "1 Hz", to = "350 Hz" }
-""")
+BAR = stored_scene("free_machines_bar")
 ONE_END = 'interfaces = { end = { face = "z+" } }'
 TWO_ENDS = 'interfaces = { end = { face = "z+" }, other = { face = "z-", coupling = "average" } }'
 

@@ -8,7 +8,7 @@ import pytest
 from cross_slide import ANALYSES, SCENE, TARGETS
 
 from common import Shell, present
-from fixture_machines import machine, targets
+from fixture_machines import machine, stored_scene, targets
 
 ROOT = Path(__file__).resolve().parents[2]
 # as documents and `--help` write files: a word in capitals stands for a name
@@ -23,22 +23,7 @@ NO_OUTPUT = {
     *("tables/path_600.csv", "tables/path_3000.csv", "results/report.html", "show/three_axis.png"),
     *("tables/motors_path_FEED.csv", "cost.csv", "cost.png", "tables/probes_contour.csv"),
 }
-PROBED = """
-[probes.top]
-component = "part"
-at = ["0 mm", "0 mm", "50 mm"]
-[effects]
-damping = { modal = "2 %" }
-[analyses.modal]
-count = 1
-[analyses.frf]
-inputs = [["tcp", "x"]]
-to = "300 Hz"
-points = 5
-[analyses.transient]
-loads.push = { at = ["tcp", "x"], shape = "step", size = "1 N" }
-duration = "5 ms"
-"""
+PROBED = stored_scene("named_files_probed")
 
 CANTILEVER = machine("""
 machine = "bar"

@@ -6,32 +6,9 @@ from pathlib import Path
 import pytest
 
 import headstock as hs
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 
-SCENE = machine("""
-machine = "rail"
-names = { slide = "table", bottom = "block" }
-without = ["axes", "points", "joints.foot.stiffness", "joints.foot.kind"]
-components.bed.solid = { box = ["400 mm", "40 mm", "30 mm"] }
-components.bed.mesh = "MESH"
-components.bed.interfaces = { foot = { face = "z-" }, way = "RAIL" }
-components.table.solid = { box = ["80 mm", "40 mm", "10 mm"] }
-components.table.at = ["0 mm", "0 mm", "30 mm"]
-joints.foot.kind = "rigid"
-joints.carriage.between = ["table.block", "bed.way"]
-joints.carriage.kind = "linear_guide"
-joints.carriage.axis = "x"
-joints.carriage.length = "LENGTH"
-joints.carriage.stiffness = { lateral = "400 N/um", normal = "500 N/um", pitch = "400 N m/mrad", yaw = "300 N m/mrad" }
-points.tip = { tool = "table.top", work = "ground" }
-analyses.static = {}
-[joints.drive]
-between = ["table.block", "bed.way"]
-kind = "linear_guide"
-axis = "y"
-length = "LENGTH"
-stiffness = { lateral = "400 N/um", normal = "500 N/um", pitch = "400 N m/mrad", yaw = "300 N m/mrad" }
-""")
+SCENE = stored_scene("rail_meshes")
 
 
 def write(folder: Path, mesh: str, rail: str, length: str = "80 mm") -> Path:

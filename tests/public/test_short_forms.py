@@ -6,29 +6,10 @@ import numpy as np
 import pytest
 
 import headstock as hs
+from fixture_machines import stored_scene
 
 ROOT = Path(__file__).resolve().parents[2]
-SCENE = """
-name = "Two <masses>"
-[components.low]
-solid = { point_mass = "10 kg", inertia = ["1 kg m^2", "1 kg m^2", "1 kg m^2"] }
-[components.high]
-solid = { point_mass = "10 kg", inertia = ["1 kg m^2", "1 kg m^2", "1 kg m^2"] }
-[joints.foot]
-between = ["low.center", "ground"]
-kind = "spring"
-stiffness = { x = "1 N/m", y = "1 N/m", z = "1 N/m", rx = "1 kN m/rad", ry = "1 kN m/rad", rz = "1 kN m/rad" }
-soft = true
-[joints.glue]
-between = ["high.center", "low.center"]
-kind = "spring"
-stiffness = { x = "20 GN/m", y = "20 GN/m", z = "20 GN/m", rx = "1 GN m/rad", ry = "1 GN m/rad", rz = "1 GN m/rad" }
-[points.tcp]
-tool = "high.center"
-work = "ground"
-[analyses.static]
-[analyses.modal]
-"""
+SCENE = stored_scene("short_forms")
 
 
 @pytest.fixture(scope="module")

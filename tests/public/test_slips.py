@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import headstock as hs
-from fixture_machines import write_scene
+from fixture_machines import stored_scene, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 MACHINES = [path for path in (ROOT / "machines").glob("*.toml") if "_targets" not in path.stem]
@@ -25,21 +25,7 @@ fidelity = "rigid"
 bottom = { face = "z-" }
 top = { face = "z+" }
 """
-BLOCK = """
-[components.block]
-solid = { box = ["100 mm", "60 mm", "200 mm"] }
-material = "steel"
-at = ["PLACE", "0 mm", "250 mm"]
-fidelity = "rigid"
-[components.block.interfaces]
-foot = { face = "z-" }
-[joints.screws]
-between = ["block.foot", "bed.top"]
-kind = "rigid"
-[joints.floor]
-between = ["bed.bottom", "ground"]
-kind = "rigid"
-"""
+BLOCK = stored_scene("slips_block")
 FEET = """
 [joints.foot]
 between = ["bed.bottom", "ground"]

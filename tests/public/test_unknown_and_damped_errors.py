@@ -8,44 +8,10 @@ import pytest
 
 import headstock as hs
 from common import read_json
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 
-SHEET = machine("""
-machine = "bar"
-names = { bar = "sheet", tcp = "tip" }
-materials.steel = { E = "200 GPa", rho = "8000 kg/m^3" }
-components.sheet.solid = { box = ["400 mm", "20 mm", "20 mm"] }
-components.sheet.mesh = "MESH"
-components.sheet.interfaces = { foot = { face = "x-" }, tip = { face = "x+" } }
-joints.clamp.between = ["sheet.foot", "ground"]
-probes.top = { component = "sheet", at = ["0 mm", "0 mm", "20 mm"] }
-effects.damping = { modal = "2 %" }
-[analyses]
-static = {}
-modal = { count = 3 }
-frf = { inputs = [["tip", "z"]], to = "100 Hz", points = 21 }
-[analyses.transient]
-duration = "0.05 s"
-up_to = "400 Hz"
-outputs = [["tip", "z"], "top"]
-loads.push = { at = ["tip", "z"], size = "100 N", shape = "step" }
-""")
-ROD = machine("""
-machine = "bar"
-names = { bar = "rod", tip = "top", tcp = "tip" }
-materials.steel = { E = "10 GPa", rho = "10000 kg/m^3" }
-components.rod.solid = { tube = { outer = "200 mm", length = "800 mm" } }
-components.rod.mesh = { size = "SIZE" }
-components.rod.rayleigh = { alpha = "ALPHA 1/s", beta = "BETA s" }
-components.rod.interfaces = { foot = { face = "z-" }, top = { face = "z+" } }
-effects.damping = true
-analyses.frf = { inputs = [["tip", "x"]], from = "0 Hz", to = "150 Hz", points = 16, adaptive = false }
-[analyses.transient]
-duration = "0.06 s"
-up_to = "600 Hz"
-outputs = [["tip", "x"]]
-loads.push = { at = ["tip", "x"], size = "100 N", shape = "step" }
-""")
+SHEET = stored_scene("unknown_and_damped_errors_sheet")
+ROD = stored_scene("unknown_and_damped_errors_rod")
 
 
 def run(folder: Path, text: str, name: str = "scene") -> tuple[hs.Results, dict[str, Any]]:

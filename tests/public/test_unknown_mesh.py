@@ -6,22 +6,9 @@ import pytest
 
 import headstock as hs
 from common import Shell, approx
-from fixture_machines import machine
+from fixture_machines import stored_scene
 
-BAR = machine("""
-machine = "bar"
-names = { tcp = "tip" }
-materials.steel.E = "200 GPa"
-materials.steel.rho = "8000 kg/m^3"
-components.bar.solid = { box = ["400 mm", "20 mm", "20 mm"] }
-components.bar.mesh = { size = "20 mm", cells = "hex" }
-components.bar.interfaces = { foot = { face = "x-" }, tip = { face = "x+" } }
-joints.clamp.between = ["bar.foot", "ground"]
-analyses.modal = { count = 2 }
-[studies.modes]
-vary = { "components.bar.reduction.modes" = [0, 1, 2, 3] }
-watch = ["modal.frequencies_hz[0]", "modal.error_hz[0]"]
-""")
+BAR = stored_scene("unknown_mesh_bar")
 COLUMN = "modal.error_hz[0]"
 APART = "± known, unknown sources apart [Hz]"
 

@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from common import approx, present
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.pipeline.storage.store import Store
@@ -20,27 +20,7 @@ from headstock.studies.variants import STEPS, VariantSolution, choose_variants, 
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
-SCENE = machine("""
-machine = "block"
-names = { tip = "top" }
-name = "A column on a block"
-components.block.solid = { box = ["200 mm", "200 mm", "100 mm"] }
-components.block.interfaces = { foot = { face = "z-" }, top = { face = "z+", rect = { center = ["0 mm", "0 mm"], size = ["40 mm", "60 mm"] } } }
-joints.mount.kind = "mount"
-joints.mount.stiffness = { vertical = "200 N/um", horizontal = "60 N/um", tilt = "4 kN m/mrad", torsion = "4 kN m/mrad" }
-joints.bolts = { between = ["block.top", "column.foot"], kind = "rigid" }
-points.tcp.tool = "column.tip"
-variants.E = { "components.column.fidelity" = "elastic" }
-variants.S = { "components.column.fidelity" = "segmented" }
-variants.R = { "components.column.fidelity" = "rigid" }
-analyses.modal.count = 9
-[components.column]
-solid = { box = ["40 mm", "60 mm", "500 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "100 mm"]
-mesh = { size = "40 mm", cells = "hex" }
-interfaces = { foot = { face = "z-" }, tip = { face = "z+", coupling = "average" } }
-""")
+SCENE = stored_scene("comparison")
 
 
 @pytest.fixture

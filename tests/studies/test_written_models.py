@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from common import Shell, approx
-from fixture_machines import machine
+from fixture_machines import machine, stored_scene
 from headstock.pipeline.numbers.folders import read_run_numbers
 from headstock.pipeline.numbers.numbers import make_key
 from headstock.scene.building.loader import load_scene
@@ -39,32 +39,7 @@ analyses.modal = { count = 8 }
 """)
 # the seam of two halves is as flexible as the plate; a block on soft springs needs no shapes at its
 # foot
-PLATE = machine("""
-machine = "column"
-names = { column = "left", bolts = "weld" }
-name = "A plate of two halves on a block"
-components.block.solid = { box = ["200 mm", "200 mm", "150 mm"] }
-components.block.at = ["-100 mm", "0 mm", "0 mm"]
-components.block.mesh = { size = "33 mm", cells = "hex" }
-components.block.interfaces = { foot = { face = "x-", coupling = { flexible = 60 } }, front = { face = "x+", rect = { size = ["200 mm", "20 mm"] } } }
-components.left.solid = { box = ["200 mm", "200 mm", "20 mm"] }
-components.left.at = ["100 mm", "0 mm", "65 mm"]
-components.left.fidelity = "elastic"
-components.left.mesh = { size = "50 mm", cells = "hex" }
-components.left.interfaces = { seam = { face = "x+", coupling = { flexible = 12 } }, end = { face = "x-" } }
-joints.feet.between = ["block.foot", "ground"]
-joints.weld.between = ["left.end", "block.front"]
-joints.glue = { between = ["left.seam", "right.seam"], kind = "rigid" }
-points.tcp.tool = "right.end"
-analyses.modal = { count = 8 }
-[components.right]
-solid = { box = ["200 mm", "200 mm", "20 mm"] }
-material = "steel"
-at = ["300 mm", "0 mm", "65 mm"]
-fidelity = "elastic"
-mesh = { size = "50 mm", cells = "hex" }
-interfaces = { seam = { face = "x-", coupling = { flexible = 12 } }, end = { face = "x+" } }
-""")
+PLATE = stored_scene("written_models_plate")
 PATH = """
 [effects]
 damping = { modal = "2 %" }

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from common import Shell
-from fixture_machines import machine
+from fixture_machines import machine, stored_scene
 from headstock.studies.parameters.records import POINTS_FILE
 
 SUPPORT = Path(__file__).resolve().parents[2] / "data" / "support.step"
@@ -19,20 +19,7 @@ analyses.static = { at = "tcp" }
 analyses.modal = { count = 5 }
 """)
 
-ARM = """
-[components.arm]
-solid = { box = ["30 mm", "30 mm", "150 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "200 mm"]
-mesh = { size = "15 mm", cells = "hex" }
-[components.arm.interfaces]
-root = { face = "z-" }
-tip = { face = "z+", coupling = "average" }
-[joints.flange]
-between = ["part.tip", "arm.root"]
-kind = "spring"
-stiffness = { x = "80 N/um", y = "80 N/um", z = "200 N/um", rx = "200 kN m/rad", ry = "200 kN m/rad", rz = "100 kN m/rad" }
-[joints.clamp]"""
+ARM = stored_scene("converging_arm")
 
 
 CONVERGE = "converge scene.toml -o out"

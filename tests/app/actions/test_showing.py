@@ -14,7 +14,7 @@ import pyvista
 
 from built_parts import built_part
 from common import Shell, approx
-from fixture_machines import machine
+from fixture_machines import stored_scene
 from headstock.app.actions import showing
 from headstock.app.pictures import numbered, renderer
 from headstock.app.pictures.numbered import LabelledSurface, draw_numbered
@@ -115,22 +115,7 @@ def test_a_machine_is_drawn_before_anything_is_computed(
     assert set(first) == {*listed["joints"], *listed["points"]}
 
 
-SUPPORTED = machine("""
-machine = "bar"
-names = { bar = "plate" }
-name = "supported"
-without = ["joints"]
-components.plate.solid = { box = ["400 mm", "200 mm", "20 mm"] }
-components.plate.at = ["1 m", "0 mm", "0 mm"]
-components.plate.rotate = { axis = "z", angle = "90 deg" }
-components.plate.interfaces = { tip = { face = "x+", coupling = "average" } }
-components.holder.material = "steel"
-components.holder.solid = { step = "support.step" }
-components.holder.interfaces.holes.patches = [{ face = "face:6" }, { face = "face:39" }]
-supports.foot = { face = "plate.x-", fix = ["x", "z"] }
-supports.holes = { at = "holder.holes", fix = ["y"] }
-analyses.static = { at = "tcp" }
-""")
+SUPPORTED = stored_scene("showing_supported")
 
 
 def test_supports_are_drawn_where_they_are_with_a_cone_per_fixed_direction(

@@ -12,7 +12,7 @@ import scipy.io
 from PIL import Image
 
 from common import Shell, approx, present, read_units, run_once
-from fixture_machines import machine
+from fixture_machines import stored_scene
 from headstock.app.charts.results import _draw_responses
 from headstock.app.drawings.frf import draw_response
 from headstock.app.report.report import render_report
@@ -24,22 +24,7 @@ from headstock.pipeline.results.files import open_results
 from headstock.solvers.second_order import ComplexArray
 
 CHANNELS = (("tcp", "x"), ("<b>", "rx"))
-SCENE = machine("""
-machine = "column"
-names = { block = "base", column = "head", foot = "seat", feet = "mounts", bolts = "guide" }
-name = "Two bodies"
-materials.steel.loss_factor = 0.002
-components.base.fidelity = "rigid"
-components.head.fidelity = "rigid"
-joints.mounts.kind = "mount"
-joints.mounts.stiffness = { horizontal = "10 N/um", vertical = "20 N/um", tilt = "1 kN m/mrad", torsion = "1 kN m/mrad" }
-joints.mounts.loss_factor = "4 %"
-joints.guide.kind = "spring"
-joints.guide.stiffness = { x = "80 N/um", y = "90 N/um", z = "200 N/um", rx = "0.5 kN m/mrad", ry = "0.5 kN m/mrad", rz = "0.5 kN m/mrad" }
-joints.guide.damping = { x = "2000 N s/m" }
-effects.damping = true
-analyses.frf = { to = "400 Hz", points = 201, outputs = ["tcp", ["head.seat", "rx"]] }
-""")
+SCENE = stored_scene("frf")
 
 
 def curves_with_a_gap() -> ResponseCurves:

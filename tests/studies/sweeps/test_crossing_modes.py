@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from common import Shell
-from fixture_machines import machine
+from fixture_machines import stored_scene
 from headstock.geometry.frames import FloatArray
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.errors import ConvergenceError
@@ -21,30 +21,7 @@ from headstock.studies.sweeps.runs import SweepJob, gather_sweep, run_sweep, sel
 
 pytestmark = pytest.mark.hard("H40")
 
-SCENE = machine("""
-machine = "axis"
-names = { slider = "slide", guide = "carriage", screw = "drive", bottom = "foot", top = "rail" }
-without = ["axes.X.limits"]
-components.bed.solid = { box = ["900 mm", "100 mm", "50 mm"] }
-components.bed.interfaces = { rail = { face = "z+", rail = { along = "x" } }, foot = { face = "z-" }, bearing = { face = "x-" } }
-components.slide.solid = { box = ["100 mm", "100 mm", "100 mm"] }
-components.slide.mass = "20 kg"
-components.slide.at = ["0 mm", "0 mm", "50 mm"]
-components.slide.interfaces = { top = { face = "z+" } }
-joints.carriage.between = ["slide.top", "bed.rail"]
-joints.carriage.at = ["0 mm", "0 mm", "100 mm"]
-joints.carriage.length = "80 mm"
-joints.carriage.stiffness = { lateral = "60 N/um", normal = "250 N/um", pitch = "3 kN m/mrad", yaw = "4 kN m/mrad", roll = "5 kN m/mrad" }
-joints.drive.between = ["slide.top", "bed.bearing"]
-joints.drive.at = ["0 mm", "0 mm", "100 mm"]
-joints.drive.stiffness = { axial = "200 N/um" }
-joints.drive.screw = { diameter = "16 mm", bearing = "300 N/um" }
-points.tcp.tool = "slide.top"
-sweeps.travel = { axes = { X = ["-400 mm", "400 mm", 1000] } }
-sweeps.few = { axes = { X = ["-400 mm", "400 mm", 5] } }
-analyses.static = {}
-analyses.modal = { count = 2 }
-""")
+SCENE = stored_scene("crossing_modes")
 MASS, LATERAL = 20.0, 60e6
 
 
