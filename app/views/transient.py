@@ -117,7 +117,7 @@ def _tabulate_transient(curves: TransientCurves) -> PlainTable:
 
 
 def _list_forces(found: TransientAnswer) -> Forces:
-    return gather_forces(found, None, pose=found.curves.pose)
+    return gather_forces(found, found, pose=found.curves.pose)
 
 
 def _list_tables(run: Results) -> Iterator[PlainTable]:
