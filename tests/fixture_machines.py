@@ -1,4 +1,6 @@
-"""Machines that many tests share: `data/machines/*.toml`, each with what a test changes about it."""
+"""Machines that many tests share: `data/machines/*.toml`, each with what a test changes about it;
+longer scenes of a test are files of `data/scenes`.
+"""
 
 import functools
 import json
@@ -8,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 FOLDER = Path(__file__).parent / "data" / "machines"
+SCENES = Path(__file__).parent / "data" / "scenes"
 
 
 def machine(text: str) -> str:
@@ -39,6 +42,12 @@ def machine(text: str) -> str:
     for last in list(changes)[-1:]:  # stands last in the scene too: keys may be added to it
         scene[last] = scene.pop(last)
     return "".join(write_tables(scene))
+
+
+def stored_scene(name: str) -> str:
+    """The text of a file of `data/scenes`: a scene, or how it differs from a machine."""
+    text = (SCENES / f"{name}.toml").read_text(encoding="utf-8")
+    return machine(text) if text.startswith("machine = ") else text
 
 
 def write_scene(folder: Path, text: str, *changes: tuple[str, str], name: str = "scene") -> Path:
