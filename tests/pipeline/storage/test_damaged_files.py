@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
+from cases import cases
 from faults.file_fuzz import box_mesh, box_superelement, inp_text, msh_text, run_file_fuzz
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.parts.components import Component, Material
@@ -59,18 +60,7 @@ def test_a_gmsh_file_that_lies_about_its_counts_is_refused(
     assert time.monotonic() - start < 10.0
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "fragment"),
-    [
-        ("\n1, 0.0, 0.0, 0.0\n", "\n1, nan, 0.0, 0.0\n", "finite"),
-        ("\n1, 0.0, 0.0, 0.0\n", "\n", "not defined"),
-        ("*Element, type=C3D10", "*Element, type=C3D10000", ""),
-        ("elset=Eall\n", "elset=Eall\n1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1\n", ""),
-        ("*STEP", "*NSET, NSET=all, GENERATE\n1, 1000000000000, 1\n*STEP", ""),
-        ("*STEP", "*INCLUDE, INPUT=/etc/passwd\n*STEP", ""),
-    ],
-    ids=["nan", "missing node", "unknown type", "collapsed element", "endless set", "include"],
-)
+@cases
 def test_an_abaqus_deck_that_contradicts_itself_is_refused(
     tmp_path: Path, old: str, new: str, fragment: str
 ) -> None:
