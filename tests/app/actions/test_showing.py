@@ -425,3 +425,24 @@ def test_options_of_one_kind_of_file_are_refused_with_the_other(
     assert main(["show", "part.med", "--unit", "1 kg"]) == 2
     assert main(["new", "mine", "--part", "part.stl"]) == 2
     assert "--unit goes with a mesh file" in capsys.readouterr().err
+
+
+def test_areas_of_interfaces_and_rails_lie_on_their_faces_and_look_outward(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[LabelledSurface] = []
+    monkeypatch.setattr(
+        showing, "draw_numbered", lambda surface: (drawn.append(surface), (b"", set[int]()))[1]
+    )
+    mill = Path(__file__).parents[3] / "machines" / "mill.toml"
+    assert main(["show", str(mill), "--pose", "low"]) == 0
+    (surface,) = drawn
+    assert ("rail: 4", (0.25, 0.27, 0.3)) in surface.legend
+    rails = surface.triangles[surface.owners == len(surface.labels) + 2]
+    a, b, c = surface.points[rails].transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a) / 2.0
+    up, front = normals[:, 2] > 0.0, normals[:, 1] > 0.0
+    assert (up ^ front).all()  # on the saddle upwards, on the column to the operator
+    assert normals[up, 2].sum() == approx(2 * 0.64 * 0.028)
+    assert normals[front, 1].sum() == approx(2 * 0.68 * 0.034)
+    np.testing.assert_allclose(surface.points[rails[front], 1], -0.43, atol=2e-3)
