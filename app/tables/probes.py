@@ -4,7 +4,7 @@ and joints take while a machine moves.
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -32,23 +32,22 @@ from headstock.pipeline.answers.probes import (
     ProbeAnswer,
     ProbeCurves,
     ProbeResponse,
-    probe_keys,
     probe_units,
 )
 from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves
-from headstock.pipeline.numbers.estimates import Estimate, scale_known, scale_shares, scale_total
+from headstock.pipeline.numbers.estimates import Estimate, scale_known, scale_shares
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.solvers.second_order import Channel, ComplexArray, name_channel
 from headstock.solvers.stresses import STRESS_NAMES
 from headstock.solvers.watched_outputs import Extreme
 
 
-class ProbeRow(NamedTuple):
-    """A probe under static loads, with the ± of its numbers in the order of their keys."""
+@dataclass(frozen=True, eq=False)
+class ProbeRow(NumbersRow):
+    """A probe under static loads."""
 
     name: str
     probe: ProbeResponse
-    errors: Sequence[Estimate]
 
 
 type ProbeColumns = tuple[Column[ProbeRow], Column[ProbeRow]]
@@ -56,8 +55,9 @@ type ProbeColumns = tuple[Column[ProbeRow], Column[ProbeRow]]
 
 def list_probes(answer: ProbeAnswer) -> list[ProbeRow]:
     """Return the probes of a pose."""
+    numbers = answer.index_numbers()
     return [
-        ProbeRow(name, probe, [answer.error_of(key) for key in probe_keys(answer.pose, name)])
+        ProbeRow(numbers, {"pose": answer.pose, "probe": name}, name, probe)
         for name, probe in answer.probes.items()
     ]
 
@@ -66,7 +66,7 @@ def _moved(axis: int) -> ProbeColumns:
     d = DIRECTIONS[axis]
     return bound_column(
         lambda row: float(MICRO * row.probe.shown_displacement[axis]),
-        lambda row: scale_total(row.errors[axis], MICRO),
+        lambda row: row.error("probe_displacement", direction=d),
         f"displacement {d} [um]",
         f">{d} µm",
         f"{d} [µm]",
@@ -76,7 +76,7 @@ def _moved(axis: int) -> ProbeColumns:
 def _stressed(place: int, pair: str) -> ProbeColumns:
     return bound_column(
         lambda row: float(MEGA * row.probe.shown_stress[place]),
-        lambda row: scale_total(row.errors[3 + place], MEGA),
+        lambda row: row.error("probe_stress", component=pair),
         f"stress {pair} [MPa]",
         report=f"{pair} [MPa]",
     )
@@ -89,8 +89,8 @@ _NAMES: tuple[Column[ProbeRow], ...] = (
 _MOVED = [_moved(axis) for axis in range(3)]
 _STRESSED = [_stressed(place, pair) for place, pair in enumerate(STRESS_NAMES)]
 _MISES: ProbeColumns = bound_column(
-    lambda row: MEGA * row.probe.von_mises,
-    lambda row: scale_total(row.errors[-1], MEGA),
+    lambda row: row.value("probe_stress", component="von_mises"),
+    lambda row: row.error("probe_stress", component="von_mises"),
     "von Mises [MPa]",
     ">von Mises MPa",
     "von Mises [MPa]",
