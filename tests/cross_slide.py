@@ -82,7 +82,7 @@ ANALYSES = {
     "modal": ("modal", ""),
     "frf": (
         "frf",
-        'inputs = [["tcp", "x"]]\nto = "300 Hz"\npoints = 11\nadaptive = false',
+        'inputs = [["tcp", "x"]]\nup_to = "300 Hz"\npoints = 11\nadaptive = false',
     ),
     "lobes": ("lobes", f'speeds = ["3000 rpm", "6000 rpm", 3]\nradial_depth = "1 mm"\n{MILL}'),
     "path": (

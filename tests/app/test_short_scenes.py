@@ -25,7 +25,7 @@ at = "x_tcp"
 [analyses.modal]
 count = 6
 [analyses.frf]
-to = "500 Hz"
+up_to = "500 Hz"
 points = 20
 [effects]
 damping = { modal = 0.02 }

@@ -28,7 +28,7 @@ components.beam.COMPONENT = "COMPONENT"
 effects.damping = "DAMPING"
 [analyses]
 modal = { count = 9 }
-frf = { inputs = [["beam.end", "x"]], from = "1 Hz", to = "350 Hz" }
+frf = { inputs = [["beam.end", "x"]], from = "1 Hz", up_to = "350 Hz" }
 """)
 ONE_END = 'interfaces = { end = { face = "z+" } }'
 TWO_ENDS = 'interfaces = { end = { face = "z+" }, other = { face = "z-", coupling = "average" } }'

@@ -33,7 +33,7 @@ damping = { modal = "2 %" }
 count = 1
 [analyses.frf]
 inputs = [["tcp", "x"]]
-to = "300 Hz"
+up_to = "300 Hz"
 points = 5
 [analyses.transient]
 loads.push = { at = ["tcp", "x"], shape = "step", size = "1 N" }

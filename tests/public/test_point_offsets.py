@@ -51,7 +51,7 @@ def test_every_analysis_takes_the_offset_as_an_interface_there(tmp_path: Path) -
     settings: dict[str, object] = {
         "components.ram.interfaces.side": {"face": "x+"},
         "analyses.static": {},
-        "analyses.frf": {"from": "20 Hz", "to": "300 Hz", "points": 5, "adaptive": False},
+        "analyses.frf": {"from": "20 Hz", "up_to": "300 Hz", "points": 5, "adaptive": False},
         "analyses.path": {
             "from": {"X": "-40 mm"},
             "to": {"X": "40 mm"},

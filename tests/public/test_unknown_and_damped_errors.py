@@ -23,7 +23,7 @@ effects.damping = { modal = "2 %" }
 [analyses]
 static = {}
 modal = { count = 3 }
-frf = { inputs = [["tip", "z"]], to = "100 Hz", points = 21 }
+frf = { inputs = [["tip", "z"]], up_to = "100 Hz", points = 21 }
 [analyses.transient]
 duration = "0.05 s"
 up_to = "400 Hz"
@@ -51,7 +51,7 @@ damping = true
 [analyses.frf]
 inputs = [["tip", "x"]]
 from = "0 Hz"
-to = "150 Hz"
+up_to = "150 Hz"
 points = 16
 adaptive = false
 [analyses.transient]

@@ -317,7 +317,7 @@ def test_a_comparison_states_the_errors_that_a_run_of_each_variant_states(
 def test_a_run_of_rigid_or_segmented_parts_states_no_errors(
     scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], fidelity: str
 ) -> None:
-    damped = '[analyses.frf]\nto = "900 Hz"\npoints = 5\noutputs = ["tcp"]\n[effects]\ndamping = { modal = 0.02 }\n'
+    damped = '[analyses.frf]\nup_to = "900 Hz"\npoints = 5\noutputs = ["tcp"]\n[effects]\ndamping = { modal = 0.02 }\n'
     scene.write_text(SCENE.replace('fidelity = "segmented"', f'fidelity = "{fidelity}"') + damped)
     out = tmp_path / "run"
     printed = call(capsys, ["run", str(scene), "-o", str(out), "--no-figures"]).out

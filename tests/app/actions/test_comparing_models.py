@@ -29,7 +29,7 @@ components.bar.fidelity = "elastic"
 components.bar.mesh = { size = "20 mm", cells = "hex" }
 joints.mount.kind = "mount"
 joints.mount.stiffness = { vertical = "200 N/um", horizontal = "60 N/um", tilt = "4 kN m/mrad", torsion = "4 kN m/mrad" }
-analyses.frf = { inputs = ["tcp"], to = "900 Hz", points = 181, adaptive = false }
+analyses.frf = { inputs = ["tcp"], up_to = "900 Hz", points = 181, adaptive = false }
 effects.damping = { modal = 0.02 }
 """)
 
@@ -287,7 +287,7 @@ def test_a_lumped_mechanism_is_its_components_in_all_answers(tmp_path: Path) -> 
         "analyses.map=false",
         "analyses.contouring.on_request=true",
         'analyses.path={from={X="-5 mm",Z="200 mm"},to={X="5 mm",Z="205 mm"},feeds=["5 m/min"],time_constant="50 ms"}',
-        'analyses.frf={inputs=[["tcp","x"]],outputs=[["tcp","x"]],from="10 Hz",to="200 Hz"}',
+        'analyses.frf={inputs=[["tcp","x"]],outputs=[["tcp","x"]],from="10 Hz",up_to="200 Hz"}',
     )
     given = [word for setting in settings for word in ("--set", setting)]
     scene, out = str(MACHINES / "tripteor.toml"), tmp_path / "out"

@@ -62,7 +62,7 @@ tcp = { tool = "head.tool", work = "ground" }
 [effects]
 damping = true
 [analyses.frf]
-to = "400 Hz"
+up_to = "400 Hz"
 points = 201
 outputs = ["tcp", ["head.seat", "rx"]]
 """

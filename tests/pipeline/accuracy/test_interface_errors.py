@@ -108,7 +108,7 @@ RESPONSE = """
 damping = { modal = 0.02 }
 [analyses.frf]
 inputs = ["tip"]
-to = "2500 Hz"
+up_to = "2500 Hz"
 points = 60
 """
 

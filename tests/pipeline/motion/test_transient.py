@@ -153,7 +153,7 @@ def test_the_fourier_transform_of_an_impulse_response_under_control_is_the_frequ
         tmp_path,
         'duration = "1 s"\nup_to = "2 kHz"\nsampling = "20 kHz"\noutputs = [["tcp", "x"]]\n'
         '[analyses.transient.loads]\nhit = { at = ["tcp", "x"], shape = "impulse", size = "1 N s" }',
-        more='[analyses.frf]\ninputs = [["tcp", "x"]]\nfrom = "5 Hz"\nto = "300 Hz"\npoints = 21\n'
+        more='[analyses.frf]\ninputs = [["tcp", "x"]]\nfrom = "5 Hz"\nup_to = "300 Hz"\npoints = 21\n'
         'adaptive = false\nmotors = "controlled"\nposes = ["left"]\n',
     )
     results = run(scene, tmp_path)

@@ -20,7 +20,7 @@ from scene_runs import run
 
 SCENE = Path(__file__).resolve().parents[3] / "machines" / "tripteor.toml"
 FRF = (
-    'analyses.frf = { to = "250 Hz", points = 41, adaptive = false, inputs = [["tcp", "x"], ["tcp", "z"]],'
+    'analyses.frf = { up_to = "250 Hz", points = 41, adaptive = false, inputs = [["tcp", "x"], ["tcp", "z"]],'
     ' poses = ["config_2"], motors = "controlled" }'
 )
 POSE = 'analyses.control.poses = ["config_2"]'

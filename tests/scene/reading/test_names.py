@@ -13,8 +13,10 @@ from headstock.scene.schema.validation import known_keys, unknown_key
 
 SCENE = stored_scene("overrides").partition("[variants.stiff]")[0]
 TABLES = {
+    "Frf": ("analyses", "frf"),
     "Interface": ("components", "bar", "interfaces", "tip"),
     "Mesh": ("components", "bar", "mesh"),
+    "Modal": ("analyses", "modal"),
     "Path": ("analyses", "path"),
     "Rail": ("components", "bar", "interfaces", "tip", "rail"),
     "Screw": ("joints", "clamp", "screw"),
