@@ -170,6 +170,29 @@ def test_a_mode_that_no_damper_reaches_is_singular_at_its_own_frequency_and_only
     assert np.isnan(found.receptance[0]).tolist() == [[False, False], [False, True]]
 
 
+def test_where_poles_are_too_near_each_other_many_dampers_take_a_small_solve_per_frequency() -> (
+    None
+):
+    """A critically damped mass has one eigenvector for two poles; ten more dampers of sixty modes."""
+    size = 60
+    bare = make_system(size, seed=4)
+    lines = np.random.default_rng(7).standard_normal((size, 10))
+    lines[-1] = 0.0
+    mass, stiffness, damping = bare.mass.copy(), bare.stiffness.copy(), 80.0 * lines @ lines.T
+    for matrix, own in ((mass, 1.0), (stiffness, 1e6), (damping, 2e3)):
+        matrix[-1] = matrix[:, -1] = 0.0
+        matrix[-1, -1] = own
+    system = dataclasses.replace(bare, mass=mass, stiffness=stiffness, damping=damping)
+    model = prepare_frf(system, inputs=CHANNELS, outputs=CHANNELS)
+    frequencies = np.linspace(3.0, 900.0, 80)
+    found, expected = (
+        evaluate_frf(model, frequencies),
+        model.direct.evaluate(2.0 * np.pi * frequencies),
+    )
+    assert found.method == "dampers"
+    np.testing.assert_allclose(found.receptance, expected, atol=1e-9 * np.abs(expected).max())
+
+
 def test_many_dampers_that_differ_take_the_sum_over_poles() -> None:
     system = make_system(60, seed=4)
     damping = np.diag(np.random.default_rng(3).uniform(1.0, 90.0, 60))
