@@ -23,7 +23,7 @@ from headstock.app.pictures.picture import Picture
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.skins import box_skin
 from headstock.meshing.components.meshing import describe_component
-from headstock.meshing.errors import MeshError
+from headstock.meshing.errors import MeshError, MeshTimeError
 from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import couple
@@ -306,7 +306,7 @@ def test_the_scene_of_a_plate_with_screw_holes_has_a_variant_that_is_fixed_at_th
 def test_a_part_that_cannot_be_meshed_is_not_called_ready(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(component: Component) -> None:
+    def refuse(component: Component, **_: object) -> None:
         raise MeshError(f"{component.name}: face 7 crosses face 9")
 
     monkeypatch.setattr("headstock.app.actions.starting.mesh_component", refuse)
@@ -314,6 +314,18 @@ def test_a_part_that_cannot_be_meshed_is_not_called_ready(
     assert "part: face 7 crosses face 9" in said.err
     assert "ready" not in said.out
     assert (folder / "mine" / "mine.toml").is_file()
+
+
+def test_a_part_that_is_slow_to_mesh_is_ready_without_a_trial(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def take_long(component: Component, *, time_limit: float) -> None:
+        raise MeshTimeError(f"{component.name}: stopped after {time_limit} s")
+
+    monkeypatch.setattr("headstock.app.actions.starting.mesh_component", take_long)
+    said = call(capsys, ["new", "mine", "--part", str(SUPPORT)], 0)
+    assert "meshing takes more than 8 s of processor time" in said.out
+    assert "mine.toml is ready" in " ".join(said.out.split())
 
 
 def test_nothing_is_overwritten_by_a_new_scene(
