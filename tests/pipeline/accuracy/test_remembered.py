@@ -7,7 +7,7 @@ import pytest
 
 import scene_runs
 from fixture_machines import stored_scene
-from headstock.pipeline import runner
+from headstock.pipeline.accuracy import search
 from headstock.pipeline.numbers.estimates import MODEL
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
@@ -62,7 +62,7 @@ def test_the_second_run_repeats_what_a_comparison_found_without_comparing(
     def refuse(*args: object) -> None:
         raise AssertionError("compared again")
 
-    monkeypatch.setattr(runner, "compare_models", refuse)
+    monkeypatch.setattr(search, "compare_models", refuse)
     second = run(tmp_path, "1 %")
     for found, again in zip(first.modal, second.modal, strict=True):
         assert np.array_equal(found.frequencies_hz, again.frequencies_hz)
