@@ -35,7 +35,7 @@ DYNAMICS = (
     'studies.cost.watch=["frf.reference.drive_points[2].chatter_limit_N_per_um", '
     '"frf.reference.drive_points[2].minimum_dynamic_stiffness_N_per_um", '
     '"path.feeds[1].outputs[0].accelerating.peak_um"]',
-    'studies.cost.set={"analyses.frf" = { inputs = ["tcp"], to = "300 Hz", poses = ["reference"] }, '
+    'studies.cost.set={"analyses.frf" = { inputs = ["tcp"], up_to = "300 Hz", poses = ["reference"] }, '
     '"analyses.modal" = false, "analyses.static" = false, "analyses.path.on_request" = false}',
 )
 # nine even steps up to 300 Hz, the first of them 0 Hz
@@ -43,7 +43,7 @@ LINES = (
     'studies.cost.watch=["frf.reference.drive_points[0].lines_um_per_kN[1:9]", '
     '"frf.reference.drive_points[1].lines_um_per_kN[1:9]", '
     '"frf.reference.drive_points[2].lines_um_per_kN[1:9]"]',
-    'studies.cost.set={"analyses.frf" = { inputs = ["tcp"], to = "300 Hz", poses = ["reference"] }, '
+    'studies.cost.set={"analyses.frf" = { inputs = ["tcp"], up_to = "300 Hz", poses = ["reference"] }, '
     '"analyses.modal" = false, "analyses.static" = false}',
 )
 HEAD = """# What the next digit costs

@@ -7,6 +7,10 @@ class MeshError(HeadstockError):
     """A component cannot be meshed as described, or its mesh fails a check."""
 
 
+class MeshTimeError(MeshError):
+    """Meshing took more processor time than it may."""
+
+
 class PartFileError(MeshError):
     """A part's file is none that can be meshed as it is chosen; the user chooses or exports
     another.

@@ -19,14 +19,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from headstock.geometry.parts.solids import SuperelementFile
-from headstock.pipeline.accuracy.interface_errors import run_interfaces_stage
-from headstock.pipeline.accuracy.model_errors import (
-    compare_models,
-    repeat_comparison,
-    run_models_stage,
-)
-from headstock.pipeline.accuracy.search import AccuracySearch, search_settings
-from headstock.pipeline.accuracy.search_records import remember_comparison, write_sizes
 from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.analyses import RECORDS, load_named
 from headstock.pipeline.planning.budgets import check_elapsed
@@ -34,12 +26,9 @@ from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost
 from headstock.pipeline.preview.doubts import doubt_machine
-from headstock.pipeline.results.files import add_results, publish_summary
+from headstock.pipeline.results.files import add_results, publish_summary, write_sizes
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.views import MachineView
-from headstock.pipeline.stages.machine import run_couple_stage
-from headstock.pipeline.stages.mechanism import run_place_stage
-from headstock.pipeline.stages.modal import run_spread_stage
 from headstock.pipeline.stages.run_state import (
     Announcer,
     Observer,
@@ -144,47 +133,17 @@ def run_stages(
 
 
 def _run_rounds(scene: Scene, runner: "_StageRunner", plan: Plan | None = None) -> RunState:
-    """Run one round; or as many as an accuracy needs, and then what is requested beyond the analyses
-    whose errors the search estimates.
-    """
+    """Run one round, or as many as an accuracy needs."""
     if scene.accuracy is None:
         ranks = find_ranks(runner.comm)
         return runner.run(
             scene, plan or make_on_root(runner.comm, lambda: plan_scene(scene, held=ranks))
         )
-    search = search_settings(scene, runner.run, runner.note, comm=runner.comm, store=runner.store)
-    state = search.state
-    more = search.scene.analyses != state.scene.analyses
-    if more or scene.model_errors or scene.interface_errors:
-        state = runner.run(search.scene, plan_scene(search.scene), state.reduced)
-    if not scene.model_errors:
-        _add_model_errors(scene, state, search, runner)
-    state.answers.append(search.answer)
-    if search.failure:
-        state.failures.append(search.failure)
-    return state
-
-
-def _add_model_errors(
-    scene: Scene, state: RunState, search: AccuracySearch, runner: "_StageRunner"
-) -> None:
-    """Add to ± what the chosen models of bodies leave out, as an earlier run of the scene found it, or
-    compared now with finite elements and kept for the next.
-    """
-    stage = Stage("models", None, "what the models chosen leave out of elastic bodies")
-    known, bodies = search.comparison, search.bodies
-    if known is not None:
-        runner.run_stage(state, stage, lambda state, stage: repeat_comparison(state, known))
-    elif bodies is not None:
-        parts = dataclasses.replace(bodies.parts, scene=state.scene)
-        whole = dataclasses.replace(bodies, parts=parts)
-
-        def compare(state: RunState, stage: Stage) -> Outcome:
-            compared = compare_models(state, whole)
-            state.warn(remember_comparison(scene, runner.store, compared))
-            return repeat_comparison(state, compared)
-
-        runner.run_stage(state, stage, compare)
+    # most scenes need none of the modules of the search
+    searched: RunState = load_named("headstock.pipeline.accuracy.search:run_searched")(
+        scene, runner
+    )
+    return searched
 
 
 @dataclasses.dataclass(frozen=True)
@@ -227,13 +186,15 @@ def _write(
 # stages of the machine that no request asks for; those of a component are in `COMPONENT_STAGES` of
 # stages/components.py and run first, `write` is in `run_scene`, and `refine` is what accuracy/search.py
 # records of a round
-HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {
-    "couple": run_couple_stage,
-    "place": run_place_stage,
-    "spread": run_spread_stage,
-    "models": run_models_stage,
-    "joints": run_interfaces_stage,
+_MACHINE_STAGES = {
+    "couple": "headstock.pipeline.stages.machine:run_couple_stage",
+    "place": "headstock.pipeline.stages.mechanism:run_place_stage",
+    "spread": "headstock.pipeline.stages.modal:run_spread_stage",
+    "models": "headstock.pipeline.accuracy.model_errors:run_models_stage",
+    "joints": "headstock.pipeline.accuracy.interface_errors:run_interfaces_stage",
 }
+# loaded so far, by kind
+HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {}
 # all ranks work on them
 SHARED_STAGES = {"spread", "models", "joints"} | {
     record.kind for record in RECORDS if record.shared
@@ -243,8 +204,8 @@ SHARED_STAGES = {"spread", "models", "joints"} | {
 def _find_handler(kind: str) -> Callable[[RunState, Stage], Outcome]:
     """Return what does the work of a stage of the machine."""
     if kind not in HANDLERS:
-        (record,) = (record for record in RECORDS if record.kind == kind)
-        HANDLERS[kind] = load_named(record.solve)
+        named = {record.kind: record.solve for record in RECORDS} | _MACHINE_STAGES
+        HANDLERS[kind] = load_named(named[kind])
     return HANDLERS[kind]
 
 

@@ -284,7 +284,7 @@ def name_uncompared(scene: Scene) -> tuple[str, ...]:
     if FrfRequest not in asked:
         uncompared.append(
             "no frequency responses are compared: the scene has no [analyses.frf]; "
-            f'add inputs = ["{point}"], to = "500 Hz" there, and damping in [effects]'
+            f'add inputs = ["{point}"], up_to = "500 Hz" there, and damping in [effects]'
         )
     return tuple(uncompared)
 

@@ -36,7 +36,7 @@ from headstock.geometry.parts.components import (
     Patch,
     ReductionSettings,
 )
-from headstock.geometry.parts.solids import Box
+from headstock.geometry.parts.solids import Box, Solid
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
 from headstock.meshing.elements.surface import extract_surface
 from headstock.meshing.process import worker
@@ -356,6 +356,15 @@ def make_component(
     return Component(
         name, Box(size), material, interfaces=made, reduction=ReductionSettings(modes=modes)
     )
+
+
+def make_faced(name: str, solid: Solid, faces: Mapping[str, str], **settings: Any) -> Component:
+    """A component of steel with interfaces on faces, those that average written ``average z+``."""
+    interfaces = {}
+    for label, text in faces.items():
+        average, face = text.startswith("average "), text.removeprefix("average ")
+        interfaces[label] = Interface(label, (Patch(face),), "average" if average else "rigid")
+    return Component(name, solid, **{"material": STEEL, "interfaces": interfaces, **settings})
 
 
 class Dense:

@@ -9,7 +9,7 @@ MILL = 'mill = { diameter = "10 mm", teeth = 2, helix = "30 deg" }\nmaterial = "
 ANALYSES = {
     "static": ("static", ""),
     "modal": ("modal", ""),
-    "frf": ("frf", 'inputs = [["tcp", "x"]]\nto = "300 Hz"\npoints = 11\nadaptive = false'),
+    "frf": ("frf", 'inputs = [["tcp", "x"]]\nup_to = "300 Hz"\npoints = 11\nadaptive = false'),
     "lobes": ("lobes", f'speeds = ["3000 rpm", "6000 rpm", 3]\nradial_depth = "1 mm"\n{MILL}'),
     "path": (
         "path",

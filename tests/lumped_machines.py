@@ -1,16 +1,19 @@
 """Machines of rigid and two-node bodies on springs, small enough to be written out by hand."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rigid_transfer
 from headstock.geometry.machine.joints import Joint, JointEnd
-from headstock.geometry.machine.machine import Machine, Point
-from headstock.geometry.parts.components import Component, Interface, Material, Patch
-from headstock.geometry.parts.mass_properties import SolidProperties
+from headstock.geometry.machine.machine import Machine, Point, Pose
+from headstock.geometry.parts.components import Component, Interface, Load, Material, Patch
+from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties
 from headstock.geometry.parts.solids import Box
 from headstock.reduction.components.rigid import reduce_rigid
+from headstock.reduction.components.segmented import reduce_segmented
+from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.superelement import InterfaceMap, Superelement
 
 Body = tuple[Component, Superelement]
@@ -117,6 +120,26 @@ def lumped_machine(
         {name: Point(name, *map(_end, ends)) for name, ends in (points or {}).items()},
     )
     return {superelement.name: superelement for _, superelement in bodies}, machine
+
+
+def reduce_shape(component: Component, *loads: Load) -> Superelement:
+    """A component without a mesh, rigid or of segments, from the closed form of its solid."""
+    properties = closed_form_properties(component)
+    assert properties is not None
+    reduce = reduce_segmented if component.fidelity == "segmented" else reduce_rigid
+    return reduce(component, properties, loads)
+
+
+def clamped_machine(component: Component, **more: Any) -> Machine:
+    """A component that is clamped at its foot, with the point ``tcp`` at its tip."""
+    name = component.name
+    clamp = joint_between("clamp", "ground", f"{name}.foot", fixed=range(6))
+    point = Point("tcp", _end(f"{name}.tip"), JointEnd())
+    return Machine(name, {name: component}, {"clamp": clamp}, {"tcp": point}, **more)
+
+
+def couple_clamped(component: Component, element: Superelement) -> CoupledMachine:
+    return couple({component.name: element}, clamped_machine(component), Pose("reference"))
 
 
 def _component(

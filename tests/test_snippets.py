@@ -14,6 +14,7 @@ import functools
 import operator
 import re
 import shlex
+import shutil
 import tomllib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
@@ -321,6 +322,7 @@ def complete(base: Base, text: str, folder: Path) -> Scene:
 @pytest.mark.parametrize(("page", "text"), TOML)
 def test_a_fragment_of_a_document_completes_a_scene(page: str, text: str, tmp_path: Path) -> None:
     (tmp_path / "toolpath.csv").write_text("X [mm],Y [mm]\n0,0\n50,20\n")
+    shutil.copy(ROOT / "tests/data/support.step", tmp_path / "assembly.step")
     refusals = []
     for base in BASES.get(page, OTHER_PAGES):
         try:

@@ -12,7 +12,13 @@ from headstock.app.actions.checking import load_chosen
 from headstock.app.commands.tool_commands import ShowOptions
 from headstock.app.pictures.machine_sketch import label_machine
 from headstock.app.pictures.numbered import LabelledSurface, draw_numbered, show_numbered
-from headstock.app.terminal.console import add_row, make_console, make_table, print_table
+from headstock.app.terminal.console import (
+    add_row,
+    make_console,
+    make_table,
+    print_remarks,
+    print_table,
+)
 from headstock.app.terminal.guard import DONE
 from headstock.app.terminal.machine import list_machine, print_machine
 from headstock.geometry.parts.cad_faces import (
@@ -27,6 +33,7 @@ from headstock.meshing.components.survey import CadSurvey, suggest_sets, survey_
 from headstock.meshing.formats import MESH_SUFFIXES
 from headstock.meshing.length_units import doubt_size
 from headstock.meshing.process.strangers import files_beside
+from headstock.pipeline.preview.doubts import doubt_machine
 from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import check_output, prepare_output, write_output
@@ -110,10 +117,13 @@ def _show_machine(scene: Scene, options: ShowOptions) -> int:
     view, supports = view_rigid(scene, chosen)
     placed = view.poses[chosen.name]
     print_machine(scene, chosen, view, supports)
+    print_remarks(doubt_machine(scene))
     options.write_json(dump_summary(list_machine(scene, placed, supports)))
     if not view.skins:
         return DONE
-    surface = label_machine(f"{scene.name}, pose {chosen.name}", view, placed, supports)
+    surface = label_machine(
+        f"{scene.name}, pose {chosen.name}", view, placed, supports, scene.machine.components
+    )
     if options.window:
         show_numbered(surface)
     else:

@@ -27,12 +27,13 @@ from headstock.geometry.parts.interface_suggestions import LikelyInterface, like
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.survey import CadSurvey
-from headstock.meshing.errors import MeshError
+from headstock.meshing.errors import MeshError, MeshTimeError
 from headstock.meshing.length_units import doubt_size
 from headstock.pipeline.storage.json_texts import dump_json
 from headstock.scene.building.loader import load_scene
 
 PART_NAME = "part"
+TRIAL_SECONDS = 8.0  # of processor time; most parts that cannot be meshed show it sooner
 
 SCHEMA = "scene.schema.json"  # as the first line of a scene names it for editors
 SCENE = """\
@@ -135,7 +136,10 @@ def new_command(options: NewOptions) -> int:
     scene = folder / _scene_name(folder)
     if choice is not None:
         console.print(choice, markup=False)
-        _try_mesh(scene)
+        if not _try_mesh(scene):
+            console.print(
+                f"meshing takes more than {TRIAL_SECONDS:g} s of processor time: whether it succeeds is seen when it runs"
+            )
     # as the reader types it: the launcher says how it was called
     command = shlex.quote(os.environ.get("HEADSTOCK_COMMAND", "headstock"))
     console.print(
@@ -157,8 +161,11 @@ def _name_guess(options: NewOptions, survey: CadSurvey) -> str | None:
     )
 
 
-def _try_mesh(path: Path) -> None:
+def _try_mesh(path: Path) -> bool:
     """Mesh the part as its scene has it: what cannot be meshed is better known now.
+
+    Returns:
+        False where that takes too long to be tried.
 
     Raises:
         MeshError: It cannot; the folder stays, for a part that is mended.
@@ -166,11 +173,14 @@ def _try_mesh(path: Path) -> None:
     scene = load_scene(path)
     (component,) = scene.machine.components.values()
     try:
-        mesh_component(component)
+        mesh_component(component, time_limit=TRIAL_SECONDS)
+    except MeshTimeError:
+        return False
     except MeshError as error:
         raise MeshError(
             f"{path} is written, but its part cannot be meshed as it is: {error}"
         ) from error
+    return True
 
 
 def _fill_folder(folder: Path, text: str, files: Sequence[Path]) -> None:

@@ -1,4 +1,4 @@
-"""A machine with its joints, supports and points as a surface with labels."""
+"""A machine with its interfaces, joints, supports and points as a surface with labels."""
 
 from collections.abc import Mapping
 
@@ -7,6 +7,16 @@ import numpy as np
 from headstock.app.pictures.numbered import Color, LabelledSurface
 from headstock.app.pictures.picture import Marks, Note
 from headstock.app.pictures.scenes import TOOL_COLOR, TOOL_SHARE, join_skins_in_pose
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Component, Patch
+from headstock.geometry.parts.patches import (
+    FACE_DIRECTIONS,
+    PlanarFace,
+    PlanarSolid,
+    in_plane_axes,
+    named_planar_face,
+    patch_rects,
+)
 from headstock.pipeline.preview.rigid_view import SupportView
 from headstock.pipeline.results.views import JointView, MachineView, PoseView
 
@@ -22,14 +32,23 @@ AXIS_COLUMNS = {
 }
 RIGID, SPRING, FREE = (0.39, 0.45, 0.55), (0.85, 0.47, 0.02), (0.49, 0.23, 0.93)
 MOUNT, WORK, SUPPORT = (0.10, 0.55, 0.27), (0.10, 0.35, 0.80), (0.20, 0.20, 0.20)
+AREAS: dict[str, Color] = {"area of an interface": (0.78, 0.78, 0.75), "rail": (0.25, 0.27, 0.30)}
+CIRCLE = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
+LIFT = 1e-3  # of an area above its face, as a share of the part's size
 FREE_KINDS = ("revolute", "universal", "spherical", "prismatic")
 BALL_SHARE, ARROW_SHARE, CONE_SHARE = 0.007, 0.06, 0.03
 
 
 def label_machine(
-    title: str, view: MachineView, placed: PoseView, supports: Mapping[str, SupportView]
+    title: str,
+    view: MachineView,
+    placed: PoseView,
+    supports: Mapping[str, SupportView],
+    components: Mapping[str, Component],
 ) -> LabelledSurface:
-    """The skins of a machine in a pose with marks and names at joints, supports and points."""
+    """The skins of a machine in a pose, areas of interfaces on flat faces of solids without a file,
+    and marks and names at joints, supports and points.
+    """
     joined = join_skins_in_pose(view, placed)
     groups: dict[str, list[tuple[str, JointView]]] = {}
     for name, joint in placed.joints.items():
@@ -66,13 +85,25 @@ def label_machine(
         ("work of a point", works, WORK),
     )
     legend += [(f"{words}: {len(given)}", color) for words, given, color in shown if given]
+    points, triangles, owners = [joined.points], [joined.triangles], [joined.owners]
+    start = len(joined.points)
+    for owner, (kind, areas) in enumerate(
+        _interface_areas(components, placed).items(), len(joined.palette)
+    ):
+        for area in areas:
+            points.append(area)
+            fan = np.arange(1, len(area) - 1)
+            triangles.append(start + np.column_stack([0 * fan, fan, fan + 1]))
+            owners.append(np.full(len(fan), owner))
+            start += len(area)
+        legend += [(f"{kind}: {len(areas)}", AREAS[kind])] if areas else []
     return LabelledSurface(
-        joined.points,
-        joined.triangles,
-        joined.owners,
+        np.vstack(points),
+        np.vstack(triangles),
+        np.concatenate(owners),
         dict(enumerate(view.skins, 1)),
         title,
-        palette=joined.palette,
+        palette=np.vstack([joined.palette, list(AREAS.values())]),
         marks=tuple(marks),
         notes=tuple(notes),
         legend=tuple(legend),
@@ -106,3 +137,42 @@ def _axis_arrows(joints: list[JointView], color: Color) -> list[Marks]:
         return []
     tails, along = (np.array(part) for part in zip(*arrows, strict=True))
     return [Marks(tails, color, ARROW_SHARE, True, "arrow", along)]
+
+
+def _interface_areas(
+    components: Mapping[str, Component], placed: PoseView
+) -> dict[str, list[FloatArray]]:
+    """Outlines ``(k, 3)`` of rects, strips and disks on flat faces, anticlockwise as seen from
+    outside, machine frame [m]; whole faces are left out.
+    """
+    areas: dict[str, list[FloatArray]] = {kind: [] for kind in AREAS}
+    for name, part in components.items():
+        if not isinstance(part.solid, PlanarSolid):
+            continue
+        lift, frame = LIFT * max(part.solid.size), placed.placements[name]
+        for interface in part.interfaces.values():
+            kind = "rail" if interface.rail else "area of an interface"
+            for patch in interface.patches:
+                face = named_planar_face(part.solid, patch.face)
+                if face is None or patch.shape == "whole":
+                    continue
+                _, sign = FACE_DIRECTIONS[patch.face]
+                first, second = in_plane_axes(face.axis)
+                for outline in _outlines(face, patch):
+                    area = np.full((len(outline), 3), face.position + sign * lift)
+                    area[:, [first, second]] = outline
+                    # x y z without y is left-handed as seen along y
+                    turned = sign < 0.0 if face.axis != 1 else sign > 0.0
+                    areas[kind].append(
+                        (area[::-1] if turned else area) @ frame.rotation.T + frame.origin
+                    )
+    return areas
+
+
+def _outlines(face: PlanarFace, patch: Patch) -> list[FloatArray]:
+    """Convex outlines ``(k, 2)`` of a patch along the two in-plane axes, anticlockwise [m]."""
+    rects = patch_rects(face, patch)
+    if rects is not None:
+        return [np.array([[a, c], [b, c], [b, d], [a, d]]) for a, b, c, d in rects]
+    middle = [patch.center[axis] for axis in in_plane_axes(face.axis)]
+    return [middle + 0.5 * patch.size[0] * np.column_stack([np.cos(CIRCLE), np.sin(CIRCLE)])]

@@ -58,7 +58,7 @@ class LabelledSurface:
     Attributes:
         points: ``(n, 3)`` [m].
         triangles: ``(m, 3)`` outward.
-        owners: ``(m,)`` numbers from 1.
+        owners: ``(m,)`` numbers from 1; those without a label have only a colour.
         palette: ``(owners + 1, 3)`` red, green, blue of each owner from 1, 0..1; None for soft
             colours of their own.
         notes: Texts besides the labels.
@@ -126,7 +126,10 @@ def draw_numbered(surface: LabelledSurface) -> tuple[bytes, set[int]]:
         owners = _read_owners(drawing.images[OWNERS + name])
         frame = frame_picture(next(picture for picture in pictures if picture.name == name))
         places = [frame.project(note.place[None], PIXELS)[0] for note in surface.notes]
-        labels = _place_labels(_find_spots(owners), surface.labels)
+        spots = {
+            owner: spot for owner, spot in _find_spots(owners).items() if owner in surface.labels
+        }
+        labels = _place_labels(spots, surface.labels)
         for label in labels + _place_notes(surface.notes, places, labels):
             if label.text_at != label.place:
                 axes.plot(

@@ -4,9 +4,9 @@ and joints take while a machine moves.
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from headstock.app.tables.table import (
     Cell,
     Column,
     Listing,
+    NumbersRow,
     PlainTable,
     bound_column,
     plain_column,
@@ -21,6 +22,7 @@ from headstock.app.tables.table import (
     tabulate_curves,
 )
 from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.answers.motion_forces import DriveExtremes, ProbeMotion, ProbeTrace
 from headstock.pipeline.answers.path import PathCurves, PathRun
@@ -30,24 +32,22 @@ from headstock.pipeline.answers.probes import (
     ProbeAnswer,
     ProbeCurves,
     ProbeResponse,
-    probe_keys,
     probe_units,
 )
 from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves
-from headstock.pipeline.numbers.estimates import Estimate, scale_known, scale_shares, scale_total
-from headstock.pipeline.numbers.numbers import Key, make_key
+from headstock.pipeline.numbers.estimates import Estimate, scale_known, scale_shares
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.solvers.second_order import Channel, ComplexArray, name_channel
 from headstock.solvers.stresses import STRESS_NAMES
 from headstock.solvers.watched_outputs import Extreme
 
 
-class ProbeRow(NamedTuple):
-    """A probe under static loads, with the ± of its numbers in the order of their keys."""
+@dataclass(frozen=True, eq=False)
+class ProbeRow(NumbersRow):
+    """A probe under static loads."""
 
     name: str
     probe: ProbeResponse
-    errors: Sequence[Estimate]
 
 
 type ProbeColumns = tuple[Column[ProbeRow], Column[ProbeRow]]
@@ -55,8 +55,9 @@ type ProbeColumns = tuple[Column[ProbeRow], Column[ProbeRow]]
 
 def list_probes(answer: ProbeAnswer) -> list[ProbeRow]:
     """Return the probes of a pose."""
+    numbers = answer.index_numbers()
     return [
-        ProbeRow(name, probe, [answer.error_of(key) for key in probe_keys(answer.pose, name)])
+        ProbeRow(numbers, {"pose": answer.pose, "probe": name}, name, probe)
         for name, probe in answer.probes.items()
     ]
 
@@ -65,7 +66,7 @@ def _moved(axis: int) -> ProbeColumns:
     d = DIRECTIONS[axis]
     return bound_column(
         lambda row: float(MICRO * row.probe.shown_displacement[axis]),
-        lambda row: scale_total(row.errors[axis], MICRO),
+        lambda row: row.error("probe_displacement", direction=d),
         f"displacement {d} [um]",
         f">{d} µm",
         f"{d} [µm]",
@@ -75,7 +76,7 @@ def _moved(axis: int) -> ProbeColumns:
 def _stressed(place: int, pair: str) -> ProbeColumns:
     return bound_column(
         lambda row: float(MEGA * row.probe.shown_stress[place]),
-        lambda row: scale_total(row.errors[3 + place], MEGA),
+        lambda row: row.error("probe_stress", component=pair),
         f"stress {pair} [MPa]",
         report=f"{pair} [MPa]",
     )
@@ -88,8 +89,8 @@ _NAMES: tuple[Column[ProbeRow], ...] = (
 _MOVED = [_moved(axis) for axis in range(3)]
 _STRESSED = [_stressed(place, pair) for place, pair in enumerate(STRESS_NAMES)]
 _MISES: ProbeColumns = bound_column(
-    lambda row: MEGA * row.probe.von_mises,
-    lambda row: scale_total(row.errors[-1], MEGA),
+    lambda row: row.value("probe_stress", component="von_mises"),
+    lambda row: row.error("probe_stress", component="von_mises"),
     "von Mises [MPa]",
     ">von Mises MPa",
     "von Mises [MPa]",
@@ -150,22 +151,12 @@ PROBE_PEAK_COLUMNS: tuple[Column[_ProbePeakRow], ...] = (
 )
 
 
-class ForceRow[Found](NamedTuple):
-    """What a probe, drive or joint took at most while the machine moved.
-
-    Attributes:
-        errors: ± of numbers; None where what meshes around probes leave out is all that is known.
-        at: Roles of the keys of its numbers: feed or pose.
-    """
+@dataclass(frozen=True, eq=False)
+class ForceRow[Found](NumbersRow):
+    """What a probe, drive or joint took at most while the machine moved."""
 
     name: str
     found: Found
-    errors: Mapping[Key, Estimate] | None
-    at: Mapping[str, str]
-
-    def total(self, kind: str, factor: float = 1.0, **roles: str) -> float | None:
-        """Return ± of one of its numbers."""
-        return scale_total((self.errors or {}).get(make_key(kind, **roles, **self.at)), factor)
 
 
 type _ProbeRow = ForceRow[ProbeMotion]
@@ -174,23 +165,24 @@ type _JointRow = ForceRow[dict[str, Extreme]]
 
 
 def list_moved[Found](
-    found: Mapping[str, Found], errors: Mapping[Key, Estimate] | None = None, **at: str
+    answer: Answer, found: Mapping[str, Found], role: str, **roles: str
 ) -> list[ForceRow[Found]]:
-    """Return a row for each probe, drive or joint; arguments as in :class:`ForceRow`."""
-    return [ForceRow(name, each, errors, at) for name, each in found.items()]
+    """Return a row for each probe, drive or joint.
 
-
-def _probe_error(row: _ProbeRow, which: Literal[0, 1], factor: float) -> float | None:
-    """Return ± of stress or displacement."""
-    return scale_total(row.found.list_errors(row.errors, probe=row.name, **row.at)[which], factor)
+    Args:
+        role: In keys of their numbers, such as ``probe``.
+        roles: Others that these keys have: feed or pose.
+    """
+    numbers = answer.index_numbers()
+    return [ForceRow(numbers, {role: name, **roles}, name, each) for name, each in found.items()]
 
 
 PROBE_MOTION_PEAKS: tuple[Column[_ProbeRow], ...] = (
     Column(lambda row: row.name, "probe", "probe", "Probe"),
     Column(lambda row: row.found.component, "component", "in", "Component"),
     *bound_column(
-        lambda row: MEGA * row.found.von_mises.value,
-        lambda row: _probe_error(row, 0, MEGA),
+        lambda row: row.value("peak_stress"),
+        lambda row: row.error("peak_stress"),
         "largest von Mises [MPa]",
         ">von Mises MPa",
         "von Mises [MPa]",
@@ -199,8 +191,8 @@ PROBE_MOTION_PEAKS: tuple[Column[_ProbeRow], ...] = (
         lambda row: 1e3 * row.found.von_mises.time, "von Mises at [ms]", ">at ms", "at [ms]"
     ),
     *bound_column(
-        lambda row: MICRO * row.found.displacement.value,
-        lambda row: _probe_error(row, 1, MICRO),
+        lambda row: row.value("peak_displacement"),
+        lambda row: row.error("peak_displacement"),
         "largest displacement [um]",
         ">displacement µm",
         "Displacement [µm]",
@@ -273,8 +265,8 @@ def _parts(values: ComplexArray) -> tuple[tuple[str, FloatArray], ...]:
 MOTOR_COLUMNS: tuple[Column[_DriveRow], ...] = (
     Column(lambda row: row.name, "drive", "drive", "Drive"),
     *bound_column(
-        lambda row: row.found.torque.value,
-        lambda row: row.total("motor_torque", drive=row.name),
+        lambda row: row.value("motor_torque"),
+        lambda row: row.error("motor_torque"),
         "largest torque [N m]",
         ">torque N m",
         "Torque [N m]",
@@ -283,8 +275,8 @@ MOTOR_COLUMNS: tuple[Column[_DriveRow], ...] = (
     ),
     plain_column(lambda row: 1e3 * row.found.torque.time, "torque at [ms]", ">at ms", "at [ms]"),
     *bound_column(
-        lambda row: MICRO * row.found.position_error.value,
-        lambda row: row.total("position_error", MICRO, drive=row.name),
+        lambda row: row.value("position_error"),
+        lambda row: row.error("position_error"),
         "largest position error [um]",
         ">position error µm",
         "Position error [µm]",
@@ -305,10 +297,6 @@ def _unit_of(direction: str) -> str:
     return "N m" if direction.startswith("r") else "N"
 
 
-def _joint_error(row: _JointRow, direction: str) -> float | None:
-    return row.total("joint_force", joint=row.name, direction=direction)
-
-
 def _list_largest(unit: str, heading: str, at: str) -> tuple[Column[_JointRow], ...]:
     """Return the columns of the largest force, or moment, of a joint; files have all directions."""
 
@@ -321,7 +309,9 @@ def _list_largest(unit: str, heading: str, at: str) -> tuple[Column[_JointRow], 
 
     def error(row: _JointRow) -> float | None:
         found = find(row)
-        return _joint_error(row, found[0]) if found is not None and found[1].value else None
+        if found is None or not found[1].value:
+            return None
+        return row.error("joint_force", direction=found[0])
 
     return (
         Column(read(lambda direction, _: direction), "", heading, heading.capitalize()),
@@ -352,14 +342,12 @@ class Forces(NamedTuple):
     joints: list[_JointRow]
 
 
-def gather_forces(
-    found: PathRun | TransientAnswer, errors: Mapping[Key, Estimate] | None, **at: str
-) -> Forces:
-    """Return what a move took at most; arguments as in :class:`ForceRow`."""
+def gather_forces(answer: Answer, found: PathRun | TransientAnswer, **roles: str) -> Forces:
+    """Return what a move took at most; roles as of :func:`list_moved`."""
     return Forces(
-        list_moved(found.probes, errors, **at),
-        list_moved(found.drives, errors, **at),
-        list_moved(found.joints, errors, **at),
+        list_moved(answer, found.probes, "probe", **roles),
+        list_moved(answer, found.drives, "drive", **roles),
+        list_moved(answer, found.joints, "joint", **roles),
     )
 
 
@@ -393,7 +381,14 @@ def tabulate_forces(forces: Forces, stem: str, probes: str) -> Iterator[PlainTab
             f"joint_forces_{stem}",
             ("joint", "direction", "largest force on the first end", "±", "unit", "at [s]"),
             tuple(
-                (row.name, each, force.value, _joint_error(row, each), _unit_of(each), force.time)
+                (
+                    row.name,
+                    each,
+                    force.value,
+                    row.error("joint_force", direction=each),
+                    _unit_of(each),
+                    force.time,
+                )
                 for row in forces.joints
                 for each, force in row.found.items()
             ),

@@ -4,13 +4,15 @@ import csv
 import io
 import math
 import operator
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.numbers.estimates import scale_total
+from headstock.pipeline.numbers.numbers import Key, Number, make_key
 
 type Cell = str | float | None
 
@@ -76,6 +78,50 @@ def bound_column(
     return (
         Column(value, file, screen, report, error=show_error),
         Column(error, error_file or f"± {file}"),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class NumbersRow:
+    """A row of numbers of an answer, in the units that are shown.
+
+    Attributes:
+        numbers: Of the answer, by key.
+        roles: That keys of the row share, such as a face or a feed.
+    """
+
+    numbers: Mapping[Key, Number]
+    roles: Mapping[str, str | int]
+
+    def find(self, kind: str, **roles: str) -> Number | None:
+        """Return a number in SI; None where there is none."""
+        return self.numbers.get(make_key(kind, **self.roles, **roles))
+
+    def value(self, kind: str, **roles: str) -> float | None:
+        """Return a number; None where there is none."""
+        number = self.find(kind, **roles)
+        return None if number is None else find_known(number.shown[1] * number.value)
+
+    def error(self, kind: str, **roles: str) -> float | None:
+        """Return ± of a number; None where it is not known."""
+        number = self.find(kind, **roles)
+        return None if number is None else scale_total(number.error, number.shown[1])
+
+
+def number_column[Row: NumbersRow](
+    kind: str, file: str, screen: str = "", report: str = "", *, digits: int = 4, **roles: str
+) -> Column[Row]:
+    """Return the column of a number with its ±, which zero has not.
+
+    Args:
+        roles: Of its key, beside those of the row.
+    """
+
+    def find_error(row: Row) -> float | None:
+        return row.error(kind, **roles) if row.value(kind, **roles) else None
+
+    return Column(
+        lambda row: row.value(kind, **roles), file, screen, report, digits=digits, error=find_error
     )
 
 

@@ -1,7 +1,8 @@
 """Gaps, milled faces, forces and stresses along a contour."""
 
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 
 from headstock.app.drawings.lobes import draw_milled_faces
 from headstock.app.drawings.path import draw_contour
@@ -10,7 +11,14 @@ from headstock.app.tables.probes import (
     list_moved,
     list_trace_columns,
 )
-from headstock.app.tables.table import Column, Listing, PlainTable, tabulate_curves
+from headstock.app.tables.table import (
+    Column,
+    Listing,
+    NumbersRow,
+    PlainTable,
+    number_column,
+    tabulate_curves,
+)
 from headstock.app.texts.bounded_values import NO_BOUND, show_bound, show_bounded
 from headstock.app.views.view import Section, TerminalPart, View
 from headstock.geometry.frames import DIRECTIONS
@@ -22,56 +30,33 @@ from headstock.pipeline.answers.contouring import (
     FaceStability,
 )
 from headstock.pipeline.answers.milled_faces import MM, MilledFace
-from headstock.pipeline.numbers.estimates import CUTTING, Estimate, scale_total
-from headstock.pipeline.numbers.numbers import Key, make_key
+from headstock.pipeline.numbers.estimates import CUTTING, scale_total
+from headstock.pipeline.numbers.numbers import make_key
 from headstock.pipeline.results.results import Results
 
 LEAST_WAVE_UM = 1e-3  # of a profile that is mentioned
 
 
-class _FaceRow(NamedTuple):
-    """A face of a contour: the gap beside it, its profile and its limit of stability where it has
-    them, and ± of numbers.
-    """
+@dataclass(frozen=True, eq=False)
+class _FaceRow(NumbersRow):
+    """A face of a contour: the gap beside it and its profile where it has them."""
 
     face: int
     at: str
     gap: ContourFace | None
     milled: MilledFace | None
-    stability: FaceStability | None
-    errors: Mapping[Key, Estimate]
-
-    def find_error(self, kind: str, figure: str, factor: float = UM, **at: str) -> float | None:
-        """Return ± of one of its numbers."""
-        key = make_key(kind, face=self.face, figure=figure, **at)
-        return scale_total(self.errors.get(key), factor)
 
 
 def _list_faces(found: ContourAnswer) -> list[_FaceRow]:
     """Faces of a contour in the order of the path."""
+    numbers = found.index_numbers()
     gaps = {face.number: face for face in found.faces}
     milled = {face.number: face for face in found.milled}
-    stability = {face.number: face for face in found.stability}
     names = {number: face.at for number, face in (gaps | milled).items()}
     return [
-        _FaceRow(
-            number,
-            names[number],
-            gaps.get(number),
-            milled.get(number),
-            stability.get(number),
-            found.errors,
-        )
-        for number in sorted(names)
+        _FaceRow(numbers, {"face": face}, face, names[face], gaps.get(face), milled.get(face))
+        for face in sorted(names)
     ]
-
-
-def _of_profile(figure: str) -> Callable[[_FaceRow], float | None]:
-    return lambda row: None if row.milled is None else float(UM * row.milled.sizes[figure])
-
-
-def _profile_error(figure: str) -> Callable[[_FaceRow], float | None]:
-    return lambda row: None if row.milled is None else row.find_error("profile", figure)
 
 
 def _describe_wave(row: _FaceRow) -> str | None:
@@ -81,43 +66,31 @@ def _describe_wave(row: _FaceRow) -> str | None:
     return f"{MM * found.wavelength:.3g} mm, {UM * found.wave:.2g} µm"
 
 
+def _error_column(kind: str, figure: str, heading: str) -> Column[_FaceRow]:
+    return Column(lambda row: row.error(kind, figure=figure), heading)
+
+
 def _profile(
     figure: str, file: str, report: str, screen: str = "", digits: int = 3
 ) -> Column[_FaceRow]:
     """Return the column of a parameter of the profile of a face."""
-    error = _profile_error(figure)
-    return Column(_of_profile(figure), file, screen, report, digits=digits, error=error)
+    return number_column("profile", file, screen, report, digits=digits, figure=figure)
 
 
-def _of_gap(name: str) -> Callable[[_FaceRow], float | None]:
-    return lambda row: None if row.gap is None else float(UM * getattr(row.gap, name))
-
-
-def _gap_error(figure: str) -> Callable[[_FaceRow], float | None]:
-    return lambda row: None if row.gap is None else row.find_error("outward_gap", figure)
-
-
-_mean_gap_error, _gap_span_error = _gap_error("mean"), _gap_error("span")
+GAP = "outward_gap"
 FACE_COLUMNS: tuple[Column[_FaceRow], ...] = (
     Column(lambda row: row.face, "face", screen=">face", report="Face"),
     Column(lambda row: row.at, "at", screen="<at", report="At"),
-    Column(
-        _of_gap("outward"), "mean gap outward [um]", ">gap", "Mean gap [µm]", error=_mean_gap_error
+    number_column(GAP, "mean gap outward [um]", ">gap", "Mean gap [µm]", figure="mean"),
+    number_column(
+        GAP, "gap peak to peak [um]", ">ripple", "peak to peak [µm]", digits=3, figure="span"
     ),
-    Column(
-        _of_gap("outward_span"),
-        "gap peak to peak [um]",
-        ">ripple",
-        "peak to peak [µm]",
-        digits=3,
-        error=_gap_span_error,
-    ),
-    Column(_mean_gap_error, "± mean gap [um]"),
-    Column(_gap_span_error, "± gap peak to peak [um]"),
-    Column(_profile_error("location_error"), "± location error [um]"),
-    Column(_profile_error("ra"), "± Ra [um]"),
-    Column(_profile_error("rz"), "± Rz [um]"),
-    Column(_profile_error("wt"), "± Wt [um]"),
+    _error_column(GAP, "mean", "± mean gap [um]"),
+    _error_column(GAP, "span", "± gap peak to peak [um]"),
+    _error_column("profile", "location_error", "± location error [um]"),
+    _error_column("profile", "ra", "± Ra [um]"),
+    _error_column("profile", "rz", "± Rz [um]"),
+    _error_column("profile", "wt", "± Wt [um]"),
     _profile("location_error", "location error [um]", "Location error [µm]", ">location", digits=4),
     _profile("ra", "Ra [um]", "Ra [µm]", ">Ra"),  # by its name in ISO 21920
     _profile("rz", "Rz [um]", "Rz [µm]", ">Rz"),
@@ -126,10 +99,7 @@ FACE_COLUMNS: tuple[Column[_FaceRow], ...] = (
     _profile("mark_at_start", "mark at the start [um]", "Mark at start [µm]", ">at start"),
     _profile("mark_at_end", "mark at the end [um]", "at end [µm]", ">at end"),
     Column(_describe_wave, "strongest wave", report="Strongest wave"),
-    Column(
-        lambda row: None if row.stability is None else 1e3 * row.stability.limit_depth,
-        "limit depth of cut, motors locked [mm]",
-    ),
+    Column(lambda row: row.value("limit_depth"), "limit depth of cut, motors locked [mm]"),
 )
 
 
@@ -146,53 +116,27 @@ STABILITY_COLUMNS: tuple[Column[FaceStability], ...] = (
 )
 
 
-def _number_column(
-    kind: str, name: str, place: int, heading: str, *, digits: int, **at: str
-) -> Column[_FaceRow]:
-    """Return a column of the report: an item of ``NAME_mean`` or ``NAME_span`` of the gap beside a face.
-
-    Args:
-        heading: In the report; it ends with the unit.
-        at: Roles of the key of the number.
-    """
-    factor = UM if kind == "contour_gap" else 1.0
-
-    def value(row: _FaceRow) -> float | None:
-        values = getattr(row.gap, name)
-        return None if values is None else float(factor * values[place])
-
-    def error(row: _FaceRow) -> float | None:
-        return row.find_error(kind, name.rpartition("_")[2], factor, **at) if value(row) else None
-
-    return Column(value, heading, report=heading, digits=digits, error=error)
-
-
 def _list_gap_columns() -> list[Column[_FaceRow]]:
-    columns = [_NAME]
-    for name, words in (("gap_mean", "mean"), ("gap_span", "peak to peak")):
-        columns += [
-            _number_column("contour_gap", name, place, f"{words} {d} [µm]", digits=3, direction=d)
-            for place, d in enumerate(DIRECTIONS)
-        ]
-    return columns
+    return [_NAME] + [
+        number_column(
+            "contour_gap", heading, report=heading, digits=3, figure=figure, direction=direction
+        )
+        for figure, words in (("mean", "mean"), ("span", "peak to peak"))
+        for direction in DIRECTIONS
+        for heading in [f"{words} {direction} [µm]"]
+    ]
 
 
 def _list_drive_columns(found: ContourAnswer) -> list[Column[_FaceRow]]:
-    columns = [_NAME]
-    for kind, name, words, unit in (
-        ("drive_force", "drive", "", "N"),
-        ("drive_torque", "torque", "motor of ", "N m"),
-    ):
-        for place, drive in enumerate(found.drives):
-            columns += [
-                _number_column(
-                    kind, f"{name}_mean", place, f"{words}{drive} [{unit}]", digits=4, drive=drive
-                ),
-                _number_column(
-                    kind, f"{name}_span", place, f"peak to peak [{unit}]", digits=3, drive=drive
-                ),
-            ]
-    return columns
+    return [_NAME] + [
+        number_column(kind, heading, report=heading, digits=digits, figure=figure, drive=drive)
+        for kind, words, unit in (("drive_force", "", "N"), ("drive_torque", "motor of ", "N m"))
+        for drive in found.drives
+        for figure, digits, heading in (
+            ("mean", 4, f"{words}{drive} [{unit}]"),
+            ("span", 3, f"peak to peak [{unit}]"),
+        )
+    ]
 
 
 def _contour_words(found: ContourAnswer) -> str | None:
@@ -287,7 +231,7 @@ def _list_listings(contour: ContourAnswer) -> Iterator[Listing[Any]]:
     if contour.probes:
         title, rows = (
             "Largest stress at probes along the contour",
-            list_moved(contour.probes),
+            list_moved(contour, contour.probes, "probe"),
         )
         yield Listing(title, PROBE_MOTION_PEAKS, rows, "probes_contour")
 
@@ -317,7 +261,7 @@ def _write_section(run: Results) -> Section:
         },
         "rows": rows,
         "gap_rows": [row for row in rows if row.gap is not None],
-        "probes": list_moved(contour.probes),
+        "probes": list_moved(contour, contour.probes, "probe"),
         "draw_contour": draw_contour,
         "draw_milled_faces": draw_milled_faces,
         "contour_words": _contour_words(contour),

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from headstock.app.tables.probes import (
 from headstock.app.tables.table import (
     Column,
     Listing,
+    NumbersRow,
     PlainTable,
     show_deviation,
     tabulate_curves,
@@ -34,7 +35,6 @@ from headstock.pipeline.answers.path import (
     PathRun,
     deviation_unit,
 )
-from headstock.pipeline.numbers.estimates import Estimate, scale_total
 from headstock.pipeline.results.results import Results
 from headstock.solvers.motion.deviation import CruiseFigures, ZoneFigures
 from headstock.solvers.second_order import Channel, name_channel
@@ -47,32 +47,34 @@ PART_NAMES = {
 }
 
 
-class _ZoneRow[Figures](NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _ZoneRow[Figures](NumbersRow):
     """What a path analysis says of an output while a ramp lasts, or at constant feed."""
 
-    found: PathResult
     run: PathRun
     channel: Channel
     zone: str
     figures: Figures
     frozen: Figures  # if the pose stayed that of the middle
 
-    def find_error(self, figure: str) -> Estimate:
-        """Return ± of one of its figures."""
-        return self.found.find_error(self.run, self.channel, self.zone, figure)
-
-    def shown(self, figure: str) -> float:
+    def shown(self, figure: str) -> float | None:
         """Return one of its figures in the unit that is shown."""
-        return deviation_unit(self.channel)[1] * float(getattr(self.figures, figure))
+        return self.value("path_deviation", figure=figure)
 
-    def error(self, figure: str) -> float | None:
+    def bound(self, figure: str) -> float | None:
         """± of a figure, NaN for ``± ?``; None where nothing is known of any, or the figure is roundoff."""
-        figures = CRUISE if self.zone == "cruising" else SIZES
-        if show_deviation(self.shown(figure)) == "0" or all(
-            self.find_error(each).total is None for each in figures
+        value = self.shown(figure)
+        errors = {
+            each: self.error("path_deviation", figure=each)
+            for each in (CRUISE if self.zone == "cruising" else SIZES)
+        }
+        if (
+            value is None
+            or show_deviation(value) == "0"
+            or all(error is None for error in errors.values())
         ):
             return None
-        total = scale_total(self.find_error(figure), deviation_unit(self.channel)[1])
+        total = errors[figure]
         return math.nan if total is None else total
 
 
@@ -80,14 +82,19 @@ type _RampRow = _ZoneRow[ZoneFigures]
 type _CruiseRow = _ZoneRow[CruiseFigures]
 
 
+def _roles(run: PathRun, channel: Channel, zone: str) -> dict[str, str | int]:
+    return {"feed": run.curves.name, "zone": zone, "output": name_channel(channel)}
+
+
 def _list_zones(found: PathResult, output: int | None = None) -> list[_RampRow]:
     """Every feed, output and ramp of a path analysis; of one output where its number is given."""
+    numbers = found.index_numbers()
     return [
-        _ZoneRow(
-            found, run, channel, zone, run.figures[number][ramp], run.frozen_figures[number][ramp]
-        )
+        _ZoneRow(numbers, _roles(run, channel, zone), run, channel, zone, both[ramp], frozen[ramp])
         for run in found.runs
-        for number, channel in enumerate(run.curves.outputs)
+        for number, (channel, both, frozen) in enumerate(
+            zip(run.curves.outputs, run.figures, run.frozen_figures, strict=True)
+        )
         if output in (None, number)
         for ramp, zone in enumerate(ZONES)
     ]
@@ -98,7 +105,7 @@ def _sized(name: str, report: str, screen: str = "") -> Column[_RampRow]:
         lambda row: row.shown(name),
         screen=screen,
         report=report,
-        error=lambda row: row.error(name),
+        error=lambda row: row.bound(name),
     )
 
 
@@ -136,10 +143,13 @@ def _list_cruises(found: PathResult, output: int | None = None) -> list[_CruiseR
     """Every feed and output of a path on which errors of guides act; of one output where its number
     is given.
     """
+    numbers, zone = found.index_numbers(), "cruising"
     return [
-        _ZoneRow(found, run, run.curves.outputs[number], "cruising", cruise, cruise)
+        _ZoneRow(numbers, _roles(run, channel, zone), run, channel, zone, cruise, cruise)
         for run in found.runs
-        for number, cruise in enumerate(run.cruises)
+        for number, (channel, cruise) in enumerate(
+            zip(run.curves.outputs, run.cruises, strict=False)
+        )
         if output in (None, number) and cruise is not None
     ]
 
@@ -150,7 +160,7 @@ def _varied(name: str, report: str, screen: str) -> Column[_CruiseRow]:
         screen=screen,
         report=report,
         show=show_deviation,
-        error=lambda row: row.error(name),
+        error=lambda row: row.bound(name),
     )
 
 
@@ -173,7 +183,8 @@ CRUISE_COLUMNS: tuple[Column[_CruiseRow], ...] = (
 def _path_error_words(found: PathResult) -> list[str]:
     """Where the errors of a path come from, and what is not in them."""
     largest, unknown = largest_parts(
-        (row.figures.peak, row.find_error("peak").shares) for row in _list_zones(found)
+        (row.figures.peak, found.find_error(row.run, row.channel, row.zone, "peak").shares)
+        for row in _list_zones(found)
     )
     words = []
     if largest:
@@ -210,7 +221,7 @@ def _tabulate_path(curves: PathCurves) -> PlainTable:
 
 
 def _list_forces(found: PathResult, run: PathRun) -> Forces:
-    return gather_forces(run, found.errors, feed=run.curves.name)
+    return gather_forces(found, run, feed=run.curves.name)
 
 
 def _list_tables(run: Results) -> Iterator[PlainTable]:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from dataclasses import dataclass
 
 from headstock.app.drawings.path import draw_transient
 from headstock.app.tables.probes import (
@@ -17,6 +17,7 @@ from headstock.app.tables.table import (
     Cell,
     Column,
     Listing,
+    NumbersRow,
     PlainTable,
     show_percent,
     tabulate,
@@ -25,8 +26,7 @@ from headstock.app.tables.table import (
 from headstock.app.texts.bounded_values import transient_words
 from headstock.app.views.view import Section, TerminalPart, View
 from headstock.pipeline.answers.path import deviation_unit
-from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves, peak_key
-from headstock.pipeline.numbers.estimates import Estimate, scale_known, scale_total
+from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.results import Results
 from headstock.solvers.linear.transient import TransientFigures
@@ -35,28 +35,19 @@ from headstock.solvers.second_order import Channel, name_channel
 MOVED_UNITS = {"um": "µm", "urad": "µrad"}
 
 
-class _MovedRow(NamedTuple):
-    """How an output of a transient analysis moved, with ± of its peak."""
+@dataclass(frozen=True, eq=False)
+class _MovedRow(NumbersRow):
+    """How an output of a transient analysis moved."""
 
     channel: Channel
     figures: TransientFigures
-    estimate: Estimate
-
-    def scale(self, value: float | None) -> float | None:
-        """Return a displacement in the unit that is shown."""
-        return scale_known(value, deviation_unit(self.channel)[1])
-
-    @property
-    def error(self) -> float | None:
-        """± of the peak, in its unit."""
-        return scale_total(self.estimate, deviation_unit(self.channel)[1])
 
 
 def _list_moved(found: TransientAnswer) -> list[_MovedRow]:
     """Outputs of a transient analysis."""
-    curves = found.curves
+    numbers, curves = found.index_numbers(), found.curves
     return [
-        _MovedRow(channel, figures, found.error_of(peak_key(curves.pose, channel)))
+        _MovedRow(numbers, {"pose": curves.pose, "output": name_channel(channel)}, channel, figures)
         for channel, figures in zip(curves.outputs, found.figures, strict=True)
     ]
 
@@ -70,25 +61,31 @@ def _settled(row: _MovedRow) -> Cell:
 
 def _peak_error(row: _MovedRow) -> float | None:
     """NaN where errors were looked at and one of them is not known."""
-    if not row.figures.peak:
+    peak = row.find("time_deviation", figure="peak")
+    if peak is None or not peak.value or peak.error is None or not peak.error.shares:
         return None
-    return math.nan if row.error is None and row.estimate.shares else row.error
+    error = row.error("time_deviation", figure="peak")
+    return math.nan if error is None else error
+
+
+def _moved(figure: str, file: str, screen: str, report: str) -> Column[_MovedRow]:
+    return Column(
+        lambda row: row.value("time_deviation", figure=figure),
+        file,
+        screen,
+        report,
+        error=_peak_error if figure == "peak" else None,
+    )
 
 
 MOVED_COLUMNS: tuple[Column[_MovedRow], ...] = (
     Column(lambda row: name_channel(row.channel), "at", "at", "At"),
     Column(lambda row: MOVED_UNITS[deviation_unit(row.channel)[0]], "unit", "in", "In"),
-    Column(
-        lambda row: row.scale(row.figures.peak),
-        "peak",
-        ">peak",
-        "Peak",
-        error=_peak_error,
-    ),
-    Column(lambda row: row.error, "± peak"),
+    _moved("peak", "peak", ">peak", "Peak"),
+    Column(lambda row: row.error("time_deviation", figure="peak"), "± peak"),
     Column(lambda row: 1e3 * row.figures.peak_time, "at [ms]", ">at ms", "at [ms]"),
-    Column(lambda row: row.scale(row.figures.start), "from", report="From"),
-    Column(lambda row: row.scale(row.figures.final), "final", ">final", "Comes to rest at"),
+    _moved("start", "from", "", "From"),
+    _moved("final", "final", ">final", "Comes to rest at"),
     Column(
         lambda row: row.figures.overshoot, "overshoot", ">overshoot", "Overshoot", show=show_percent
     ),
@@ -117,7 +114,7 @@ def _tabulate_transient(curves: TransientCurves) -> PlainTable:
 
 
 def _list_forces(found: TransientAnswer) -> Forces:
-    return gather_forces(found, None, pose=found.curves.pose)
+    return gather_forces(found, found, pose=found.curves.pose)
 
 
 def _list_tables(run: Results) -> Iterator[PlainTable]:

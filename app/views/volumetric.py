@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
 
 from headstock.app.drawings.figures import draw_budget, draw_map, map_layers
 from headstock.app.drawings.volumetric import draw_motions, draw_volume, list_maps
@@ -16,6 +16,7 @@ from headstock.app.tables.static import (
 from headstock.app.tables.table import (
     Column,
     Listing,
+    NumbersRow,
     PlainTable,
     find_known,
     show_deviation,
@@ -31,7 +32,6 @@ from headstock.pipeline.answers.volumetric import (
     TOTAL,
     VolumetricAnswer,
     largest_key,
-    line_key,
     range_key,
     squareness_key,
 )
@@ -86,40 +86,38 @@ def _list_errors(totals: Iterable[float | None]) -> list[float]:
     return [] if all(map(math.isnan, errors)) else errors
 
 
-class _LineRow(NamedTuple):
-    """Deviations of the error motions along one axis [um, urad], and their ±."""
+@dataclass(frozen=True, eq=False)
+class _LineRow(NumbersRow):
+    """Deviations of the error motions along one axis."""
 
     axis: str
-    deviations: list[float]
-    errors: list[float | None]
 
 
 def _list_lines(found: VolumetricAnswer) -> list[_LineRow]:
     """The axes of a volumetric map."""
+    numbers = found.index_numbers()
     return [
-        _LineRow(
-            line.axis,
-            [MICRO * float(value) for value in line.deviations],
-            [
-                scale_total(found.error_of(line_key(found.point, line.axis, symbol)), MICRO)
-                for symbol in SYMBOLS
-            ],
-        )
+        _LineRow(numbers, {"point": found.point, "axis": line.axis}, line.axis)
         for line in found.lines
     ]
 
 
+def _show_unless_zero(value: float | None, error: float | None) -> float | None:
+    """Return ± of a deviation, which one that is written as zero has not."""
+    return None if value is None or show_deviation(value) == "0" else error
+
+
 def _line_column(dof: int) -> Column[_LineRow]:
-    unit = "um" if dof < 3 else "urad"
-    shown = f"{SYMBOLS[dof]} [{'µm' if dof < 3 else 'µrad'}]"
+    symbol, kind = SYMBOLS[dof], "line_deviation"
+    shown = f"{symbol} [{'µm' if dof < 3 else 'µrad'}]"
 
     def error(row: _LineRow) -> float | None:
-        errors = _list_errors(row.errors)
-        return errors[dof] if errors and show_deviation(row.deviations[dof]) != "0" else None
+        errors = _list_errors(row.error(kind, component=each) for each in SYMBOLS)
+        return _show_unless_zero(row.value(kind, component=symbol), errors[dof] if errors else None)
 
     return Column(
-        lambda row: row.deviations[dof],
-        f"{SYMBOLS[dof]} [{unit}]",
+        lambda row: row.value(kind, component=symbol),
+        f"{symbol} [{'um' if dof < 3 else 'urad'}]",
         f">{shown}",
         shown,
         show=show_deviation,
@@ -128,8 +126,8 @@ def _line_column(dof: int) -> Column[_LineRow]:
 
 
 def _line_error(dof: int) -> Column[_LineRow]:
-    unit = "um" if dof < 3 else "urad"
-    return Column(lambda row: row.errors[dof], f"± {SYMBOLS[dof]} [{unit}]")
+    heading = f"± {SYMBOLS[dof]} [{'um' if dof < 3 else 'urad'}]"
+    return Column(lambda row: row.error("line_deviation", component=SYMBOLS[dof]), heading)
 
 
 LINE_COLUMNS: tuple[Column[_LineRow], ...] = (
@@ -139,21 +137,17 @@ LINE_COLUMNS: tuple[Column[_LineRow], ...] = (
 )
 
 
-class _SquarenessRow(NamedTuple):
-    """Squareness of two axes [urad], and its ±."""
+@dataclass(frozen=True, eq=False)
+class _SquarenessRow(NumbersRow):
+    """Squareness of two axes."""
 
     pair: Squareness
-    angle: float
-    error: float | None
 
 
 def _list_squareness(found: VolumetricAnswer) -> list[_SquarenessRow]:
+    numbers = found.index_numbers()
     return [
-        _SquarenessRow(
-            pair,
-            MICRO * pair.angle,
-            scale_total(found.error_of(squareness_key(found.point, pair)), MICRO),
-        )
+        _SquarenessRow(numbers, dict(squareness_key(found.point, pair).at), pair)
         for pair in found.squareness
     ]
 
@@ -167,12 +161,12 @@ SQUARENESS_COLUMNS: tuple[Column[_SquarenessRow], ...] = (
         "Squareness of",
     ),
     Column(
-        lambda row: row.angle,
+        lambda row: row.value("squareness"),
         "angle [urad]",
         ">angle [µrad]",
         "Angle [µrad]",
         show=show_deviation,
-        error=lambda row: row.error if show_deviation(row.angle) != "0" else None,
+        error=lambda row: _show_unless_zero(row.value("squareness"), row.error("squareness")),
     ),
 )
 

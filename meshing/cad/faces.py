@@ -20,6 +20,8 @@ KINDS: dict[str, FaceKind] = {
     "Torus": "torus",
 }
 COARSEST, FINEST, TURNS = 12.0, 120.0, 12.0
+# of lengths of edges over element sizes; gmsh's 1e-9 asks splines for their curvature for a minute
+LENGTH_PRECISION = 1e-3
 
 
 def survey_shape(job: MeshJob) -> MeshData:
@@ -33,6 +35,7 @@ def survey_shape(job: MeshJob) -> MeshData:
         volume = build_shape(require_shape(job))
         low, high = shape_bounds(volume)
         extent = float((high - low).max())
+        gmsh.option.setNumber("Mesh.LcIntegrationPrecision", LENGTH_PRECISION)
         for name, value in (
             ("Max", extent / COARSEST),
             ("Min", extent / FINEST),

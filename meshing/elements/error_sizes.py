@@ -3,8 +3,8 @@
 import dataclasses
 
 import numpy as np
+import scipy  # whose search of neighbours is loaded where it is used
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.size_field import SizeField
@@ -105,7 +105,7 @@ def spread_error(
     sizes = crowds ** (-1.0 / 3.0)
     if before is not None:  # what a mesh generator makes of sizes is coarser here and there
         count = min(NEIGHBOURS, len(before.points))
-        away, nearest = cKDTree(before.points).query(field.points, k=count)
+        away, nearest = scipy.spatial.cKDTree(before.points).query(field.points, k=count)
         weights = 1.0 / np.maximum(away, 1e-9 * away.max()) ** 2
         earlier = np.sum(weights * before.sizes[nearest], axis=1) / weights.sum(axis=1)
         sizes = np.minimum(sizes, earlier)

@@ -8,7 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from headstock.geometry.parts.solids import MeshFile, StepFile
-from headstock.meshing.errors import MeshError, MeshQualityError, PartFileError, PatchError
+from headstock.meshing.errors import (
+    MeshError,
+    MeshQualityError,
+    MeshTimeError,
+    PartFileError,
+    PatchError,
+)
 from headstock.meshing.formats import find_format
 from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits
 from headstock.meshing.process.job import MeshData, MeshJob, format_job, unpack_data
@@ -130,6 +136,8 @@ def _failure(end: WorkerEnd, job: MeshJob, what: str) -> MeshError:
     text = reason if reason.startswith(what) else f"{what}: {reason}"
     if end.code == BAD_MESH:
         return MeshQualityError(text)
+    if end.out_of_time:
+        return MeshTimeError(text)
     return PartFileError(text) if end.code == BAD_FILE else MeshError(text)
 
 

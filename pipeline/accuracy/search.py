@@ -16,7 +16,11 @@ import numpy as np
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import PointMass, SuperelementFile
 from headstock.pipeline.accuracy.interface_choice import ShapeChoice, choose_shapes, give_chosen
-from headstock.pipeline.accuracy.model_errors import RefinedBodies
+from headstock.pipeline.accuracy.model_errors import (
+    RefinedBodies,
+    compare_models,
+    repeat_comparison,
+)
 from headstock.pipeline.accuracy.models import ModelChoice, choose_models
 from headstock.pipeline.accuracy.quantities import (
     MESH_SAFETY,
@@ -35,6 +39,7 @@ from headstock.pipeline.accuracy.search_records import (
     list_values,
     recall_comparison,
     recall_search,
+    remember_comparison,
     remember_search,
 )
 from headstock.pipeline.accuracy.settings import (
@@ -58,7 +63,7 @@ from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.resources import Cost, measure
-from headstock.pipeline.stages.run_state import ReducedComponent, RunState
+from headstock.pipeline.stages.run_state import Outcome, ReducedComponent, RunState
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.pipeline.storage.store import Store
 from headstock.scene.analyses.frf import FrfRequest
@@ -93,6 +98,21 @@ class _RunRound(Protocol):
 
 
 Note = Callable[[Stage, str, Cost], None]
+
+
+class _StageRunner(Protocol):
+    """Runs stages, and keeps records of them and of decisions."""
+
+    comm: MPI.Comm
+    store: Store
+    run: _RunRound
+    note: Note
+
+    def run_stage(
+        self, state: RunState, stage: Stage, work: Callable[[RunState, Stage], Outcome]
+    ) -> None:
+        """Announce a stage, do its work and record what it cost."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +213,45 @@ class _Refined:
     quantities: Sequence[Quantity]
     mesh_factors: Mapping[str, float]
     failure: str
+
+
+def run_searched(scene: Scene, runner: _StageRunner) -> RunState:
+    """Run as many rounds as the accuracy of a scene needs, and then what is requested beyond the
+    analyses whose errors the search estimates; collective.
+    """
+    search = search_settings(scene, runner.run, runner.note, comm=runner.comm, store=runner.store)
+    state = search.state
+    more = search.scene.analyses != state.scene.analyses
+    if more or scene.model_errors or scene.interface_errors:
+        state = runner.run(search.scene, plan_scene(search.scene), state.reduced)
+    if not scene.model_errors:
+        _add_model_errors(scene, state, search, runner)
+    state.answers.append(search.answer)
+    if search.failure:
+        state.failures.append(search.failure)
+    return state
+
+
+def _add_model_errors(
+    scene: Scene, state: RunState, search: AccuracySearch, runner: _StageRunner
+) -> None:
+    """Add to ± what the chosen models of bodies leave out, as an earlier run of the scene found it, or
+    compared now with finite elements and kept for the next.
+    """
+    stage = Stage("models", None, "what the models chosen leave out of elastic bodies")
+    known, bodies = search.comparison, search.bodies
+    if known is not None:
+        runner.run_stage(state, stage, lambda state, stage: repeat_comparison(state, known))
+    elif bodies is not None:
+        parts = dataclasses.replace(bodies.parts, scene=state.scene)
+        whole = dataclasses.replace(bodies, parts=parts)
+
+        def compare(state: RunState, stage: Stage) -> Outcome:
+            compared = compare_models(state, whole)
+            state.warn(remember_comparison(scene, runner.store, compared))
+            return repeat_comparison(state, compared)
+
+        runner.run_stage(state, stage, compare)
 
 
 def search_settings(

@@ -6,7 +6,6 @@ import dataclasses
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from headstock.geometry.parts.components import (
@@ -17,7 +16,7 @@ from headstock.geometry.parts.components import (
     ReductionSettings,
     SegmentSettings,
 )
-from headstock.meshing.size_files import SUFFIX, encode_sizes
+from headstock.meshing.size_files import SUFFIX
 from headstock.pipeline.accuracy.followed import FOLLOWED
 from headstock.pipeline.answers.accuracy import (
     AccuracyAnswer,
@@ -26,7 +25,6 @@ from headstock.pipeline.answers.accuracy import (
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.storage.content_keys import search_key
-from headstock.pipeline.storage.outputs import replace_outputs
 from headstock.pipeline.storage.store import Store, read_entry, write_entry
 from headstock.pipeline.storage.typed_json import (
     decode_value,
@@ -39,9 +37,6 @@ from headstock.scene.scene import Scene
 PIECE = 4096  # characters
 
 LENGTHS = ("size", "rim_size", "smallest", "leave_out", "details")  # of a mesh
-
-
-SIZES_FOLDER = "sizes"
 
 
 @dataclass(frozen=True)
@@ -188,23 +183,6 @@ def _read(
         return None
     value: object = decode_value(json.loads("".join(entry.text)), reachable_classes(classes))
     return value
-
-
-def write_sizes(folder: Path, components: Mapping[str, Component]) -> list[str]:
-    """Write the element sizes of meshes with varying sizes; return remarks.
-
-    Args:
-        components: By name, with the settings of their meshes.
-
-    Raises:
-        OutputError: The disk is full or the folder is gone.
-    """
-    contents = {
-        f"{file_stem(name)}{SUFFIX}": encode_sizes(part.mesh.sizes)
-        for name, part in components.items()
-        if part.fidelity == "elastic" and part.mesh.sizes is not None
-    }
-    return replace_outputs(folder, SIZES_FOLDER, contents)
 
 
 def list_values(components: Mapping[str, Component]) -> TomlTable:

@@ -52,6 +52,10 @@ class Answer:
         """Yield every number with its ±; there are none in some."""
         return ()
 
+    def index_numbers(self) -> dict[Key, Number]:
+        """Return every number with its ±, by key."""
+        return {number.key: number for number in self.list_numbers()}
+
     @property
     def numbers(self) -> Numbers:
         """Every number with its ±, by key."""

@@ -330,12 +330,12 @@ class ContourAnswer(Answer):
 
     @property
     def assumptions(self) -> list[str]:
-        """What was assumed, in plain words."""
+        """Return what was assumed, in plain words."""
         return [*self.assumed, *([LOCKED_MOTORS] if self.stability else [])]
 
     @property
     def face_ratio(self) -> dict[str, float | None]:
-        """Mean gap in x of face 3 over that of face 1, where these are opposite."""
+        """Return the mean gap in x of face 3 over that of face 1, where these are opposite."""
         if not self.compares_faces:
             return {}
         means = {face.number: float(face.gap_mean[0]) for face in self.faces}

@@ -79,25 +79,17 @@ class ProbeMotion:
         trace = ProbeTrace(own.name, own.displacement[some], own.stress[some])
         return dataclasses.replace(self, trace=trace)
 
-    def list_errors(
-        self, errors: Mapping[Key, Estimate] | None = None, **at: str
-    ) -> tuple[Estimate, Estimate]:
-        """Return ± of stress and displacement.
+    def summarise(self, errors: Mapping[Key, Estimate] | None = None, **at: str) -> Entry:
+        """Return it as it stands in ``summary.json``.
 
         Args:
             errors: ± of its numbers by all sources; None for what the mesh around it leaves out.
             at: Roles of their keys: feed and probe.
         """
-        if errors is None:
-            return self.von_mises_error, self.displacement_error
-        return (
-            errors.get(make_key("peak_stress", **at), Estimate()),
-            errors.get(make_key("peak_displacement", **at), Estimate()),
-        )
-
-    def summarise(self, errors: Mapping[Key, Estimate] | None = None, **at: str) -> Entry:
-        """Return it as it stands in ``summary.json``, with ± as ``list_errors`` has it."""
-        mises, moved = self.list_errors(errors, **at)
+        mises, moved = self.von_mises_error, self.displacement_error
+        if errors is not None:
+            mises = errors.get(make_key("peak_stress", **at), Estimate())
+            moved = errors.get(make_key("peak_displacement", **at), Estimate())
         return {
             "component": self.component,
             "singular": self.singular,

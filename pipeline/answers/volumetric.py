@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -70,12 +71,12 @@ class VolumetricAnswer(Answer):
         """``(n0, n1, ..., 6)`` of all sources together."""
         return np.asarray(np.sum(list(self.sources.values()), axis=0))
 
-    @property
+    @cached_property
     def grids(self) -> dict[str, FloatArray]:
         """The whole error, then its part by source ``(n0, n1, ..., 6)`` [m, rad]."""
         return {TOTAL: self.total, **self.sources}
 
-    @property
+    @cached_property
     def quantities(self) -> dict[str, FloatArray]:
         """Error by source and component, and its ± where there is one [um, urad]."""
         known = {"error": self.grid_errors} if np.isfinite(self.grid_errors).any() else {}

@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from headstock.geometry.parts.components import Component
 from headstock.meshing.process.plain_hdf5 import h5py
+from headstock.meshing.size_files import SUFFIX, encode_sizes
 from headstock.pipeline.numbers.folders import (
     FORMAT,
     RESULTS_FILE,
@@ -37,6 +39,7 @@ from headstock.pipeline.storage.outputs import (
     PendingOutputs,
     UnusableOutputError,
     naming_output,
+    replace_outputs,
 )
 from headstock.pipeline.storage.records import (
     RecordError,
@@ -59,7 +62,7 @@ if TYPE_CHECKING:
 
 
 REPORT_FILE = "report.html"
-TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"
+TABLES_FOLDER, FIGURES_FOLDER, SIZES_FOLDER = "tables", "figures", "sizes"
 # pattern of the path of a data set to its unit; answers name those of their own
 UNITS = {
     r"provenance/.*": "",
@@ -264,3 +267,20 @@ def read_mesh(
         f"{folder} has no mesh of {name!r} in {VOLUME_FOLDER}/{file} or {MODES_FOLDER}/{file};"
         " `headstock run SCENE --volume` writes them"
     )
+
+
+def write_sizes(folder: Path, components: Mapping[str, Component]) -> list[str]:
+    """Write the element sizes of meshes with varying sizes; return remarks.
+
+    Args:
+        components: By name, with the settings of their meshes.
+
+    Raises:
+        OutputError: The disk is full or the folder is gone.
+    """
+    contents = {
+        f"{file_stem(name)}{SUFFIX}": encode_sizes(part.mesh.sizes)
+        for name, part in components.items()
+        if part.fidelity == "elastic" and part.mesh.sizes is not None
+    }
+    return replace_outputs(folder, SIZES_FOLDER, contents)

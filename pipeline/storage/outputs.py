@@ -325,7 +325,9 @@ def _write_all(folder: Path, files: Mapping[str, bytes]) -> tuple[set[str], list
         )
         for name, content in chosen.items():
             with naming_output(folder / name), _unlinked(folder, name) as path:
-                write_atomically(path, content)
+                # what is there already is not written again
+                if not (path.is_file() and path.read_bytes() == content):
+                    write_atomically(path, content)
     return set(chosen), remarks
 
 

@@ -65,7 +65,7 @@ class FrfRequest(Request):
 class _FrfTable(types.RequestTable):
     """Frequency response between points, or interfaces, from one frequency to another."""
 
-    highest: ClassVar[str] = "to"
+    highest: ClassVar[str] = "up_to"
     loads_probes = "by itself"
 
     inputs: Channels | None = None
@@ -76,7 +76,7 @@ class _FrfTable(types.RequestTable):
     all probes"""
     start: Annotated[types.Frequency, Field(alias="from")] = 0.0
     """lowest frequency; the value at 0 Hz is the static compliance"""
-    to: types.PositiveFrequency
+    up_to: types.PositiveFrequency
     """highest frequency; fixed-interface modes are kept up to twelve times this"""
     points: Annotated[types.WholeNumber, types.Between(2, 100_000)] = 401
     """number of frequencies of the regular grid"""
@@ -94,11 +94,11 @@ class _FrfTable(types.RequestTable):
     """poses in which it is computed; default: all of them"""
 
     def _faults(self) -> Iterator[str]:
-        beyond = [hz for hz in self.fields_at if hz > self.to]
+        beyond = [hz for hz in self.fields_at if hz > self.up_to]
         if beyond:
-            yield f"`fields_at` has {beyond[0]:g} Hz, beyond `to` = {self.to:g} Hz, up to which modes are kept; write a higher `to`"
-        if self.start >= self.to:
-            yield f"begins at {self.start:g} Hz and ends at {self.to:g} Hz; write a lower `from`"
+            yield f"`fields_at` has {beyond[0]:g} Hz, beyond `up_to` = {self.up_to:g} Hz, up to which modes are kept; write a higher `up_to`"
+        if self.start >= self.up_to:
+            yield f"begins at {self.start:g} Hz and ends at {self.up_to:g} Hz; write a lower `from`"
         if self.spacing == "log" and self.start == 0.0:
             yield 'a log spacing cannot begin at 0 Hz; write from = "1 Hz"'
 
@@ -117,7 +117,7 @@ def _build(table: _FrfTable, draft: Draft) -> FrfRequest:
         inputs=inputs,
         outputs=outputs or moved or build_channels(every),
         probes=probes,
-        to_hz=table.to,
+        to_hz=table.up_to,
         from_hz=table.start,
         poses=tuple(table.poses or draft.poses),
         fields_at=tuple(dict.fromkeys(table.fields_at)),
@@ -164,7 +164,7 @@ def _check_complete(table: _FrfTable, draft: Draft) -> None:
         )
     if table.motors == "controlled":
         check_motors(draft, "frf")
-        check_sampling(draft, table.to, "frf", "to")
+        check_sampling(draft, table.up_to, "frf", "up_to")
 
 
 ANALYSIS = SceneAnalysis(

@@ -130,6 +130,8 @@ def _check_rail(
         _warn_of_segments(key, part, solid, shortest, findings)
         if part.fidelity == "elastic":
             _check_control_points(key, table.rail, span, shortest, findings)
+    elif shortest is None and (joints or findings.concern("joints")):
+        return  # the joint that lacks a length, or cannot be made, is reported
     elif table.rail.control_points is None:
         reason = (
             "no carriage rides on it"

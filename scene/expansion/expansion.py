@@ -274,7 +274,11 @@ def _list_carriages(entry: TomlTable, key: KeyPath, findings: Findings) -> list[
     table = validate_part(CarriagesTable, entry[CARRIAGES], (*key, CARRIAGES), findings)
     axis, normal = (str(entry.get(name, "")).lstrip("+-") for name in ("axis", "normal"))
     if {axis, normal} - set(AXES) or axis == normal:
-        findings.add((*key, CARRIAGES), "needs axis and normal of the joint along x, y or z")
+        findings.add(
+            (*key, CARRIAGES),
+            "needs axis and normal of the joint along x, y or z; write the rail's direction and that "
+            'of the carriage\'s feet, such as axis = "x" and normal = "z"',
+        )
         return []
     if table is None:
         return []

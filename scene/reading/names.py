@@ -16,8 +16,10 @@ NAMES = (
 
 # by table of the schema, without ``Table``, and key
 SCENE_KEYS = {
+    "Frf.to": "up_to",
     "Interface.force": "allow_singular",
     "Mesh.force": "allow_locking",
+    "Modal.to": "up_to",
     "Path.pose_changes": "pose_model",
     "Path.ring_down": "residual_time",
     "Rail.stations": "control_points",

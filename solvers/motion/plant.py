@@ -16,10 +16,10 @@ import functools
 import itertools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.solvers.errors import ModelError
@@ -31,6 +31,9 @@ from headstock.solvers.linear.modal_coordinates import (
     to_modal_coordinates,
 )
 from headstock.solvers.second_order import Channel, Index, SecondOrderSystem
+
+if TYPE_CHECKING:  # lumped machines load this module without a spline
+    from scipy.interpolate import CubicSpline
 
 # of the response of the lowest elastic mode with the largest entries of inputs and outputs
 ROUNDOFF = 1e-9
@@ -203,7 +206,7 @@ class VaryingSystem:
 
     positions: FloatArray
     scales: FloatArray
-    splines: dict[str, CubicSpline]
+    splines: "dict[str, CubicSpline]"
     error: float
     rotation_error: float
     next_hz: float
@@ -404,7 +407,7 @@ class SampledMotion:
 
     channels: PlantChannels
     breaks: FloatArray
-    pieces: tuple[Mapping[str, CubicSpline], ...]
+    pieces: "tuple[Mapping[str, CubicSpline], ...]"
     poses: int
     modes: int
     error: float

@@ -184,25 +184,35 @@ def _find_fault(steps: Sequence[Step], shape: Shape, label: str, poses: Collecti
     """Return where steps leave what a value of a summary can hold; empty where they do not."""
     if shape is None:
         return f"{label} is a single value, without {steps[0]!r}" if steps else ""
-    step = steps[0] if steps else None
-    if isinstance(shape, tuple) and shape[0] == ANY_NUMBER:
-        return _find_list_fault(steps, shape[1], label, poses)
-    if isinstance(shape, tuple) and shape[0] == ANYTHING:
+    if isinstance(shape, dict):
+        return _find_key_fault(steps, shape, label, poses)
+    mark, item = shape
+    if mark == ANYTHING:
         return ""
-    if step is not None and not isinstance(step, str):
+    if mark == ANY_NUMBER:
+        return _find_list_fault(steps, item, label, poses)
+    if not steps:
+        return f"{label} is a table; name one of its entries"
+    if not isinstance(steps[0], str):
         return f"{label} is a table, not a list"
-    if isinstance(shape, tuple):
-        if step is None:
-            return f"{label} is a table; name one of its entries"
-        return _find_fault(steps[1:], shape[1], f"{label}.{step}", poses)
-    if step is None:
-        return f"{label} is a table; name one of {', '.join(shape)}"
-    name = step if step in shape else RENAMED.get(step, step)
-    if name not in shape:
+    return _find_fault(steps[1:], item, f"{label}.{steps[0]}", poses)
+
+
+def _find_key_fault(
+    steps: Sequence[Step], table: Mapping[str, Shape], label: str, poses: Collection[str]
+) -> str:
+    """As ``_find_fault``, of a table whose keys are known."""
+    if not steps:
+        return f"{label} is a table; name one of {', '.join(table)}"
+    step = steps[0]
+    if not isinstance(step, str):
+        return f"{label} is a table, not a list"
+    name = step if step in table else RENAMED.get(step, step)
+    if name not in table:
         return (
-            f"{label or 'the summary'} has no {step!r}; {suggest_names(step, shape, what='keys')}"
+            f"{label or 'the summary'} has no {step!r}; {suggest_names(step, table, what='keys')}"
         )
-    return _find_fault(steps[1:], shape[name], f"{label}.{name}" if label else name, poses)
+    return _find_fault(steps[1:], table[name], f"{label}.{name}" if label else name, poses)
 
 
 def _find_list_fault(steps: Sequence[Step], item: Shape, label: str, poses: Collection[str]) -> str:

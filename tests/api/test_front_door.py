@@ -184,7 +184,7 @@ def test_a_table_has_a_row_for_each_entry(scene: Path, table: str) -> None:
 
 def test_a_response_is_a_table_of_its_lines(scene: Path) -> None:
     pytest.importorskip("pandas")
-    response = {"inputs": [["tcp", "x"]], "to": "300 Hz", "points": 11, "adaptive": False}
+    response = {"inputs": [["tcp", "x"]], "up_to": "300 Hz", "points": 11, "adaptive": False}
     result = hs.run(hs.load(scene, set={"analyses.frf": response}))
     frame = result.to_pandas("frf")
     curves = result.frf["reference"].curves

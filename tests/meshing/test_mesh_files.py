@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from built_parts import gmsh_session
+from cases import cases
 from common import approx
-from headstock.geometry.parts.components import Component, Patch
+from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.solids import Box, MeshFile, Tube
 from headstock.meshing.component_mesh import CellKind, ComponentMesh, IntArray
 from headstock.meshing.components.finishing import patch_moments
@@ -21,10 +22,10 @@ from headstock.meshing.components.meshing import _estimate_cells, describe_compo
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.gmsh import read_gmsh
+from meshed_parts import make_part, mesh_part
 
 pytestmark = pytest.mark.process
 
-Make = Callable[..., Component]
 SIZE = (0.03, 0.02, 0.05)
 # gmsh position of the node that each format puts in this place, corners left out, written down from
 # the formats' manuals: Abaqus C3D10 and Nastran CTETRA: 12 23 31 14 24 34; gmsh: 01 12 20 30 23 13
@@ -125,13 +126,11 @@ def write_msh(path: Path, mesh: ComponentMesh, sets: dict[str, IntArray]) -> Non
 
 
 @pytest.fixture
-def box_mesh(make_component: Make) -> Callable[[CellKind], ComponentMesh]:
+def box_mesh() -> Callable[[CellKind], ComponentMesh]:
     def make(kind: CellKind) -> ComponentMesh:
         order = 1 if kind in ("tet4", "hex8") else 2
         patches = {"bottom": Patch("z-"), "top": Patch("z+")}
-        mesh = mesh_component(
-            make_component(Box(SIZE), patches, size=0.02, order=order, cells=kind[:3])
-        )
+        mesh = mesh_part(Box(SIZE), patches, size=0.02, order=order, cells=kind[:3])
         if kind != "hex20":
             return mesh
         used = np.unique(mesh.cells[:, :20])
@@ -147,6 +146,22 @@ def box_mesh(make_component: Make) -> Callable[[CellKind], ComponentMesh]:
         )
 
     return make
+
+
+@pytest.fixture
+def read_faces(tmp_path: Path) -> Callable[..., ComponentMesh]:
+    """A mesh that is written as an Abaqus deck and read back with faces as interfaces."""
+
+    def read(
+        mesh: ComponentMesh, faces: dict[str, str | Patch], extra: str = "", **changes: Any
+    ) -> ComponentMesh:
+        write_inp(tmp_path / "box.inp", mesh, extra)
+        patches = {
+            name: Patch(face) if isinstance(face, str) else face for name, face in faces.items()
+        }
+        return mesh_part(MeshFile(tmp_path / "box.inp"), patches, **changes)
+
+    return read
 
 
 def write_any(path: Path, mesh: ComponentMesh) -> None:
@@ -169,15 +184,11 @@ WRITABLE = [
 
 @pytest.mark.parametrize(("kind", "suffix"), WRITABLE)
 def test_mesh_files_come_back_node_for_node(
-    make_component: Make,
-    box_mesh: Callable[[CellKind], ComponentMesh],
-    tmp_path: Path,
-    kind: CellKind,
-    suffix: str,
+    box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path, kind: CellKind, suffix: str
 ) -> None:
     mesh = box_mesh(kind)
     write_any(tmp_path / f"box{suffix}", mesh)
-    component = make_component(
+    component = make_part(
         MeshFile(tmp_path / f"box{suffix}"), {"foot": Patch("z-"), "side": Patch("x+")}
     )
     back = mesh_component(component)
@@ -208,45 +219,40 @@ def test_mesh_files_come_back_node_for_node(
 
 
 @pytest.mark.parametrize("suffix", [".msh", ".inp", ".bdf"])
-def test_curved_tets_keep_their_curvature(
-    make_component: Make, tmp_path: Path, suffix: str
-) -> None:
-    mesh = mesh_component(make_component(Tube(0.04, 0.02, 0.03), {"o": Patch("outer")}, size=0.01))
+def test_curved_tets_keep_their_curvature(tmp_path: Path, suffix: str) -> None:
+    mesh = mesh_part(Tube(0.04, 0.02, 0.03), {"o": Patch("outer")}, size=0.01)
     write_any(tmp_path / f"tube{suffix}", mesh)
-    found = describe_component(make_component(MeshFile(tmp_path / f"tube{suffix}")))
+    found = describe_component(make_part(MeshFile(tmp_path / f"tube{suffix}")))
     assert found.volume == approx(mesh.quality.volume, rel=1e-8)
     assert found.volume == approx(np.pi * (0.02**2 - 0.01**2) * 0.03, rel=1e-3)
 
 
 def test_file_in_millimetres_is_scaled_by_its_unit(
-    make_component: Make, box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path
+    box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path
 ) -> None:
     mesh = box_mesh("tet10")
     write_inp(tmp_path / "box.inp", dataclasses.replace(mesh, points=mesh.points * 1e3))
-    component = make_component(MeshFile(tmp_path / "box.inp", unit=1e-3), {"pad": Patch("z-")})
+    component = make_part(MeshFile(tmp_path / "box.inp", unit=1e-3), {"pad": Patch("z-")})
     assert describe_component(component).volume == approx(np.prod(SIZE), rel=1e-12)
     assert describe_component(component).patch_areas["pad"] == approx(0.03 * 0.02, rel=1e-12)
     assert _estimate_cells(component) == len(mesh.cells)
 
 
 def test_physical_surfaces_of_msh_files_are_sets(
-    make_component: Make, box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path
+    box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path
 ) -> None:
     mesh = box_mesh("tet10")
     write_msh(tmp_path / "box.msh", mesh, mesh.patches)
-    back = mesh_component(
-        make_component(MeshFile(tmp_path / "box.msh"), {"a": Patch("set:top"), "b": Patch("z+")})
-    )
+    back = mesh_part(MeshFile(tmp_path / "box.msh"), {"a": Patch("set:top"), "b": Patch("z+")})
     assert np.array_equal(back.patches["a"], back.patches["b"])
     with pytest.raises(MeshError, match=r"no set 'roof'.*set:bottom, set:top"):
-        mesh_component(make_component(MeshFile(tmp_path / "box.msh"), {"a": Patch("set:roof")}))
+        mesh_part(MeshFile(tmp_path / "box.msh"), {"a": Patch("set:roof")})
 
 
 @pytest.mark.parametrize("kind", ["tet10", "hex20"])
 def test_abaqus_surfaces_and_sets_select_the_same_face(
-    make_component: Make,
     box_mesh: Callable[[CellKind], ComponentMesh],
-    tmp_path: Path,
+    read_faces: Callable[..., ComponentMesh],
     kind: CellKind,
 ) -> None:
     mesh = box_mesh(kind)
@@ -269,35 +275,18 @@ def test_abaqus_surfaces_and_sets_select_the_same_face(
     extra += "*NSET, NSET=lidnodes\n" + wrapped(np.unique(mesh.patches["top"]) + 11, 8) + "\n"
     extra += "*NSET, NSET=Again\nLidNodes\n*SURFACE, TYPE=NODE, NAME=ns\nagain,\n"
     extra += f"*ELSET, ELSET=Some, GENERATE\n101, {100 + len(mesh.cells)}, 1\n"
-    write_inp(tmp_path / "box.inp", mesh, extra)
-    names = {
-        "top": "z+",
-        "surface": "set:lid",
-        "nodes": "set:LIDNODES",
-        "again": "set:again",
-        "ns": "set:NS",
-    }
-    back = mesh_component(
-        make_component(
-            MeshFile(tmp_path / "box.inp"), {name: Patch(face) for name, face in names.items()}
-        )
-    )
+    names = dict(zip("abcd", ("set:lid", "set:LIDNODES", "set:again", "set:NS"), strict=True))
+    back = read_faces(mesh, {"top": "z+", **names}, extra)
     for name in names:
         assert np.array_equal(back.patches[name], back.patches["top"])
 
 
 def test_imprints_on_mesh_files_take_the_facets_inside(
-    make_component: Make, box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path
+    read_faces: Callable[..., ComponentMesh],
 ) -> None:
-    mesh = mesh_component(make_component(Box(SIZE), size=0.005, cells="hex"))
-    write_inp(tmp_path / "box.inp", mesh)
+    mesh = mesh_part(Box(SIZE), size=0.005, cells="hex")
     half = Patch("z+", "rect", (0.0075, 0.0, 9.0), (0.015, 0.02))
-    back = mesh_component(
-        make_component(
-            MeshFile(tmp_path / "box.inp"),
-            {"half": half, "disk": Patch("z+", "disk", (0, 0, 0), (0.012,))},
-        )
-    )
+    back = read_faces(mesh, {"half": half, "disk": Patch("z+", "disk", (0, 0, 0), (0.012,))})
     areas, centroids = patch_moments(back.points, back.patches)
     assert areas["half"] == approx(0.015 * 0.02, rel=1e-9)
     assert np.allclose(centroids["half"], [0.0075, 0.0, 0.05], atol=1e-9)
@@ -306,44 +295,31 @@ def test_imprints_on_mesh_files_take_the_facets_inside(
 
 
 def test_h12_points_lines_and_single_facets_are_refused_unless_forced(
-    make_component: Make, box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path
+    read_faces: Callable[..., ComponentMesh],
 ) -> None:
-    mesh = mesh_component(make_component(Box(SIZE), size=0.005, cells="hex"))
-    edge = (
-        np.flatnonzero((mesh.points[:, 2] == 0.05) & (mesh.points[:, 0] == mesh.points[:, 0].min()))
-        + 11
-    )
-    write_inp(
-        tmp_path / "box.inp",
-        mesh,
-        f"*NSET, NSET=edge\n{wrapped(edge, 8)}\n*NSET, NSET=point\n{edge[0]}\n",
-    )
-    for name in ("edge", "point"):
-        with pytest.raises(MeshError, match=r"depends on the mesh.*allow_singular"):
-            mesh_component(
-                make_component(MeshFile(tmp_path / "box.inp"), {"a": Patch(f"set:{name}")})
-            )
-        forced = mesh_component(
-            make_component(
-                MeshFile(tmp_path / "box.inp"), {"a": Patch(f"set:{name}")}, allow_singular=True
-            )
-        )
-        assert len(np.unique(forced.patches["a"])) == (len(edge) if name == "edge" else 1)
+    mesh = mesh_part(Box(SIZE), size=0.005, cells="hex")
+    x, _, z = mesh.points.T
+    edge = np.flatnonzero((z == 0.05) & (x == x.min())) + 11
     assert len(edge) > 1
+    sets = f"*NSET, NSET=edge\n{wrapped(edge, 8)}\n*NSET, NSET=point\n{edge[0]}\n"
+    for name, count in (("edge", len(edge)), ("point", 1)):
+        with pytest.raises(MeshError, match=r"depends on the mesh.*allow_singular"):
+            read_faces(mesh, {"a": f"set:{name}"}, sets)
+        forced = read_faces(mesh, {"a": f"set:{name}"}, sets, allow_singular=True)
+        assert len(np.unique(forced.patches["a"])) == count
     single = Patch("z+", "rect", (0.0025, 0.0025, 0.0), (0.006, 0.003))
     with pytest.raises(MeshError, match=r"single facet.*allow_singular"):
-        mesh_component(make_component(MeshFile(tmp_path / "box.inp"), {"a": single}))
+        read_faces(mesh, {"a": single}, sets)
 
 
 def test_h04_disconnected_meshes_are_refused_with_the_number_of_parts(
-    make_component: Make, box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path
+    box_mesh: Callable[[CellKind], ComponentMesh], read_faces: Callable[..., ComponentMesh]
 ) -> None:
     mesh = box_mesh("hex8")
     points = np.concatenate([mesh.points + np.array([0.1 * k, 0, 0]) for k in range(3)])
     cells = np.concatenate([mesh.cells + k * len(mesh.points) for k in range(3)])
-    write_inp(tmp_path / "parts.inp", dataclasses.replace(mesh, points=points, cells=cells))
     with pytest.raises(MeshError, match="3 parts"):
-        mesh_component(make_component(MeshFile(tmp_path / "parts.inp"), {"foot": Patch("z-")}))
+        read_faces(dataclasses.replace(mesh, points=points, cells=cells), {"foot": "z-"})
 
 
 @pytest.mark.parametrize(
@@ -351,9 +327,8 @@ def test_h04_disconnected_meshes_are_refused_with_the_number_of_parts(
     [("hex8", 2.0), ("hex27", 2.0), ("tet4", 2.0), ("tet10", 2.0), ("hex8", 0.9999)],
 )
 def test_h10_inverted_and_degenerate_elements_are_named(
-    make_component: Make,
     box_mesh: Callable[[CellKind], ComponentMesh],
-    tmp_path: Path,
+    read_faces: Callable[..., ComponentMesh],
     kind: CellKind,
     push: float,
 ) -> None:
@@ -361,74 +336,36 @@ def test_h10_inverted_and_degenerate_elements_are_named(
     points = mesh.points.copy()
     a, b = mesh.cells[0][:2]
     points[a] += push * (points[b] - points[a])  # onto or beyond its neighbour
-    write_inp(tmp_path / "bad.inp", dataclasses.replace(mesh, points=points))
     with pytest.raises(MeshError, match=r"elements are unusable.*element \d+ at \("):
-        mesh_component(make_component(MeshFile(tmp_path / "bad.inp"), {"foot": Patch("z-")}))
+        read_faces(dataclasses.replace(mesh, points=points), {"foot": "z-"})
 
 
-def test_h10_distorted_but_valid_hexes_are_accepted(make_component: Make, tmp_path: Path) -> None:
-    mesh = mesh_component(make_component(Box((6.0, 0.2, 0.1)), size=1.0, cells="hex", order=2))
+def test_h10_distorted_but_valid_hexes_are_accepted(
+    read_faces: Callable[..., ComponentMesh],
+) -> None:
+    mesh = mesh_part(Box((6.0, 0.2, 0.1)), size=1.0, cells="hex", order=2)
     points = mesh.points.copy()
     points[:, 0] += 2.0 * points[:, 1] * np.cos(np.pi * points[:, 0])
-    write_inp(tmp_path / "trapezoids.inp", dataclasses.replace(mesh, points=points))
-    back = mesh_component(
-        make_component(MeshFile(tmp_path / "trapezoids.inp"), {"foot": Patch("y-")})
-    )
+    back = read_faces(dataclasses.replace(mesh, points=points), {"foot": "y-"})
     assert 0.3 < back.quality.minimum_scaled_jacobian < 1.0
 
 
-DECK = "*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n5,1,1,0\n6,1,1,1\n7,0,1,1\n8,1,0,1\n"
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "words"),
-    [
-        (
-            "a.inp",
-            DECK + "*ELEMENT, TYPE=C3D4\n1,1,2,3,4\n*ELEMENT, TYPE=C3D8\n2,1,2,5,3,4,8,6,7\n",
-            "meet in single nodes or edges",
-        ),
-        ("a.inp", DECK + "*ELEMENT, TYPE=C3D6\n1,1,2,3,4,5,6\n", "unusable"),
-        ("a.inp", DECK + "*ELEMENT, TYPE=COH3D6\n1,1,2,3,4,5,6\n", "a.inp:10: .*COH3D6"),
-        ("a.inp", DECK + "*ELEMENT, TYPE=QX99\n1,1,2,3,4\n", "QX99"),
-        ("a.inp", DECK + "*ELEMENT, TYPE=C3D4\n1,1,2,3,99\n", "node 99"),
-        ("a.inp", DECK + "*ELEMENT, TYPE=C3D4\n1,1,2,3\n", "C3D4.* 4 nodes"),
-        ("a.inp", DECK, "no solid cells"),
-        (
-            "a.inp",
-            DECK.replace("2,1,0,0", "2,nan,0,0") + "*ELEMENT, TYPE=C3D4\n1,1,2,3,4\n",
-            "finite",
-        ),
-        ("a.inp", DECK.replace("2,1,0,0", "2,one,0,0"), "a.inp:1"),
-        ("a.inp", "*INCLUDE, INPUT=/etc/passwd\n" + DECK, "a.inp:1: .*INCLUDE"),
-        ("a.bdf", "CEND\nBEGIN BULK\nGRID,1,,0.,0.,0.\nENDDATA\n", "a.bdf"),
-        ("a.bdf", "nothing\n", "a.bdf"),
-        ("a.bdf", "CEND\n  include '/etc/passwd'\nBEGIN BULK\nENDDATA\n", "a.bdf:2: .*INCLUDE"),
-        ("a.msh", 'SystemCall "touch pwned";\n', "not a gmsh mesh"),
-        (
-            "a.msh",
-            "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n1000000000000\n1 0 0 0\n$EndNodes\n",
-            "a.msh|memory|ended",
-        ),
-        ("a.stl", "solid\n", "end in .msh"),
-    ],
-)
+@cases
 def test_h46_files_that_hold_no_usable_mesh_are_refused_by_name(
-    make_component: Make, tmp_path: Path, name: str, text: str, words: str
+    tmp_path: Path, name: str, text: str, words: str
 ) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(MeshError, match=words):
-        mesh_component(make_component(MeshFile(tmp_path / name), {"foot": Patch("z-")}))
+        mesh_part(MeshFile(tmp_path / name), {"foot": Patch("z-")})
     assert not list(tmp_path.glob("pwned"))
 
 
 def test_missing_faces_of_a_mesh_file_name_the_available_ones(
-    make_component: Make, box_mesh: Callable[[CellKind], ComponentMesh], tmp_path: Path
+    box_mesh: Callable[[CellKind], ComponentMesh], read_faces: Callable[..., ComponentMesh]
 ) -> None:
-    write_inp(tmp_path / "box.inp", box_mesh("hex8"))
     for face in ("face:7", "outer", "set:none"):
         with pytest.raises(MeshError, match=r"available: .*z\+, set:NALL"):
-            mesh_component(make_component(MeshFile(tmp_path / "box.inp"), {"a": Patch(face)}))
+            read_faces(box_mesh("hex8"), {"a": face})
 
 
 def test_a_script_beside_a_gmsh_mesh_is_not_run(tmp_path: Path) -> None:

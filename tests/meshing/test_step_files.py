@@ -1,5 +1,4 @@
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import gmsh
@@ -7,24 +6,24 @@ import numpy as np
 import pytest
 
 from built_parts import built_part
+from cases import cases
 from common import approx
-from headstock.geometry.parts.components import Component, Patch
+from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.finishing import patch_moments
 from headstock.meshing.components.meshing import (
     _estimate_cells,
     describe_component,
-    estimate_mesh,
     mesh_component,
 )
 from headstock.meshing.components.survey import survey_step
 from headstock.meshing.elements.quality import scaled_jacobians
 from headstock.meshing.errors import MeshError
 from headstock.meshing.length_units import doubt_size, read_length_unit
+from meshed_parts import make_part, mesh_part
 
 pytestmark = pytest.mark.process
 
-Make = Callable[..., Component]
 HOLE_AREA = 3 * np.pi * 6.0**2
 BLOCK_VOLUME = (60 * 40 - HOLE_AREA) * 20 * 1e-9
 
@@ -57,12 +56,8 @@ def pair(tmp_path: Path) -> Path:
     return tmp_path / "pair.step"
 
 
-def test_inverted_curved_elements_are_repaired_and_counted(
-    make_component: Make, drilled: Path
-) -> None:
-    mesh = mesh_component(
-        make_component(StepFile(drilled), {"foot": Patch("z-"), "bore": Patch("face:7")}, size=0.01)
-    )
+def test_inverted_curved_elements_are_repaired_and_counted(drilled: Path) -> None:
+    mesh = mesh_part(StepFile(drilled), {"foot": Patch("z-"), "bore": Patch("face:7")}, size=0.01)
     assert mesh.quality.repaired > 5
     assert mesh.quality.minimum_scaled_jacobian >= 1e-3
     assert not mesh.straight
@@ -89,16 +84,14 @@ def test_every_inverted_element_is_found_as_by_gmsh_itself(kernel: None) -> None
     assert np.array_equal(quality <= 0.0, theirs <= 0.0)
 
 
-def test_step_file_is_described_in_metres(make_component: Make, drilled: Path) -> None:
-    found = describe_component(make_component(StepFile(drilled), {"foot": Patch("z-")}))
+def test_step_file_is_described_in_metres(drilled: Path) -> None:
+    found = describe_component(make_part(StepFile(drilled), {"foot": Patch("z-")}))
     assert found.volume == approx(BLOCK_VOLUME, rel=1e-8)
     assert found.patch_areas["foot"] == approx((60 * 40 - HOLE_AREA) * 1e-6, rel=1e-8)
     assert found.center[1] == approx(0.02, rel=1e-9)
 
 
-def test_file_in_inches_is_read_in_inches(
-    make_component: Make, drilled: Path, tmp_path: Path
-) -> None:
+def test_file_in_inches_is_read_in_inches(drilled: Path, tmp_path: Path) -> None:
     text = drilled.read_text()
     assert text.count("SI_UNIT(.MILLI.,.METRE.)") == 1
     number = text[: text.index("SI_UNIT(.MILLI.,.METRE.)")].rsplit("#", 1)[1].split("=")[0].strip()
@@ -111,18 +104,18 @@ def test_file_in_inches_is_read_in_inches(
         "#90003 = ( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) );"
     )
     (tmp_path / "inch.step").write_text(text[:start] + inch + text[end:])
-    found = describe_component(make_component(StepFile(tmp_path / "inch.step")))
+    found = describe_component(make_part(StepFile(tmp_path / "inch.step")))
     assert found.volume == approx(BLOCK_VOLUME * 25.4**3, rel=1e-6)
 
 
-def test_solid_is_chosen_by_number(make_component: Make, pair: Path) -> None:
-    assert describe_component(make_component(StepFile(pair, 1))).volume == approx(1e-6, rel=1e-9)
-    assert describe_component(make_component(StepFile(pair, 2))).volume == approx(2e-6, rel=1e-9)
+def test_solid_is_chosen_by_number(pair: Path) -> None:
+    assert describe_component(make_part(StepFile(pair, 1))).volume == approx(1e-6, rel=1e-9)
+    assert describe_component(make_part(StepFile(pair, 2))).volume == approx(2e-6, rel=1e-9)
 
 
-def test_solid_is_chosen_by_name(make_component: Make, pair: Path) -> None:
+def test_solid_is_chosen_by_name(pair: Path) -> None:
     with pytest.raises(MeshError) as caught:
-        describe_component(make_component(StepFile(pair)))
+        describe_component(make_part(StepFile(pair)))
     assert "2 solids" in str(caught.value)
     assert "1 to 2, without names" in str(caught.value)
     # the translator numbers the products that nobody named
@@ -130,31 +123,27 @@ def test_solid_is_chosen_by_name(make_component: Make, pair: Path) -> None:
         re.sub(r"'Open CASCADE STEP translator [\d.]+ [\d.]*2'", "'right half'", pair.read_text())
     )
     with pytest.raises(MeshError, match="2: right half"):
-        describe_component(make_component(StepFile(pair)))
-    assert describe_component(make_component(StepFile(pair, "right half"))).volume == approx(
+        describe_component(make_part(StepFile(pair)))
+    assert describe_component(make_part(StepFile(pair, "right half"))).volume == approx(
         2e-6, rel=1e-9
     )
     with pytest.raises(MeshError, match=r"0 .*'middle'"):
-        describe_component(make_component(StepFile(pair, "middle")))
+        describe_component(make_part(StepFile(pair, "middle")))
     with pytest.raises(MeshError, match="number 3"):
-        describe_component(make_component(StepFile(pair, 3)))
+        describe_component(make_part(StepFile(pair, 3)))
 
 
-def test_imprints_work_on_step_faces(make_component: Make, drilled: Path) -> None:
+def test_imprints_work_on_step_faces(drilled: Path) -> None:
     disk = Patch("x+", "disk", (0.06, 0.02, 0.01), (0.008,))
-    mesh = mesh_component(
-        make_component(StepFile(drilled), {"pad": disk, "end": Patch("x+")}, size=0.01)
-    )
+    mesh = mesh_part(StepFile(drilled), {"pad": disk, "end": Patch("x+")}, size=0.01)
     areas, centroids = patch_moments(mesh.points, mesh.patches)
     assert areas["pad"] == approx(np.pi * 0.004**2, rel=1e-3)
     assert np.allclose(centroids["pad"], [0.06, 0.02, 0.01], atol=1e-6)
     assert areas["end"] == approx(0.04 * 0.02, rel=1e-9)
 
 
-def test_estimate_for_a_step_file_is_right_within_a_factor_of_two(
-    make_component: Make, drilled: Path
-) -> None:
-    component = make_component(StepFile(drilled), {"foot": Patch("z-")}, size=0.004)
+def test_estimate_for_a_step_file_is_right_within_a_factor_of_two(drilled: Path) -> None:
+    component = make_part(StepFile(drilled), {"foot": Patch("z-")}, size=0.004)
     assert 0.5 < _estimate_cells(component) / len(mesh_component(component).cells) < 2.0
 
 
@@ -167,31 +156,28 @@ def test_estimate_for_a_step_file_is_right_within_a_factor_of_two(
     ],
 )
 def test_files_that_are_no_solid_are_refused(
-    make_component: Make, tmp_path: Path, content: bytes | None, words: str
+    tmp_path: Path, content: bytes | None, words: str
 ) -> None:
     path = tmp_path / "part.step"
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(MeshError, match=words):
-        describe_component(make_component(StepFile(path)))
+        describe_component(make_part(StepFile(path)))
 
 
-def test_file_of_surfaces_only_is_refused(make_component: Make, tmp_path: Path) -> None:
+def test_file_of_surfaces_only_is_refused(tmp_path: Path) -> None:
     with built_part(tmp_path / "sheet.step"):
         gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
     with pytest.raises(MeshError, match=r"sheet.step.*no solid"):
-        describe_component(make_component(StepFile(tmp_path / "sheet.step")))
+        describe_component(make_part(StepFile(tmp_path / "sheet.step")))
 
 
 SUPPORT = Path(__file__).parent.parent / "data" / "support.step"
-COLUMN = Path(__file__).parent.parent.parent / "machines" / "step_column.step"
 
 
-def test_a_part_from_solidworks_is_meshed_with_its_inverted_elements_repaired_and_counted(
-    make_component: Make,
-) -> None:
+def test_a_part_from_solidworks_is_meshed_with_its_inverted_elements_repaired_and_counted() -> None:
     bounding_box = 0.0685  # the mesh of a 25th of it has inverted elements as gmsh leaves it
-    component = make_component(
+    component = make_part(
         StepFile(SUPPORT), {"foot": Patch("z-"), "top": Patch("z+")}, size=bounding_box / 25
     )
     mesh = mesh_component(component)
@@ -201,31 +187,6 @@ def test_a_part_from_solidworks_is_meshed_with_its_inverted_elements_repaired_an
     assert mesh.quality.volume == approx(mesh.quality.cad_volume, rel=1e-3)
     areas, _ = patch_moments(mesh.points, mesh.patches)
     assert areas == approx(mesh.quality.cad_areas, rel=1e-3)
-
-
-@pytest.mark.trials
-def test_a_cast_column_with_227_faces_is_meshed_within_the_default_budget(
-    make_component: Make,
-) -> None:
-    component = make_component(
-        StepFile(COLUMN), {"foot": Patch("z-"), "rail": Patch("face:115")}, size=0.05
-    )
-    estimate = _estimate_cells(component)
-    mesh = mesh_component(component)
-    assert 0.5 < estimate / len(mesh.cells) < 2.0
-    assert len(mesh.cells) < 60_000
-    assert mesh.quality.volume == approx(mesh.quality.cad_volume, rel=1e-3)
-    areas, _ = patch_moments(mesh.points, mesh.patches)
-    assert areas == approx(mesh.quality.cad_areas, rel=1e-3)
-    assert areas["rail"] == approx(0.056 * 0.78, rel=1e-9)
-
-
-@pytest.mark.trials
-def test_a_fine_curved_patch_does_not_refine_the_whole_part(make_component: Make) -> None:
-    coarse = mesh_component(make_component(StepFile(SUPPORT), {"foot": Patch("z-")}, size=0.004))
-    screw = {"foot": Patch("z-"), "screw": (Patch("face:8"), Patch("face:35"))}  # 3 mm in diameter
-    with_screw = mesh_component(make_component(StepFile(SUPPORT), screw, size=0.004))
-    assert len(with_screw.cells) < 1.2 * len(coarse.cells)
 
 
 def test_a_survey_lists_every_face_with_area_and_outward_normal(drilled: Path) -> None:
@@ -254,17 +215,7 @@ def test_triangles_of_a_survey_close_the_part(drilled: Path) -> None:
     assert set(survey.owners) == {face.number for face in survey.faces}
 
 
-@pytest.mark.parametrize(
-    ("unit", "name"),
-    [
-        ("( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) )", "mm"),
-        ("( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT($,.METRE.) )", "m"),
-        (
-            "( CONVERSION_BASED_UNIT('INCH',#2) LENGTH_UNIT() NAMED_UNIT(#3) ); #4 = SI_UNIT(.MILLI.,.METRE.)",
-            "inch",
-        ),
-    ],
-)
+@cases
 def test_the_unit_of_a_header_is_named(tmp_path: Path, unit: str, name: str) -> None:
     path = tmp_path / "part.step"
     path.write_text(f"ISO-10303-21;\n#1 = {unit};\n")
@@ -313,32 +264,24 @@ def stepped(tmp_path: Path) -> Path:
     return tmp_path / "stepped.step"
 
 
-def test_a_step_of_54_um_is_left_out_of_the_mesh_and_its_faces_are_named(
-    make_component: Make, stepped: Path
-) -> None:
-    left_out = mesh_component(
-        make_component(StepFile(stepped), {"foot": Patch("z-")}, size=0.03, details=0.0)
-    )
+def test_a_step_of_54_um_is_left_out_of_the_mesh_and_its_faces_are_named(stepped: Path) -> None:
+    left_out = mesh_part(StepFile(stepped), {"foot": Patch("z-")}, size=0.03, details=0.0)
     (remark,) = left_out.quality.remarks
     assert "5 of 11 faces (face:" in remark and "left out" in remark and "mesh.smallest" in remark
     assert left_out.quality.volume == approx(60 * 40 * 20e-9, rel=1e-9)
     assert left_out.quality.minimum_scaled_jacobian > 0.1
-    kept = mesh_component(
-        make_component(
-            StepFile(stepped), {"foot": Patch("z-")}, size=0.03, smallest=1e-3, details=0.0
-        )
+    kept = mesh_part(
+        StepFile(stepped), {"foot": Patch("z-")}, size=0.03, smallest=1e-3, details=0.0
     )
     assert not any("left out" in remark for remark in kept.quality.remarks)
     assert kept.quality.volume == approx((60 * 40 * 20 - 15 * 10 * 0.054) * 1e-9, rel=1e-9)
 
 
-def test_a_face_keeps_its_number_when_a_narrow_feature_is_left_out(
-    make_component: Make, stepped: Path
-) -> None:
+def test_a_face_keeps_its_number_when_a_narrow_feature_is_left_out(stepped: Path) -> None:
     faces = survey_step(StepFile(stepped)).faces
     walls = [face for face in faces if face.area > 700e-6]  # the whole top and those around it
     patches = {f"side{face.number}": Patch(f"face:{face.number}") for face in walls}
-    mesh = mesh_component(make_component(StepFile(stepped), patches, size=0.03, details=0.0))
+    mesh = mesh_part(StepFile(stepped), patches, size=0.03, details=0.0)
     assert any("left out" in remark for remark in mesh.quality.remarks)
     _, centroids = patch_moments(mesh.points, mesh.patches)
     assert len(walls) >= 5
@@ -346,17 +289,13 @@ def test_a_face_keeps_its_number_when_a_narrow_feature_is_left_out(
         assert centroids[f"side{face.number}"] == approx(face.center, abs=1e-3)
 
 
-def test_a_narrow_feature_that_an_interface_names_stays(
-    make_component: Make, stepped: Path
-) -> None:
+def test_a_narrow_feature_that_an_interface_names_stays(stepped: Path) -> None:
     floor = next(
         face
         for face in survey_step(StepFile(stepped)).faces
         if face.area == approx(15 * 10e-6, rel=1e-6)
     )
-    mesh = mesh_component(
-        make_component(StepFile(stepped), {"floor": Patch(f"face:{floor.number}")}, size=0.03)
-    )
+    mesh = mesh_part(StepFile(stepped), {"floor": Patch(f"face:{floor.number}")}, size=0.03)
     assert mesh.quality.cad_areas["floor"] == approx(15 * 10e-6, rel=1e-9)
 
 
@@ -377,37 +316,18 @@ def perforated(tmp_path: Path) -> Path:
     return tmp_path / "perforated.step"
 
 
-@pytest.mark.trials
-def test_the_dofs_of_a_plate_with_many_small_holes_are_foreseen_within_a_factor_of_two(
-    make_component: Make, perforated: Path
-) -> None:
-    component = make_component(StepFile(perforated), {"foot": Patch("x-")}, size=0.02, details=0.0)
-    mesh, estimate = mesh_component(component), estimate_mesh(component, survey=True)
-    assert 0.5 < estimate.nodes / len(mesh.points) < 2.0
-    assert 0.5 < estimate.cells / len(mesh.cells) < 2.0
-
-
-def test_a_budget_that_is_exceeded_names_faces_and_the_key_that_helps(
-    make_component: Make, perforated: Path
-) -> None:
+def test_a_budget_that_is_exceeded_names_faces_and_the_key_that_helps(perforated: Path) -> None:
     with pytest.raises(MeshError, match=r"more than the budget.*mesh\.smallest"):
-        mesh_component(make_component(StepFile(perforated), {"foot": Patch("x-")}, size=0.0004))
+        mesh_part(StepFile(perforated), {"foot": Patch("x-")}, size=0.0004)
 
 
 OTHER = "'../secret.step'"
 DOCUMENT = f"#9000 = DOCUMENT_FILE({OTHER},{OTHER},$,#9001,'',$);\n#9001 = DOCUMENT_TYPE('');\n"
 
 
-@pytest.mark.parametrize(
-    "keyword",
-    [
-        "PRODUCT_DEFINITION_WITH_ASSOCIATED_DOCUMENTS",
-        "product_definition_with_associated_documents\n ",
-        "PDWAD",
-    ],
-)
+@cases
 def test_a_part_defined_with_documents_is_refused_before_the_kernel_opens_them(
-    make_component: Make, drilled: Path, keyword: str
+    drilled: Path, keyword: str
 ) -> None:
     product = "PRODUCT_DEFINITION('design','',#6,#9)"
     text = drilled.read_text()
@@ -418,19 +338,15 @@ def test_a_part_defined_with_documents_is_refused_before_the_kernel_opens_them(
         MeshError,
         match=rf"drilled\.step:\d+ refers to other files \({keyword.strip().upper()}\), and these are never",
     ):
-        describe_component(make_component(StepFile(drilled)))
+        describe_component(make_part(StepFile(drilled)))
 
 
-def test_a_document_beside_a_part_is_refused_only_where_it_is_a_file(
-    make_component: Make, drilled: Path
-) -> None:
+def test_a_document_beside_a_part_is_refused_only_where_it_is_a_file(drilled: Path) -> None:
     text = drilled.read_text()
     reference = "#9002 = APPLIED_DOCUMENT_REFERENCE(#9000,'',(#5));\n"
     drilled.write_text(text.replace("ENDSEC;\nEND-ISO", DOCUMENT + reference + "ENDSEC;\nEND-ISO"))
     with pytest.raises(MeshError, match=r"other files.*APPLIED_DOCUMENT_REFERENCE"):
-        describe_component(make_component(StepFile(drilled)))
+        describe_component(make_part(StepFile(drilled)))
     paper = "#9000 = DOCUMENT('drawing','PDWAD of DOCUMENT_FILE',$,#9001);\n#9001 = DOCUMENT_TYPE('');\n"
     drilled.write_text(text.replace("ENDSEC;\nEND-ISO", paper + reference + "ENDSEC;\nEND-ISO"))
-    assert describe_component(make_component(StepFile(drilled))).volume == approx(
-        BLOCK_VOLUME, rel=1e-9
-    )
+    assert describe_component(make_part(StepFile(drilled))).volume == approx(BLOCK_VOLUME, rel=1e-9)

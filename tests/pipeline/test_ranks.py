@@ -10,33 +10,12 @@ import numpy as np
 import pytest
 
 from common import rank_words, run_process
-from fixture_machines import machine
+from fixture_machines import stored_scene
 from headstock.geometry.frames import FloatArray
 
 pytestmark = pytest.mark.hard("H41")
 
-SCENE = machine("""
-machine = "axis"
-names = { bed = "block", slider = "slide", feet = "clamp", guide = "carriage", screw = "drive", bottom = "foot", foot = "bottom" }
-without = ["components.block.fidelity", "axes.X.limits"]
-components.block.solid = { box = ["100 mm", "80 mm", "60 mm"] }
-components.block.mesh = { size = "200 mm", cells = "hex" }
-components.block.reduction = { modes = 4 }
-components.block.interfaces = { foot = { face = "z-" }, top = { face = "z+" } }
-components.slide.solid = { box = ["40 mm", "40 mm", "20 mm"] }
-components.slide.at = ["0 mm", "0 mm", "60 mm"]
-joints.clamp.between = ["ground", "block.foot"]
-joints.clamp.kind = "spring"
-joints.clamp.stiffness = { x = "100 N/um", y = "110 N/um", z = "200 N/um", rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }
-joints.carriage.stiffness = { lateral = "90 N/um", normal = "150 N/um", pitch = "20 N m/mrad", yaw = "15 N m/mrad", roll = "9 N m/mrad" }
-joints.drive.between = ["slide.bottom", "block.foot"]
-joints.drive.stiffness = { axial = "80 N/um" }
-effects.damping = { modal = 0.02 }
-sweeps.line = { axes = { X = ["-20 mm", "20 mm", 7] } }
-analyses.static = {}
-analyses.modal = { count = 8 }
-analyses.frf = { inputs = ["tcp"], to = "2 kHz" }
-""")
+SCENE = stored_scene("ranks")
 PROGRAM = """
 import sys
 from pathlib import Path

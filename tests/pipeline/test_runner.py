@@ -1,7 +1,7 @@
 """What runs is what was planned, and nothing is computed twice."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,18 +10,14 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from built_scenes import STEEL, make_block, scene_of
 from common import approx
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import Frame, rigid_map
-from headstock.geometry.machine.joints import Joint, JointEnd
-from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.geometry.parts.components import (
     Component,
-    Interface,
     Load,
-    Material,
     MeshSettings,
-    Patch,
     ReductionSettings,
     SegmentSettings,
 )
@@ -41,60 +37,35 @@ from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.scene import Analyses, Scene
+from lumped_machines import joint_between
 from scene_runs import run
 
-STEEL = Material("steel", 210e9, 0.3, 7850.0)
-INTERFACES = {
-    "foot": Interface("foot", (Patch("z-"),)),
-    "tip": Interface("tip", (Patch("z+"),), coupling="average"),
-}
 SPRING = np.diag([1e8, 1e8, 2e8, 1e6, 1e6, 1e6])
-
-
-def make_block(name: str, height: float, fidelity: Any = "elastic") -> Component:
-    return Component(
-        name,
-        Box((0.05, 0.05, height)),
-        STEEL,
-        interfaces=INTERFACES,
-        fidelity=fidelity,
-        mesh=MeshSettings(size=0.05),
-        reduction=ReductionSettings(modes=4),
-    )
 
 
 def make_scene(*, static: bool = True, modal: bool = True) -> Scene:
     """A rigid base on springs and an elastic column on it."""
-    base, column = make_block("base", 0.1, "rigid"), make_block("column", 0.2)
-    column = dataclasses.replace(column, placement=Frame(np.array([0.0, 0.0, 0.1])))
-    joints = {
-        "mount": Joint("mount", (JointEnd(), JointEnd("base", "foot")), "spring", stiffness=SPRING),
-        "guide": Joint(
-            "guide",
-            (JointEnd("base", "tip"), JointEnd("column", "foot")),
-            "spring",
-            stiffness=SPRING,
-        ),
-    }
-    points = {"tcp": Point("tcp", JointEnd("column", "tip"), JointEnd())}
-    machine = Machine("machine", {"base": base, "column": column}, joints, points)
+    settings = {"mesh": MeshSettings(size=0.05), "reduction": ReductionSettings(modes=4)}
+    base = make_block("base", (0.05, 0.05, 0.1), fidelity="rigid", **settings)
+    above = Frame(np.array([0.0, 0.0, 0.1]))
+    column = make_block("column", (0.05, 0.05, 0.2), placement=above, **settings)
+    joints = (
+        joint_between("mount", "ground", "base.foot", stiffness=SPRING),
+        joint_between("guide", "base.tip", "column.foot", stiffness=SPRING),
+    )
     analyses = Analyses(
         StaticRequest(("tcp",)) if static else None, ModalRequest(count=8) if modal else None
     )
-    return Scene(
-        "machine",
-        Path("machine.toml"),
-        machine,
-        {"reference": Pose("reference")},
-        analyses,
-        frozenset(),
-        (),
-        {},
-    )
+    return scene_of((base, column), joints, analyses)
 
 
 def change_machine(scene: Scene, **changes: Any) -> Scene:
     return dataclasses.replace(scene, machine=dataclasses.replace(scene.machine, **changes))
+
+
+def change_column(scene: Scene, **changes: Any) -> Scene:
+    column = dataclasses.replace(scene.machine.components["column"], **changes)
+    return change_machine(scene, components={**scene.machine.components, "column": column})
 
 
 @pytest.fixture
@@ -137,9 +108,7 @@ def test_a_rigid_machine_calls_no_mesher_and_loads_no_elastic_module(
         raise AssertionError(f"{name} was loaded")
 
     monkeypatch.setattr(component_stages, "importlib", SimpleNamespace(import_module=refuse))
-    scene = make_scene()
-    column = dataclasses.replace(scene.machine.components["column"], fidelity="rigid")
-    run(change_machine(scene, components={**scene.machine.components, "column": column}), tmp_path)
+    run(change_column(make_scene(), fidelity="rigid"), tmp_path)
     assert calls == []
 
 
@@ -147,11 +116,8 @@ def test_a_segmented_component_is_not_meshed_moves_as_the_elastic_one_and_its_pi
     tmp_path: Path, calls: list[str]
 ) -> None:
     scene = make_scene()
-    column = dataclasses.replace(
-        scene.machine.components["column"], fidelity="segmented", segments=SegmentSettings(6)
-    )
     segmented = run(
-        change_machine(scene, components={**scene.machine.components, "column": column}), tmp_path
+        change_column(scene, fidelity="segmented", segments=SegmentSettings(6)), tmp_path
     )
     assert calls == []
     assert [
@@ -186,17 +152,15 @@ def test_a_static_run_computes_no_modes_and_no_mass_and_still_reports_the_mass(
     assert results.components["column"].mass_kg == approx(7850 * 0.05 * 0.05 * 0.2, rel=1e-9)
 
 
-def test_the_budget_of_every_direction_sums_to_one_and_names_all_parts(tmp_path: Path) -> None:
-    point = run(make_scene(), tmp_path).static["reference"]["tcp"]
+def test_budgets_and_energies_of_modes_sum_to_one_and_name_all_parts(tmp_path: Path) -> None:
+    results = run(make_scene(), tmp_path)
+    point = results.static["reference"]["tcp"]
     assert set(point.budget) == {"x", "y", "z"}
     for shares in point.budget.values():
         assert {"column", "guide", "mount"} <= set(shares)
         assert sum(shares.values()) == approx(1.0, abs=1e-9)
     assert "%" in point.text
-
-
-def test_every_mode_has_a_name_and_energy_shares(tmp_path: Path) -> None:
-    modes = run(make_scene(), tmp_path).modal[0]
+    modes = results.modal[0]
     assert len(modes.frequencies_hz) == 8
     assert all(modes.mode_names)
     for shares in (*modes.energy_share, *modes.kinetic_share):
@@ -236,11 +200,8 @@ def test_changing_one_component_reduces_only_that_one(tmp_path: Path, calls: lis
     run(scene, tmp_path)
     assert calls == ["mesh base", "reduce base", "mesh column", "reduce column"]
     calls.clear()
-    column = dataclasses.replace(
-        scene.machine.components["column"],
-        material=dataclasses.replace(STEEL, youngs_modulus=100e9),
-    )
-    run(change_machine(scene, components={**scene.machine.components, "column": column}), tmp_path)
+    softer = dataclasses.replace(STEEL, youngs_modulus=100e9)
+    run(change_column(scene, material=softer), tmp_path)
     # its mesh is the old one: the material plays no part in it
     assert calls == ["reduce column"]
 
@@ -250,9 +211,7 @@ def test_equal_components_are_reduced_once(tmp_path: Path, calls: list[str]) -> 
     twin = dataclasses.replace(
         scene.machine.components["column"], name="twin", placement=Frame(np.array([1.0, 0.0, 0.1]))
     )
-    joint = Joint(
-        "twin_foot", (JointEnd("base", "tip"), JointEnd("twin", "foot")), "spring", stiffness=SPRING
-    )
+    joint = joint_between("twin_foot", "base.tip", "twin.foot", stiffness=SPRING)
     machine = {
         "components": {**scene.machine.components, "twin": twin},
         "joints": {**scene.machine.joints, "twin_foot": joint},
@@ -278,13 +237,6 @@ def test_a_damaged_store_entry_is_computed_anew_with_a_warning(
     assert not run(make_scene(), tmp_path).warnings
 
 
-def test_a_store_that_cannot_be_written_costs_no_result(tmp_path: Path) -> None:
-    (tmp_path / "store").write_text("a file in the way")
-    results = run(make_scene(), tmp_path)
-    assert len(results.modal) == 1
-    assert any("cannot be written" in warning for warning in results.warnings)
-
-
 def test_an_imported_superelement_gives_what_the_component_itself_gives(
     tmp_path: Path, calls: list[str]
 ) -> None:
@@ -295,31 +247,22 @@ def test_an_imported_superelement_gives_what_the_component_itself_gives(
     reduced = elastic_reduction.reduce_elastic(column, mesh_component(column), comm=MPI.COMM_SELF)
     write_superelement(tmp_path / "column.h5", reduced)
     calls.clear()
-    imported = dataclasses.replace(column, solid=SuperelementFile(tmp_path / "column.h5"))
-    results = run(
-        change_machine(scene, components={**scene.machine.components, "column": imported}), tmp_path
-    )
+    imported = SuperelementFile(tmp_path / "column.h5")
+    results = run(change_column(scene, solid=imported), tmp_path)
     assert calls == []
     np.testing.assert_allclose(frequencies(results), frequencies(direct), rtol=1e-9)
     assert results.components["column"].fidelity == "superelement"
 
 
-def slide_freely(scene: Scene, directions: Sequence[int]) -> Scene:
-    stiffness = np.diag([1e8, 1e8, 2e8, 1e6, 1e6, 1e6])
-    stiffness[directions, directions] = 0.0
-    slide = dataclasses.replace(scene.machine.joints["mount"], stiffness=stiffness)
-    return change_machine(scene, joints={**scene.machine.joints, "mount": slide})
-
-
 def test_the_displacement_under_a_load_that_does_work_on_a_free_motion_fails_and_the_compliance_across_it_stays(
     tmp_path: Path,
 ) -> None:
-    scene = slide_freely(make_scene(modal=False), [0])
+    scene = make_scene(modal=False)
+    free = np.diag([0.0, 1e8, 2e8, 1e6, 1e6, 1e6])
+    slide = dataclasses.replace(scene.machine.joints["mount"], stiffness=free)
+    scene = change_machine(scene, joints={**scene.machine.joints, "mount": slide})
     results = {}
-    for axis, vector in {
-        "x": (100.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        "y": (0.0, 100.0, 0.0, 0.0, 0.0, 0.0),
-    }.items():
+    for axis, vector in (("x", (100.0, *[0.0] * 5)), ("y", (0.0, 100.0, *[0.0] * 4))):
         force = Load("push", "column", "force", interface="tip", vector=vector)
         results[axis] = run(change_machine(scene, loads={"push": force}), tmp_path / axis)
     along, across = (results[axis].static["reference"]["tcp"] for axis in "xy")
@@ -338,18 +281,6 @@ def test_the_displacement_under_a_load_that_does_work_on_a_free_motion_fails_and
     )
 
 
-def test_gravity_sags_the_machine_as_its_weight_on_its_mount(tmp_path: Path) -> None:
-    scene = dataclasses.replace(make_scene(modal=False), effects=frozenset({"gravity"}))
-    rigid = {
-        name: dataclasses.replace(part, fidelity="rigid")
-        for name, part in scene.machine.components.items()
-    }
-    point = run(change_machine(scene, components=rigid), tmp_path).static["reference"]["tcp"]
-    weights = [7850 * 0.05 * 0.05 * height * 9.80665 for height in (0.1, 0.2)]
-    assert point.displacement is not None
-    assert point.displacement[2] == approx(-(sum(weights) + weights[1]) / 2e8, rel=1e-9)
-
-
 def test_a_failing_stage_leaves_earlier_results_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -360,26 +291,14 @@ def test_a_failing_stage_leaves_earlier_results_alone(
         raise HeadstockError("no mesh today")
 
     monkeypatch.setattr(component_stages, "mesh_component", fail)
-    scene = make_scene()
-    column = dataclasses.replace(scene.machine.components["column"], mesh=MeshSettings(size=0.04))
     with pytest.raises(HeadstockError, match="no mesh today"):
-        run(
-            change_machine(scene, components={**scene.machine.components, "column": column}),
-            tmp_path,
-        )
+        run(change_column(make_scene(), mesh=MeshSettings(size=0.04)), tmp_path)
     assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
 
 
 def test_frequencies_beyond_the_reach_of_the_kept_modes_are_warned_of(tmp_path: Path) -> None:
-    scene = make_scene()
-    column = dataclasses.replace(
-        scene.machine.components["column"], reduction=ReductionSettings(modes=1)
-    )
-    analyses = Analyses(ModalRequest(count=13))
-    scene = dataclasses.replace(
-        change_machine(scene, components={**scene.machine.components, "column": column}),
-        analyses=analyses,
-    )
+    few = change_column(make_scene(), reduction=ReductionSettings(modes=1))
+    scene = dataclasses.replace(few, analyses=Analyses(ModalRequest(count=13)))
     assert any("complete up to" in warning for warning in run(scene, tmp_path).warnings)
     assert not any("complete up to" in warning for warning in run(make_scene(), tmp_path).warnings)
 
@@ -408,14 +327,9 @@ def ask(scene: Scene, **changes: Any) -> Scene:
     analyses = (
         scene.analyses.keep(["static"]) if changes.pop("static_only", False) else scene.analyses
     )
-    column = scene.machine.components["column"]
     # not square: the shapes of repeated modes are any combination of each other
-    column = dataclasses.replace(
-        column, solid=Box((0.05, 0.04, 0.2)), reduction=ReductionSettings(**changes)
-    )
-    scene = change_machine(
-        scene, components={**scene.machine.components, "column": column}, gravity=(0.0, 0.0, -9.81)
-    )
+    column = {"solid": Box((0.05, 0.04, 0.2)), "reduction": ReductionSettings(**changes)}
+    scene = change_machine(change_column(scene, **column), gravity=(0.0, 0.0, -9.81))
     return dataclasses.replace(scene, effects=effects, analyses=analyses)
 
 
@@ -517,9 +431,7 @@ def test_a_stored_superelement_serves_no_other_body_and_no_other_code(
 ) -> None:
     scene = make_scene()
     column_of(ask(scene, **RICH), tmp_path)
-    heavier = dataclasses.replace(scene.machine.components["column"], mass=9.0)
-    other = change_machine(scene, components={**scene.machine.components, "column": heavier})
-    assert not column_of(ask(other, modes=3), tmp_path)[1]
+    assert not column_of(ask(change_column(scene, mass=9.0), modes=3), tmp_path)[1]
     monkeypatch.setattr(content_keys, "code_fingerprint", lambda package: "changed")
     assert not column_of(ask(scene, modes=3), tmp_path)[1]
 

@@ -8,6 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from common import approx, make_box, make_component, present
+from fixture_machines import stored_scene
 from headstock.geometry.parts.components import Interface, Patch, RailSettings
 from headstock.pipeline.exports import export_superelement
 from headstock.pipeline.numbers.estimates import REDUCTION
@@ -20,26 +21,7 @@ from headstock.reduction.rails import carriage_rows
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 
-SCENE = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.column]
-SOLID
-at = ["100 mm", "0 mm", "0 mm"]
-rotate = { axis = "z", angle = "30 deg" }
-[joints.clamp]
-between = ["column.foot", "ground"]
-kind = "spring"
-stiffness = { x = "200 N/um", y = "100 N/um", z = "300 N/um", rx = "1e6 N m/rad", ry = "1e6 N m/rad", rz = "1e6 N m/rad" }
-[points]
-tcp = { tool = "column.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-[analyses.modal]
-count = 8
-"""
+SCENE = stored_scene("superelement_export")
 ELASTIC = """solid = { box = ["38 mm", "100 mm", "500 mm"] }
 material = "steel"
 mesh = { size = "30 mm" }

@@ -11,7 +11,7 @@ import pyvista
 from mpi4py import MPI
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import stored_scene
 from headstock.app.command_line import main
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
@@ -27,23 +27,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.solvers.stresses import largest_von_mises, pack_tensor, true_stresses
 
 WIDTH, LENGTH = 0.02, 0.2
-SCENE = machine("""
-machine = "bar"
-names = { bar = "beam" }
-components.beam.solid = { box = ["20 mm", "20 mm", "200 mm"] }
-components.beam.at = ["0 mm", "0 mm", "20 mm"]
-components.beam.mesh = { size = "10 mm", cells = "CELLS" }
-components.beam.interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
-joints.ground = { between = ["ground", "block.low"], kind = "rigid" }
-joints.clamp.between = ["block.top", "beam.foot"]
-analyses.static = {}
-analyses.modal = { count = 2 }
-[components.block]
-solid = { box = ["20 mm", "20 mm", "20 mm"] }
-material = "steel"
-fidelity = "rigid"
-interfaces = { top = { face = "z+" }, low = { face = "z-" } }
-""")
+SCENE = stored_scene("volume_files")
 
 
 FORCE, FIRST = "static tcp x", "mode 01"

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import pyvista
 
+import headstock as hs
 from common import place_launcher, run_in
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -92,3 +93,19 @@ def test_results_in_paraview(run: Run, tmp_path: Path) -> None:
     paths = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
     run(sys.executable, "-P", "examples/in_paraview.py", "results/c", PYTHONPATH=paths)
     assert pyvista.read(tmp_path / "results" / "c" / "mode_01.vtu").n_points > 0
+
+
+@pytest.mark.parametrize(
+    ("left_out", "told"),
+    [('length = "80 mm"\n', 'write length = "80 mm"'), ('normal = "z"\n', 'normal = "z"')],
+)
+def test_a_carriage_that_lacks_a_key_is_told_so_and_its_rail_is_not_blamed(
+    left_out: str, told: str, tmp_path: Path
+) -> None:
+    scene = tmp_path / "machine.toml"
+    scene.write_text((EXAMPLES / "own_machine.toml").read_text().replace(left_out, ""))
+    with pytest.raises(hs.SceneError) as refused:
+        hs.load(scene)
+    problems = refused.value.problems
+    assert told in problems[0].message
+    assert not [problem for problem in problems if "control_points" in problem.message]

@@ -57,7 +57,7 @@ LOBES = {
 EVERY: dict[str, object] = {
     "components.ram.interfaces.side": {"face": "x+"},
     "analyses.static": {},
-    "analyses.frf": {"from": "20 Hz", "to": "300 Hz", "points": 5, "adaptive": False},
+    "analyses.frf": {"from": "20 Hz", "up_to": "300 Hz", "points": 5, "adaptive": False},
     "analyses.path.from": {"X": "-40 mm"},
     "analyses.path.to": {"X": "40 mm"},
     "analyses.path.feeds": ["3000 mm/min"],

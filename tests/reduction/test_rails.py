@@ -6,40 +6,34 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mpi4py import MPI
 from scipy.interpolate import BSpline, make_interp_spline
 
-from common import Dense, approx, make_box
-from headstock.geometry.frames import Frame, rigid_transfer, rotation_about
+from common import STEEL, Dense, approx, make_box, make_faced
+from headstock.geometry.frames import FloatArray, Frame, rigid_transfer, rotation_about
 from headstock.geometry.machine.joints import Axis, Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.geometry.parts.components import (
     Component,
     Fidelity,
     Interface,
-    Material,
     Patch,
     RailSettings,
     SegmentSettings,
 )
-from headstock.geometry.parts.mass_properties import closed_form_properties
 from headstock.geometry.parts.solids import Box, Tube
-from headstock.meshing.component_mesh import ComponentMesh
-from headstock.reduction.components.elastic import reduce_elastic
+from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.components.interface_patches import measure_patch
 from headstock.reduction.components.rail_fits import fit_rail
-from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.rails import Rail, carriage_rows, control_point_positions, place_knots
-from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement, rigid_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.static_response import solve_static
+from lumped_machines import reduce_shape
+from reduced_parts import reduce_mesh
 
-STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 LENGTH, WIDTH, HEIGHT = 0.6, 0.08, 0.05
 CONTROL_POINTS = 9  # 100 mm apart
 CARRIAGE = 0.15  # the shortest for them
@@ -61,13 +55,6 @@ def bar(fidelity: Fidelity, *, segments: int = 10) -> Component:
     )
 
 
-def reduce_bar(fidelity: Fidelity, *, segments: int = 10) -> Superelement:
-    component = bar(fidelity, segments=segments)
-    properties = closed_form_properties(component)
-    assert properties is not None
-    return (reduce_rigid if fidelity == "rigid" else reduce_segmented)(component, properties)
-
-
 @pytest.fixture(scope="module")
 def mesh() -> ComponentMesh:
     """A bar from the origin to x = 0.6 whose foot x = 0 is an interface and whose upper side is a
@@ -78,12 +65,12 @@ def mesh() -> ComponentMesh:
 
 @pytest.fixture(scope="module")
 def elastic(mesh: ComponentMesh) -> Superelement:
-    return reduce_elastic(bar("elastic"), mesh, comm=MPI.COMM_SELF, request=ReductionRequest())
+    return reduce_mesh(bar("elastic"), mesh)
 
 
 @pytest.fixture(scope="module", params=["rigid", "segmented", "elastic"])
 def element(request: pytest.FixtureRequest, elastic: Superelement) -> Superelement:
-    return elastic if request.param == "elastic" else reduce_bar(request.param)
+    return elastic if request.param == "elastic" else reduce_shape(bar(request.param))
 
 
 @settings(max_examples=25, deadline=None)
@@ -203,13 +190,18 @@ def cantilever_compliance(reach: float, length: float) -> float:
     return float(0.25 * wa @ (bending + low / (13.0 / 15.3 * shear * area)) @ wb)
 
 
+def clamped_flexibility(part: Superelement) -> tuple[IntArray, FloatArray]:
+    """The dofs of the nodes but for those of the end, and their flexibility with the end held."""
+    node = part.interface_maps["end"].node
+    free = np.setdiff1d(np.arange(part.node_size), np.arange(6 * node, 6 * node + 6))
+    return free, np.linalg.inv(part.stiffness[np.ix_(free, free)])
+
+
 def test_a_segmented_bar_bends_under_a_carriage_as_a_cantilever_does() -> None:
     worst = []
     for count in (10, 20, 40):
-        part = reduce_bar("segmented", segments=count)
-        node = part.interface_maps["end"].node
-        free = np.setdiff1d(np.arange(part.node_size), np.arange(6 * node, 6 * node + 6))
-        flexibility = np.linalg.inv(part.stiffness[np.ix_(free, free)])
+        part = reduce_shape(bar("segmented", segments=count))
+        free, flexibility = clamped_flexibility(part)
         errors = []
         for place in np.linspace(-0.1, 0.24, 15):
             rows = carriage_rows(part.rails["rail"], float(place), 0.1)[:, free]
@@ -229,10 +221,9 @@ def sliding_machine(
     base = dataclasses.replace(bar(fidelity), placement=place)
     up = Frame(place.origin + place.rotation @ np.array([0.0, 0.0, HEIGHT]), place.rotation)
     area = Patch("z-", "rect", (0.0, 0.0, 0.0), (block, WIDTH))
-    slide = Component(
-        "slide", Box((0.1, WIDTH, 0.04)), STEEL, placement=up, fidelity="rigid",
-        interfaces={"block": Interface("block", (area,)), "top": Interface("top", (Patch("z+"),))},
-    )  # fmt: skip
+    faces = {"block": Interface("block", (area,)), "top": Interface("top", (Patch("z+"),))}
+    settings = {"placement": up, "fidelity": "rigid", "interfaces": faces}
+    slide = make_faced("slide", Box((0.1, WIDTH, 0.04)), {}, **settings)
     stiffness = np.diag([1e7, 3e8, 4e8, 1e5, 2e5, 3e5])
     joints = {
         "foot": Joint("foot", (JointEnd("bar", "end"), JointEnd()), "rigid", fixed=tuple(range(6))),
@@ -244,12 +235,6 @@ def sliding_machine(
     axis = Axis("X", ("guide",), ("slide",), place.rotation[:, 0])
     point = Point("tcp", JointEnd("slide", "top"), JointEnd())
     return Machine("m", {"bar": base, "slide": slide}, joints, {"tcp": point}, {"X": axis})
-
-
-def slide_body(machine: Machine) -> Superelement:
-    properties = closed_form_properties(machine.components["slide"])
-    assert properties is not None
-    return reduce_rigid(machine.components["slide"], properties)
 
 
 @pytest.mark.parametrize("place", [-0.2, 0.0, 0.13])
@@ -272,12 +257,10 @@ def test_on_a_rigid_body_a_rail_is_a_fixed_interface_wherever_the_carriage_stand
             )
         },
     )
-    properties = closed_form_properties(base)
-    assert properties is not None
-    slide = slide_body(machine)
+    slide = reduce_shape(machine.components["slide"])
     pose = Pose("p", {"X": place})
-    with_rail = couple({"bar": reduce_bar("rigid"), "slide": slide}, machine, pose).system
-    without = couple({"bar": reduce_rigid(base, properties), "slide": slide}, fixed, pose).system
+    with_rail = couple({"bar": reduce_shape(bar("rigid")), "slide": slide}, machine, pose).system
+    without = couple({"bar": reduce_shape(base), "slide": slide}, fixed, pose).system
     np.testing.assert_allclose(
         solve_modal(with_rail, count=6).frequencies_hz,
         solve_modal(without, count=6).frequencies_hz,
@@ -292,12 +275,14 @@ def test_a_machine_with_a_rail_answers_the_same_when_it_is_turned(
     # the structured mesh begins at the origin
     shift = 0.5 * LENGTH if fidelity == "elastic" else 0.0
     frame = Frame(np.array([1.0, -2.0, 0.5]), rotation_about(np.array([1.0, 2.0, -0.5]), 1.1))
-    part = elastic if fidelity == "elastic" else reduce_bar("segmented")
+    part = elastic if fidelity == "elastic" else reduce_shape(bar("segmented"))
     found = []
     for turn in (Frame(), frame):
         machine = sliding_machine(fidelity, turn=turn)
         coupled = couple(
-            {"bar": part, "slide": slide_body(machine)}, machine, Pose("p", {"X": 0.17 + shift})
+            {"bar": part, "slide": reduce_shape(machine.components["slide"])},
+            machine,
+            Pose("p", {"X": 0.17 + shift}),
         )
         channels = np.column_stack([coupled.system.inputs["tcp", dof] for dof in "xyz"])
         compliance = (
@@ -311,7 +296,7 @@ def test_a_machine_with_a_rail_answers_the_same_when_it_is_turned(
 
 def test_a_carriage_that_leaves_its_rail_is_named_with_the_joint() -> None:
     machine = sliding_machine("rigid")
-    parts = {"bar": reduce_bar("rigid"), "slide": slide_body(machine)}
+    parts = {"bar": reduce_shape(bar("rigid")), "slide": reduce_shape(machine.components["slide"])}
     with pytest.raises(ModelError, match=r"joint 'guide'.*bar\.rail.*150 mm.*235 mm.*10 mm"):
         couple(parts, machine, Pose("far", {"X": 0.235}))
     with pytest.raises(ModelError, match=r"700 mm.*600 mm"):
@@ -323,7 +308,7 @@ def test_a_carriage_without_a_length_is_refused() -> None:
     joints = machine.joints | {"guide": dataclasses.replace(machine.joints["guide"], length=None)}
     with pytest.raises(ModelError, match=r"joint 'guide'.*length"):
         couple(
-            {"bar": reduce_bar("rigid"), "slide": slide_body(machine)},
+            {"bar": reduce_shape(bar("rigid")), "slide": reduce_shape(machine.components["slide"])},
             dataclasses.replace(machine, joints=joints),
             Pose("home"),
         )
@@ -333,10 +318,8 @@ def test_a_rail_across_the_segments_is_refused() -> None:
     component = bar("segmented")
     across = dataclasses.replace(rail_interface(), rail=RailSettings("y", 5))
     component = dataclasses.replace(component, interfaces={"rail": across})
-    properties = closed_form_properties(component)
-    assert properties is not None
     with pytest.raises(ModelError, match=r"bar\.rail.*along = \"y\""):
-        reduce_segmented(component, properties)
+        reduce_shape(component)
 
 
 def test_stations_too_few_for_a_carriage_are_refused_with_a_remedy(elastic: Superelement) -> None:
@@ -382,12 +365,8 @@ def test_a_segmented_screw_is_as_stiff_along_and_about_itself_as_its_shaft_where
         fidelity="segmented",
         segments=SegmentSettings(segments),
     )
-    properties = closed_form_properties(screw)
-    assert properties is not None
-    part = reduce_segmented(screw, properties)
-    node = part.interface_maps["end"].node
-    free = np.setdiff1d(np.arange(part.node_size), np.arange(6 * node, 6 * node + 6))
-    flexibility = np.linalg.inv(part.stiffness[np.ix_(free, free)])
+    part = reduce_shape(screw)
+    free, flexibility = clamped_flexibility(part)
     axial, torsional = 2.1e11 * np.pi * 0.014**2, 2.1e11 / 2.6 * np.pi * 0.014**4 / 2.0
     for distance in np.linspace(0.1, 0.8, 29):
         rows = carriage_rows(part.rails["shaft"], float(distance), 0.06)[:, free]

@@ -28,7 +28,7 @@ damping = {{ modal = "3 %" }}
 count = {count}
 [analyses.frf]
 inputs = [["tcp", "x"], ["tcp", "y"], ["tcp", "z"]]
-to = "{to:.0f} Hz"
+up_to = "{to:.0f} Hz"
 points = 120
 """
 FREQUENCIES, HIGHEST_HZ = 8, 300.0

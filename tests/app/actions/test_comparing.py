@@ -229,7 +229,7 @@ def test_a_comparison_states_the_errors_that_a_run_of_each_variant_states(bar: S
 
 DAMPED = """
 [analyses.frf]
-to = "900 Hz"
+up_to = "900 Hz"
 points = 5
 outputs = ["tcp"]
 [effects]

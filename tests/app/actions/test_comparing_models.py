@@ -28,7 +28,7 @@ components.bar.fidelity = "elastic"
 components.bar.mesh = { size = "20 mm", cells = "hex" }
 joints.mount.kind = "mount"
 joints.mount.stiffness = { vertical = "200 N/um", horizontal = "60 N/um", tilt = "4 kN m/mrad", torsion = "4 kN m/mrad" }
-analyses.frf = { inputs = ["tcp"], to = "900 Hz", points = 181, adaptive = false }
+analyses.frf = { inputs = ["tcp"], up_to = "900 Hz", points = 181, adaptive = false }
 effects.damping = { modal = 0.02 }
 """)
 
@@ -252,7 +252,7 @@ LUMPED = (
     "analyses.map=false",
     "analyses.contouring.on_request=true",
     'analyses.path={from={X="-5 mm",Z="200 mm"},to={X="5 mm",Z="205 mm"},feeds=["5 m/min"],time_constant="50 ms"}',
-    'analyses.frf={inputs=[["tcp","x"]],outputs=[["tcp","x"]],from="10 Hz",to="200 Hz"}',
+    'analyses.frf={inputs=[["tcp","x"]],outputs=[["tcp","x"]],from="10 Hz",up_to="200 Hz"}',
 )
 
 

@@ -23,7 +23,7 @@ from headstock.geometry.machine.machine import Machine
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.skins import box_skin
 from headstock.meshing.components.meshing import describe_component
-from headstock.meshing.errors import MeshError
+from headstock.meshing.errors import MeshError, MeshTimeError
 from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.coupling import couple
@@ -314,7 +314,7 @@ def test_the_scene_of_a_plate_with_screw_holes_has_a_variant_that_is_fixed_at_th
 def test_a_part_that_cannot_be_meshed_is_not_called_ready(
     shell: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(component: Component) -> None:
+    def refuse(component: Component, **_: object) -> None:
         raise MeshError(f"{component.name}: face 7 crosses face 9")
 
     monkeypatch.setattr("headstock.app.actions.starting.mesh_component", refuse)
@@ -322,6 +322,18 @@ def test_a_part_that_cannot_be_meshed_is_not_called_ready(
     assert "part: face 7 crosses face 9" in said.err
     assert "ready" not in said.out
     assert "mine.toml" in shell.files("mine")
+
+
+def test_a_part_that_is_slow_to_mesh_is_ready_without_a_trial(
+    shell: Shell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def take_long(component: Component, *, time_limit: float) -> None:
+        raise MeshTimeError(f"{component.name}: stopped after {time_limit} s")
+
+    monkeypatch.setattr("headstock.app.actions.starting.mesh_component", take_long)
+    said = shell.prints(f"new mine --part {SUPPORT}")
+    assert "meshing takes more than 8 s of processor time" in said
+    assert "mine.toml is ready" in said
 
 
 def test_a_solid_of_an_assembly_is_chosen_by_name_and_number(shell: Shell) -> None:
@@ -360,3 +372,23 @@ def test_a_part_from_a_mesh_takes_the_three_commands_of_a_step_part(shell: Shell
     shell(f"run mine/mine.toml -o b {quick}")
     cad, mesh = (shell.json(f"{name}/summary.json")["modal"][0] for name in "ab")
     assert mesh["frequencies_hz"][0] == approx(cad["frequencies_hz"][0], rel=1e-9)
+
+
+def test_areas_of_interfaces_and_rails_lie_on_their_faces_and_look_outward(
+    shell: Shell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn: list[LabelledSurface] = []
+    monkeypatch.setattr(
+        showing, "draw_numbered", lambda surface: (drawn.append(surface), (b"", set[int]()))[1]
+    )
+    shell(f"show {MACHINES / 'mill.toml'} --pose low")
+    (surface,) = drawn
+    assert ("rail: 4", (0.25, 0.27, 0.3)) in surface.legend
+    rails = surface.triangles[surface.owners == len(surface.labels) + 2]
+    a, b, c = surface.points[rails].transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a) / 2.0
+    up, front = normals[:, 2] > 0.0, normals[:, 1] > 0.0
+    assert (up ^ front).all()  # on the saddle upwards, on the column to the operator
+    assert normals[up, 2].sum() == approx(2 * 0.64 * 0.028)
+    assert normals[front, 1].sum() == approx(2 * 0.68 * 0.034)
+    np.testing.assert_allclose(surface.points[rails[front], 1], -0.43, atol=2e-3)

@@ -97,7 +97,9 @@ def test_a_plane_of_tool_poses_of_a_mechanism_has_its_condition_number_and_blank
     condition = np.array(summary["condition_number"], dtype=float)
     assert np.isfinite(condition[states == "done"]).all()
     assert np.isnan(condition[states == "unreachable"]).all()
-    assert _middle_plane(summary, condition, [0, 1]).shape == (6, 3)
+    places, shape = np.zeros((18, 3)), tuple(summary["shape"])
+    plane = Sweep("plane", "grid", ("X", "Y", "Z"), ("m", "m", "m"), places, shape)
+    assert _middle_plane(plane, condition, [0, 1]).shape == (6, 3)
 
 
 @pytest.mark.parametrize(

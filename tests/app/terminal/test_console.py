@@ -25,7 +25,6 @@ from headstock.app.texts.bounded_values import (
 )
 from headstock.app.views.modal import _describe_position
 from headstock.app.views.registry import list_tables
-from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose, show_position
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer, compliance_key
 from headstock.pipeline.numbers.estimates import Estimate
@@ -140,7 +139,7 @@ def make_run(
         pose_units={"Y": "m", "B": "rad"},
     )
     modes = dataclasses.replace(modes, pose=Pose("left", {"Y": 0.03, "B": 0.1}))
-    compliance: FloatArray = np.arange(36.0).reshape(6, 6)
+    compliance = np.arange(36).reshape(6, 6).astype(float)
     compliance[:3, :3] = [[429.4771, 0.0, 0.1], [0.0, 64.07, 0.0], [0.1, 0.0, 0.62]]
     compliance[:3, :3] *= 1e-9
     budget = {direction: {"column": 1.0} for direction in "xyz"} | ({"x": x} if x else {})

@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from headstock.geometry.errors import ClosureError
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.mechanisms.closures import (
     close_chains,
@@ -26,12 +25,7 @@ from headstock.geometry.mechanisms.mechanism import (
     prismatic,
     revolute,
 )
-from headstock.validation.mechanisms.platforms import (
-    hexapod,
-    planar_3rpr,
-    planar_3rpr_state,
-    tricept,
-)
+from headstock.validation.mechanisms.platforms import hexapod, planar_3rpr, tricept
 
 EXECHON = exechon_mechanism(
     ExechonDimensions(
@@ -141,21 +135,6 @@ def test_other_machines_are_data(mechanism: Mechanism, base: FloatArray, freedom
     mobility = find_mobility(mechanism, state)
     assert (mobility.freedom, mobility.redundant) == (freedom, 0)
     assert mobility.passive_condition < 100.0
-
-
-def test_the_planar_platform_closes_where_its_state_says() -> None:
-    mechanism = planar_3rpr(BASE, PLATFORM)
-    state = planar_3rpr_state(BASE, PLATFORM, (0.45, 0.4), 0.3)
-    assert np.abs(closure_residual(mechanism, state)).max() < 1e-15
-    assert find_mobility(mechanism, state).freedom == 3
-
-
-def test_loops_that_cannot_close_end_with_a_name() -> None:
-    mechanism = planar_3rpr(BASE, PLATFORM)
-    state = planar_3rpr_state(BASE, PLATFORM, (0.45, 0.4), 0.3)
-    state[:3] = 0.1, 0.1, 0.1
-    with pytest.raises(ClosureError, match="planar 3-RPR"):
-        close_chains(mechanism, state)
 
 
 @pytest.mark.parametrize(("change", "message"), [

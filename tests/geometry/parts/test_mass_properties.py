@@ -1,13 +1,11 @@
 import numpy as np
 import pytest
 
-from common import approx
-from headstock.geometry.parts.components import Component, Interface, Material, Patch
+from common import STEEL, approx
+from headstock.geometry.parts.components import Component, Interface, Patch
 from headstock.geometry.parts.mass_properties import _box_sum_properties, closed_form_properties
 from headstock.geometry.parts.patches import _clear_spans, _rib_spans, planar_boxes, rect_union
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
-
-STEEL = Material("steel", 210e9, 0.3, 7850.0)
 
 
 def component(solid: Solid, **patches: tuple[Patch, ...]) -> Component:

@@ -11,15 +11,15 @@ import pytest
 
 from built_parts import built_part
 from common import approx
-from headstock.geometry.parts.components import Component, Patch
+from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.finishing import patch_moments
-from headstock.meshing.components.meshing import describe_component, mesh_component
+from headstock.meshing.components.meshing import describe_component
 from headstock.meshing.errors import PatchError
+from meshed_parts import make_part, mesh_part
 
 pytestmark = pytest.mark.process
 
-Make = Callable[..., Component]
 R, LENGTH, WIDTH = 0.05, 0.1, 0.02
 
 
@@ -126,16 +126,16 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_patch_on_a_curved_face_takes_all_that_lies_under_it(
-    make_component: Make, part: Callable[..., StepFile], case: str
+    part: Callable[..., StepFile], case: str
 ) -> None:
     build, patch, area = CASES[case]
-    found = describe_component(make_component(part(build), {"patch": patch})).patch_areas["patch"]
+    found = describe_component(make_part(part(build), {"patch": patch})).patch_areas["patch"]
     assert found == approx(area, rel=3e-3 if build is halves else 1e-3)
 
 
-def test_a_band_is_meshed_all_around(make_component: Make, part: Callable[..., StepFile]) -> None:
+def test_a_band_is_meshed_all_around(part: Callable[..., StepFile]) -> None:
     band = strip((0.045, 0, 0.05), "y")
-    mesh = mesh_component(make_component(part(cone), {"band": band}, size=0.02))
+    mesh = mesh_part(part(cone), {"band": band}, size=0.02)
     areas, centroids = patch_moments(mesh.points, mesh.patches)
     assert areas["band"] == approx(2 * np.pi * 0.045 * WIDTH, rel=1e-3)
     assert np.allclose(centroids["band"][:2], 0.0, atol=1e-6)
@@ -152,14 +152,14 @@ def test_a_band_is_meshed_all_around(make_component: Make, part: Callable[..., S
     ],
 )
 def test_a_patch_whose_place_on_a_curved_face_is_not_clear_is_refused(
-    make_component: Make, part: Callable[..., StepFile], patch: Patch, words: str
+    part: Callable[..., StepFile], patch: Patch, words: str
 ) -> None:
     with pytest.raises(PatchError, match=words):
-        describe_component(make_component(part(cylinder), {"patch": patch}))
+        describe_component(make_part(part(cylinder), {"patch": patch}))
 
 
 def test_a_disk_that_reaches_beyond_a_plane_face_is_named_and_a_hole_within_it_is_not(
-    make_component: Make, part: Callable[..., StepFile]
+    part: Callable[..., StepFile],
 ) -> None:
     ends = {
         "beyond": Patch("z+", "disk", (0.04, 0, 0), (0.03,)),
@@ -171,6 +171,6 @@ def test_a_disk_that_reaches_beyond_a_plane_face_is_named_and_a_hole_within_it_i
         found, _ = occ.cut([(3, cylinder())], [(3, occ.addCylinder(0, 0, -1, 0, 0, 20, 20))])
         return int(found[0][1])
 
-    mesh = mesh_component(make_component(part(drilled), ends, size=0.03))
+    mesh = mesh_part(part(drilled), ends, size=0.03)
     (remark,) = mesh.quality.remarks
     assert remark.startswith("beyond: the disk reaches beyond face 'z+'")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from built_parts import built_part
-from common import approx
-from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
+from common import approx, make_faced
+from headstock.geometry.parts.components import Component, MeshSettings
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.cad.features import GONE
 from headstock.meshing.cad.insets import close_planes
@@ -59,7 +59,6 @@ def test_only_step_parts_have_features_to_leave_out() -> None:
     assert MeshSettings().leave_out is None
 
 
-STEEL = Material("steel", 210e9, 0.3, 7850.0)
 BLOCK, PAD, POCKET = 60 * 40 * 20.0, 8 * 6 * 2.0, 6 * 5 * 3.0
 BORE, COUNTERBORE = np.pi * 2.0**2 * 16.0, np.pi * 4.0**2 * 4.0
 WIDE = np.pi * 6.0**2 * 20.0
@@ -146,13 +145,8 @@ def test_a_cavity_behind_a_small_opening_is_no_detail(kernel: None) -> None:
 
 def test_meshes_lack_what_is_narrower_than_half_an_element_unless_told(block: Path) -> None:
     def mesh(details: float | None = None) -> tuple[float, tuple[str, ...], dict[str, float]]:
-        part = Component(
-            "part",
-            StepFile(block),
-            STEEL,
-            interfaces={"foot": Interface("foot", (Patch(f"face:{foot}"),))},
-            mesh=MeshSettings(size=0.018, details=details),
-        )
+        settings = MeshSettings(size=0.018, details=details)
+        part = make_faced("part", StepFile(block), {"foot": f"face:{foot}"}, mesh=settings)
         found = mesh_component(part)
         areas, _ = patch_moments(found.points, found.patches)
         return found.quality.volume, found.quality.remarks, areas

@@ -3,23 +3,22 @@ elsewhere, areas and volume kept.
 """
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from common import approx
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Patch
+from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.meshing.components.meshing import _estimate_cells, estimate_mesh, mesh_component
+from headstock.meshing.components.meshing import _estimate_cells, mesh_component
 from headstock.meshing.elements.quality import integrate_mesh, scaled_jacobians
 from headstock.meshing.errors import MeshError
+from meshed_parts import make_part, mesh_part
 
 pytestmark = pytest.mark.process
 
-Make = Callable[..., Component]
 BLOCK = Box((0.03, 0.4, 0.2))
 PAD, BACK = (Patch(face, "rect", (0.0, 0.0, 0.1), (0.01, 0.01)) for face in ("x+", "x-"))
 
@@ -33,8 +32,8 @@ def edges_near(mesh: ComponentMesh, place: FloatArray, reach: float) -> FloatArr
     )
 
 
-def test_elements_grow_from_a_patch_with_the_distance(make_component: Make) -> None:
-    component = make_component(BLOCK, {"pad": PAD, "back": BACK}, size=0.03, across_patches=16)
+def test_elements_grow_from_a_patch_with_the_distance() -> None:
+    component = make_part(BLOCK, {"pad": PAD, "back": BACK}, size=0.03, across_patches=16)
     even = mesh_component(component)
     graded_component = dataclasses.replace(
         component, mesh=dataclasses.replace(component.mesh, growth=0.5)
@@ -55,10 +54,8 @@ def test_elements_grow_from_a_patch_with_the_distance(make_component: Make) -> N
     assert scaled_jacobians(graded.points, graded.cells, graded.kind).min() > 0.02
 
 
-def test_elements_are_small_at_the_rim_of_a_rigid_face_and_nowhere_else(
-    make_component: Make,
-) -> None:
-    component = make_component(
+def test_elements_are_small_at_the_rim_of_a_rigid_face_and_nowhere_else() -> None:
+    component = make_part(
         BLOCK, {"foot": Patch("y-"), "tip": Patch("y+")}, size=0.03, growth=0.5, rim_size=0.003
     )
     averaging = dataclasses.replace(component.interfaces["tip"], coupling="average")
@@ -69,25 +66,7 @@ def test_elements_are_small_at_the_rim_of_a_rigid_face_and_nowhere_else(
     assert np.median(edges_near(mesh, np.array([0.015, 0.2, 0.1]), 0.02)) > 0.015
 
 
-@pytest.mark.trials
-def test_elements_grow_from_a_strip_far_narrower_than_they_are(make_component: Make) -> None:
-    strip = Patch("x+", "strip", (0.0, 0.0, 0.25), (0.0005,), "y")
-    component = make_component(
-        Box((0.038, 0.1, 0.5)), {"foot": Patch("z-"), "line": strip}, size=0.025
-    )
-    mesh = mesh_component(component)
-    assert mesh.quality.minimum_scaled_jacobian > 0.02
-    assert mesh.quality.cad_areas["line"] == approx(0.1 * 0.0005, rel=1e-9)
-    assert len(mesh.cells) < 1e5
-    for survey in (False, True):
-        assert 0.5 < estimate_mesh(component, survey=survey).cells / len(mesh.cells) < 2.0
-
-
-def test_a_strip_that_would_fill_a_mesh_is_refused_with_its_name_and_the_width_that_works(
-    make_component: Make,
-) -> None:
+def test_a_strip_that_would_fill_a_mesh_is_refused_with_its_name_and_the_width_that_works() -> None:
     strip = Patch("x+", "strip", (0.0, 0.0, 0.25), (0.00006,), "z")
     with pytest.raises(MeshError, match=r"line: .*0.06 mm.*0\.29 mm wide"):
-        mesh_component(
-            make_component(Box((0.038, 0.1, 0.5)), {"foot": Patch("z-"), "line": strip}, size=0.025)
-        )
+        mesh_part(Box((0.038, 0.1, 0.5)), {"foot": Patch("z-"), "line": strip}, size=0.025)

@@ -4,22 +4,20 @@ or the CAD faces are.
 
 import dataclasses
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import gmsh
 import numpy as np
 import pytest
+import pyvista as pv
 
 from built_parts import built_part
 from common import approx, make_box
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.skins import IntArray, Skin, sharp_edges
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.component_mesh import CellKind
 from headstock.meshing.components import reduced_skins, skins
-from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import PIXEL, mesh_skin, skin_size, thin_skin, unmeshed_skin
 from headstock.meshing.errors import MeshError
 
@@ -144,25 +142,10 @@ def holes(skin: Skin) -> int:
 
 
 def largest_distance(places: FloatArray, skin: Skin) -> float:
-    """How far places are from a surface at most [m], every place against every triangle: its plane
-    where the foot lies inside, its sides elsewhere.
-    """
-    corners = [skin.points[skin.triangles[:, k]] for k in range(3)]
-    a, b, c = corners
-    normals = np.cross(b - a, c - a)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    far = 0.0
-    for place in places:
-        height = np.einsum("ij,ij->i", place - a, normals)
-        nearest, inside = np.full(len(a), np.inf), np.full(len(a), True)
-        for start, end in ((a, b), (b, c), (c, a)):
-            side, arm = end - start, place - start
-            inside &= np.einsum("ij,ij->i", np.cross(side, arm), normals) >= 0.0
-            square = np.maximum(np.einsum("ij,ij->i", side, side), 1e-300)
-            along = np.clip(np.einsum("ij,ij->i", arm, side) / square, 0.0, 1.0)
-            nearest = np.minimum(nearest, np.linalg.norm(arm - along[:, None] * side, axis=1))
-        far = max(far, float(np.where(inside, np.abs(height), nearest).min()))
-    return far
+    """How far places are from a surface at most [m], as VTK says."""
+    surface = pv.PolyData.from_regular_faces(skin.points, skin.triangles)
+    found = pv.PolyData(np.asarray(places, dtype=float)).compute_implicit_distance(surface)
+    return float(np.abs(found["implicit_distance"]).max())
 
 
 @pytest.mark.process
@@ -205,24 +188,6 @@ def test_a_step_part_that_is_thinned_out_twice_looks_the_same_with_its_holes_and
         np.testing.assert_allclose(
             carried(thin, whole.points), thin.points, rtol=0.0, atol=1e-12 * skin_size(whole)
         )
-
-
-@pytest.mark.trials
-@pytest.mark.process
-def test_the_surface_of_a_meshed_step_part_is_thinned_out_closed_and_moves_as_its_mesh_does(
-    step_parts: dict[str, Path],
-    make_component: Callable[..., Component],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    mesh = mesh_component(make_component(StepFile(step_parts["bracket"]), size=0.006))
-    whole = mesh_skin(mesh)
-    assert whole.thinned_from is None
-    monkeypatch.setattr(skins, "LARGEST_SKIN", 1000)
-    thin = mesh_skin(mesh)
-    assert len(thin.triangles) < len(whole.triangles) == thin.thinned_from
-    assert torn_edges(whole) == torn_edges(thin) == 0
-    np.testing.assert_allclose(carried(thin, mesh.points), thin.points, rtol=0.0, atol=1e-15)
-    assert area(thin) == approx(area(whole), rel=1e-2)
 
 
 def tube(around: int, along: int, *, wall: float, radius: float = 0.5) -> Skin:

@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import approx, make_box
+from cases import cases
+from common import approx, make_box, make_faced
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import (
     Component,
-    Interface,
-    Material,
     MeshSettings,
-    Patch,
     ReductionSettings,
 )
 from headstock.geometry.parts.size_field import SizeField
@@ -37,14 +35,10 @@ from headstock.meshing.size_files import encode_sizes, parse_sizes
 from headstock.pipeline.accuracy.settings import give_sizes
 from headstock.reduction.components.elastic import find_cell_errors, reduce_elastic
 
-BEAM = Component(
+BEAM = make_faced(
     "beam",
     Box((0.4, 0.1, 0.1)),
-    Material("steel", 210e9, 0.3, 7850.0),
-    interfaces={
-        "root": Interface("root", (Patch("x-"),)),
-        "tip": Interface("tip", (Patch("x+"),), "average"),
-    },
+    {"root": "x-", "tip": "average x+"},
     mesh=MeshSettings(size=0.05),
     reduction=ReductionSettings(modes=2),
 )
@@ -175,14 +169,7 @@ def test_sizes_come_out_of_their_file_as_they_went_in(tmp_path: Path) -> None:
     np.testing.assert_equal(vars(SizeField(**parse_sizes(path))), vars(field))
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ('View "x" {ST(0,0,0,1,0,0,0,1,0){1,1,1};};', "no view of scalar tetrahedra"),
-        ("SS(0,0,0,1,0,0,0,1,0,0,0,1){1,1,1,0};", "above zero"),
-        ("SS(0,0,0,1,0,0,0,1,0,0,0,a){1,1,1,1};", "cannot be read"),
-    ],
-)
+@cases
 def test_a_file_of_other_things_is_refused(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "part.pos"
     path.write_text(text)

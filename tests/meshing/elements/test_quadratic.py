@@ -3,17 +3,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from common import approx
+from common import STEEL, approx
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Interface, Material, Patch, Support
+from headstock.geometry.parts.components import Component, Interface, Patch, Support
 from headstock.geometry.parts.solids import MeshFile
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.elements.quadratic import complete_hexes
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.requests import ReductionRequest
 from headstock.validation.parts.structured_meshes import (
     _lattice_cells,
     integrate_over_cells,
@@ -21,8 +18,8 @@ from headstock.validation.parts.structured_meshes import (
     straight_lattice,
     write_lattice,
 )
+from reduced_parts import reduce_mesh
 
-STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 SIZE = (0.2, 0.3, 0.5)
 
 
@@ -101,11 +98,7 @@ def test_a_file_of_twenty_node_hexes_is_as_stiff_as_one_of_27_node_ones(tmp_path
         clamp = (Support("clamp", "body", (Patch("set:w-"),), ("x", "y", "z")),)
         mesh = mesh_component(component, clamp)
         kinds.append((mesh.kind, mesh.straight))
-        stiffness.append(
-            reduce_elastic(
-                component, mesh, clamp, comm=MPI.COMM_SELF, request=ReductionRequest()
-            ).stiffness
-        )
+        stiffness.append(reduce_mesh(component, mesh, clamp).stiffness)
     assert kinds == [("hex27", True)] * 2
     np.testing.assert_allclose(
         stiffness[0], stiffness[1], rtol=1e-9, atol=1e-9 * np.abs(stiffness[1]).max()

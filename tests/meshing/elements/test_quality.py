@@ -1,13 +1,10 @@
 """Quality of elements; tets that alone fill a wall are found with thickness, length and shape."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from common import approx, make_box
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import POOR_QUALITY, CellKind, IntArray
 from headstock.meshing.components.meshing import mesh_component
@@ -32,6 +29,7 @@ from headstock.meshing.elements.topology import (
     reference_nodes,
 )
 from headstock.pipeline.stages.warnings import _mesh_warnings
+from meshed_parts import make_part
 
 KINDS: list[CellKind] = ["tet4", "tet10", "hex8", "hex20", "hex27"]
 
@@ -208,10 +206,8 @@ def test_flatness_of_the_wall_is_no_fault_of_a_tet_and_a_sliver_in_it_is() -> No
 
 
 @pytest.mark.process
-def test_a_thin_sheet_is_not_said_to_have_poor_elements(
-    make_component: Callable[..., Component],
-) -> None:
-    sheet = make_component(Box((0.4, 0.3, 0.002)), size=0.05, cells="tet")
+def test_a_thin_sheet_is_not_said_to_have_poor_elements() -> None:
+    sheet = make_part(Box((0.4, 0.3, 0.002)), size=0.05, cells="tet")
     mesh = mesh_component(sheet)
     assert scaled_jacobians(mesh.points, mesh.cells[:, :4], "tet4").min() < POOR_QUALITY
     assert mesh.quality.poor_share == 0.0

@@ -1,26 +1,22 @@
 """Faces of a mesh's surface: a box has six, a tube four, whatever the elements."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 
 from common import approx
 from headstock.geometry.parts.cad_faces import find_holes
-from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import Box, Plate, Tube
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.elements.regions import describe_faces, split_surface
 from headstock.meshing.elements.surface import extract_surface
+from meshed_parts import make_part, mesh_part
 
 pytestmark = pytest.mark.process
 
-Make = Callable[..., Component]
-
 
 @pytest.mark.parametrize("cells", ["tet", "hex"])
-def test_a_box_has_six_planes_with_their_areas(make_component: Make, cells: str) -> None:
-    mesh = mesh_component(make_component(Box((0.3, 0.2, 0.5)), size=0.06, cells=cells))
+def test_a_box_has_six_planes_with_their_areas(cells: str) -> None:
+    mesh = mesh_part(Box((0.3, 0.2, 0.5)), size=0.06, cells=cells)
     surface = extract_surface(mesh.cells, mesh.kind)
     faces = describe_faces(mesh.points, surface, split_surface(mesh.points, surface))
     assert [face.number for face in faces] == [1, 2, 3, 4, 5, 6]
@@ -30,8 +26,8 @@ def test_a_box_has_six_planes_with_their_areas(make_component: Make, cells: str)
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_a_tube_has_two_rings_a_mantle_and_a_hole(make_component: Make, order: int) -> None:
-    tube = make_component(Tube(0.04, 0.02, 0.03), size=0.006, order=order)
+def test_a_tube_has_two_rings_a_mantle_and_a_hole(order: int) -> None:
+    tube = make_part(Tube(0.04, 0.02, 0.03), size=0.006, order=order)
     mesh = mesh_component(tube)
     surface = extract_surface(mesh.cells, mesh.kind)
     faces = describe_faces(mesh.points, surface, split_surface(mesh.points, surface))
@@ -43,9 +39,9 @@ def test_a_tube_has_two_rings_a_mantle_and_a_hole(make_component: Make, order: i
     assert hole.place == approx((0.0, 0.0, 0.015), abs=1e-9)
 
 
-def test_a_ribbed_plate_has_a_face_for_each_side_of_a_rib(make_component: Make) -> None:
+def test_a_ribbed_plate_has_a_face_for_each_side_of_a_rib() -> None:
     plate = Plate((0.3, 0.2, 0.02), rib_height=0.05, rib_thickness=0.01, ribs_x=1)
-    mesh = mesh_component(make_component(plate, size=0.03))
+    mesh = mesh_part(plate, size=0.03)
     surface = extract_surface(mesh.cells, mesh.kind)
     owners = split_surface(mesh.points, surface)
     # below, two above, two sides, the rib's two sides and top, and two ends that plate and rib share

@@ -11,6 +11,7 @@ import netCDF4
 import numpy as np
 import pytest
 
+from cases import cases
 from headstock.app.command_line import main
 from headstock.geometry.parts.components import Component, Material, MeshSettings
 from headstock.geometry.parts.solids import Box, MeshFile
@@ -129,18 +130,7 @@ def test_a_bomb_of_compressed_zeros_is_stopped(write: Callable[[str], Path]) -> 
         read_file(path)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ("part_mesh.h5:/data0", "../secret.h5:/data0", "not beside it"),
-        ("part_mesh.h5:/data0", "/etc/secret.h5:/data0", "not beside it"),
-        ("part_mesh.h5:/data0", "/etc/passwd:/data0", "no HDF5 file beside it"),
-        ('Format="HDF"', 'Format="Binary"', "format 'Binary' are not read"),
-        ("<Xdmf ", '<!DOCTYPE x [<!ENTITY a "b">]><Xdmf ', "defines entities"),
-        ("<Xdmf ", '<!DOCTYPE x SYSTEM "file:///etc/passwd"><Xdmf ', ""),
-        ("/data0", "/../data9", "holds no array"),
-    ],
-)
+@cases
 def test_an_xdmf_file_reaches_for_nothing_else(
     write: Callable[[str], Path], old: str, new: str, words: str
 ) -> None:

@@ -3,7 +3,7 @@ write them.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -16,20 +16,19 @@ from vtkmodules.vtkIOExodus import vtkExodusIIReader
 
 from common import approx
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.components import Component, Patch
+from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.solids import Box, MeshFile, Tube
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.meshing.components.finishing import patch_moments
-from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError
 from headstock.meshing.files.writing import encode_mesh
 from headstock.meshing.formats import MESH_FORMATS
 from headstock.meshing.process.strangers import files_beside
+from meshed_parts import mesh_part
 
 pytestmark = pytest.mark.process
 
-Make = Callable[..., Component]
 Form = Literal["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF4"]
 SIZE = (0.03, 0.02, 0.05)
 PATCHES = {
@@ -69,21 +68,19 @@ def patch_places(mesh: ComponentMesh) -> dict[str, set[tuple[float, ...]]]:
 @pytest.mark.parametrize("suffix", WRITTEN)
 @pytest.mark.parametrize("kind", ["tet4", "tet10", "hex8", "hex27", "curved"])
 def test_meshes_come_back_node_for_node_with_their_patches(
-    make_component: Make, tmp_path: Path, kind: str, suffix: str
+    tmp_path: Path, kind: str, suffix: str
 ) -> None:
     if kind == "curved":
         solid: Box | Tube = Tube(0.04, 0.02, 0.03)
         patches, settings = {"mantle": Patch("outer"), "top": Patch("z+")}, {"size": 0.012}
-        mesh = mesh_component(make_component(solid, patches, **settings))
+        mesh = mesh_part(solid, patches, **settings)
     else:
         patches = PATCHES
         order = 1 if kind in ("tet4", "hex8") else 2
-        mesh = mesh_component(
-            make_component(Box(SIZE), patches, size=0.02, order=order, cells=kind[:3])
-        )
+        mesh = mesh_part(Box(SIZE), patches, size=0.02, order=order, cells=kind[:3])
     sets = {name: Patch(f"set:{name}") for name in patches}
     solid_file = write_file(mesh, tmp_path / f"part{suffix}")
-    back = mesh_component(make_component(solid_file, sets))
+    back = mesh_part(solid_file, sets)
     assert (back.kind, len(back.points)) == (mesh.kind, len(mesh.points))
     rounding = 1e-14  # of text in columns; other formats hold every bit
     nodes = np.abs(
@@ -100,8 +97,8 @@ def test_meshes_come_back_node_for_node_with_their_patches(
     assert patch_places(back) == patch_places(mesh)
 
 
-def test_exodus_files_are_what_vtk_takes_them_for(make_component: Make, tmp_path: Path) -> None:
-    mesh = mesh_component(make_component(Box(SIZE), PATCHES, size=0.02, cells="hex"))
+def test_exodus_files_are_what_vtk_takes_them_for(tmp_path: Path) -> None:
+    mesh = mesh_part(Box(SIZE), PATCHES, size=0.02, cells="hex")
     write_file(mesh, tmp_path / "part.exo")
     reader = vtkExodusIIReader()
     reader.SetFileName(str(tmp_path / "part.exo"))
@@ -156,7 +153,7 @@ def write_med(
         file.create_group("CHA/resu____DEPL/step").attrs["NDT"] = 1
 
 
-def test_groups_of_salome_become_sets(make_component: Make, tmp_path: Path) -> None:
+def test_groups_of_salome_become_sets(tmp_path: Path) -> None:
     points = np.vstack([CUBE, [CUBE[list(edge)].mean(axis=0) for edge in HEX_EDGES]])
     # MED's own numbering: corners from the other side, then its edges in the order of VTK
     middle = {frozenset(edge): 8 + i for i, edge in enumerate(HEX_EDGES)}
@@ -178,14 +175,14 @@ def test_groups_of_salome_become_sets(make_component: Make, tmp_path: Path) -> N
     )
     sets = {"a": "set:Lid", "b": "set:both", "c": "set:Corners below", "z-": "z-", "z+": "z+"}
     patches = {name: Patch(face) for name, face in sets.items()}
-    mesh = mesh_component(make_component(read_file(tmp_path / "cube.med"), patches))
+    mesh = mesh_part(read_file(tmp_path / "cube.med"), patches)
     assert mesh.kind == "hex27" and mesh.quality.volume == approx(1.0, rel=1e-14)
     assert mesh.quality.minimum_scaled_jacobian == approx(1.0, rel=1e-12)
     assert np.array_equal(mesh.patches["a"], mesh.patches["z+"])
     assert np.array_equal(mesh.patches["c"], mesh.patches["z-"])
     assert len(mesh.patches["b"]) == 2
     with pytest.raises(MeshError, match=r"no set 'roof'.*set:Lid, set:both, set:Corners below"):
-        mesh_component(make_component(read_file(tmp_path / "cube.med"), {"a": Patch("set:roof")}))
+        mesh_part(read_file(tmp_path / "cube.med"), {"a": Patch("set:roof")})
 
 
 def write_exodus(path: Path, form: Form) -> None:
@@ -215,16 +212,12 @@ def write_exodus(path: Path, form: Form) -> None:
 
 
 @pytest.mark.parametrize("form", ["NETCDF3_CLASSIC", "NETCDF3_64BIT_OFFSET", "NETCDF4"])
-def test_side_sets_without_a_name_go_by_their_number(
-    make_component: Make, tmp_path: Path, form: Form
-) -> None:
+def test_side_sets_without_a_name_go_by_their_number(tmp_path: Path, form: Form) -> None:
     write_exodus(tmp_path / "two.e", form)
     sets = {"lid": "set:side_set_100", "more": "set:side_set_200", "nodes": "set:node_set_1"}
     sets |= {"z-": "z-", "z+": "z+", "x-": "x-"}
     patches = {name: Patch(face) for name, face in sets.items()}
-    mesh = mesh_component(
-        make_component(read_file(tmp_path / "two.e"), patches, allow_singular=True)
-    )
+    mesh = mesh_part(read_file(tmp_path / "two.e"), patches, allow_singular=True)
     assert mesh.quality.volume == approx(2.0, rel=1e-14)
     assert np.array_equal(mesh.patches["lid"], mesh.patches["z+"])
     assert np.array_equal(mesh.patches["nodes"], mesh.patches["z+"])
@@ -233,9 +226,7 @@ def test_side_sets_without_a_name_go_by_their_number(
     assert centroids["more"] == approx([0.25, 0.5, 0.25], rel=1e-12)
 
 
-def test_properties_and_sets_of_nastran_decks_become_sets(
-    make_component: Make, tmp_path: Path
-) -> None:
+def test_properties_and_sets_of_nastran_decks_become_sets(tmp_path: Path) -> None:
     grids = "".join(f"GRID,{10 + i},,{x},{y},{z}\n" for i, (x, y, z) in enumerate(CUBE))
     (tmp_path / "cube.bdf").write_text(
         "SOL 101\nCEND\nBEGIN BULK\n"
@@ -251,13 +242,13 @@ def test_properties_and_sets_of_nastran_decks_become_sets(
     sets = {"lid": "set:property_7", "spc": "set:spc_5", "named": "set:clamped face"}
     patches = {name: Patch(face) for name, face in (sets | {"z-": "z-", "z+": "z+"}).items()}
     solid = read_file(tmp_path / "cube.bdf")
-    mesh = mesh_component(make_component(solid, patches))
+    mesh = mesh_part(solid, patches)
     assert np.array_equal(mesh.patches["lid"], mesh.patches["z+"])
     assert np.array_equal(mesh.patches["spc"], mesh.patches["z-"])
     assert np.array_equal(mesh.patches["named"], mesh.patches["z-"])
     # sets of elements, and lists with numbers of no node, are none
     with pytest.raises(MeshError, match=r"available: .*set:clamped face$"):
-        mesh_component(make_component(solid, {"a": Patch("set:elements")}))
+        mesh_part(solid, {"a": Patch("set:elements")})
 
 
 XDMF = """<?xml version="1.0"?>
@@ -272,7 +263,7 @@ XDMF = """<?xml version="1.0"?>
 """
 
 
-def test_mixed_grids_with_integers_become_sets(make_component: Make, tmp_path: Path) -> None:
+def test_mixed_grids_with_integers_become_sets(tmp_path: Path) -> None:
     mixed = [9, *range(8), 5, 4, 5, 6, 7, 5, 0, 3, 2, 1]
     text = XDMF.format(
         points=" ".join(map(str, CUBE.ravel())), count=len(mixed), mixed=" ".join(map(str, mixed))
@@ -280,14 +271,12 @@ def test_mixed_grids_with_integers_become_sets(make_component: Make, tmp_path: P
     (tmp_path / "cube.xdmf").write_text(text)
     sets = {"lid": "set:facets_20", "foot": "set:facets_30", "z-": "z-", "z+": "z+"}
     patches = {name: Patch(face) for name, face in sets.items()}
-    mesh = mesh_component(make_component(read_file(tmp_path / "cube.xdmf"), patches))
+    mesh = mesh_part(read_file(tmp_path / "cube.xdmf"), patches)
     assert np.array_equal(mesh.patches["lid"], mesh.patches["z+"])
     assert np.array_equal(mesh.patches["foot"], mesh.patches["z-"])
 
 
-def test_integers_of_solid_cells_are_sets_that_may_be_of_several_materials(
-    make_component: Make, tmp_path: Path
-) -> None:
+def test_integers_of_solid_cells_are_sets_that_may_be_of_several_materials(tmp_path: Path) -> None:
     # a cube of two wedges and, in a grid of values only, their tags as dolfinx writes them
     wedges = [8, 0, 1, 2, 4, 5, 6, 8, 0, 2, 3, 4, 6, 7]
     text = XDMF.format(
@@ -301,20 +290,18 @@ def test_integers_of_solid_cells_are_sets_that_may_be_of_several_materials(
         "</Grid>", f'</Grid><Grid Name="part">{topology}{tags}</Grid>'
     )
     (tmp_path / "cube.xdmf").write_text(text)
-    whole = mesh_component(make_component(read_file(tmp_path / "cube.xdmf")))
+    whole = mesh_part(read_file(tmp_path / "cube.xdmf"))
     assert whole.kind == "tet10" and whole.quality.volume == approx(1.0, rel=1e-14)
     assert "part_5 (1 cells), part_9 (1 cells)" in " ".join(whole.quality.remarks)
     solid = dataclasses.replace(read_file(tmp_path / "cube.xdmf"), solid="part_9")
-    half = mesh_component(make_component(solid, {"cut": Patch("set:cut")}))
+    half = mesh_part(solid, {"cut": Patch("set:cut")})
     assert half.quality.volume == approx(0.5, rel=1e-14)
     areas, _ = patch_moments(half.points, half.patches)
     assert areas["cut"] == approx(2**0.5, rel=1e-12)
 
 
-def test_curved_hexes_that_need_27_nodes_are_not_written_with_20(
-    make_component: Make, tmp_path: Path
-) -> None:
-    mesh = mesh_component(make_component(Box(SIZE), PATCHES, size=0.02, cells="hex"))
+def test_curved_hexes_that_need_27_nodes_are_not_written_with_20(tmp_path: Path) -> None:
+    mesh = mesh_part(Box(SIZE), PATCHES, size=0.02, cells="hex")
     points = mesh.points.copy()
     points[mesh.cells[0, 26]] += 1e-3
     moved = dataclasses.replace(mesh, points=points)

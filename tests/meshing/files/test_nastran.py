@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cases import cases
 from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.elements.quadratic import complete_hexes
@@ -26,7 +27,6 @@ EXPECTED = json.loads((DECKS / "expected.json").read_text())
 # of the sheared cube that every deck is made of, and what stands on it
 CUBE = 11030.0
 ROUNDING = 2e-3  # of text with three decimals
-SYSTEM = "CORD2R,4,0,0.,0.,0.,0.,0.,1.\n+,2.,0.,0.\n"
 GRIDS = "GRID,1,,0.,0.,0.\nGRID,2,,1.,0.,0.\nGRID,3,,0.,1.,0.\nGRID,4,,0.,0.,1.\nGRID,5,,1.,1.,1.\n"
 
 
@@ -93,34 +93,7 @@ def test_lines_that_continue_a_card_are_found_by_their_mark(tmp_path: Path) -> N
     assert [volume(data) for data in read] == approx([1 / 6] * 3)
 
 
-@pytest.mark.parametrize(
-    ("cards", "words"),
-    [
-        ("INCLUDE 'rest.bdf'\n", "part.bdf:7: INCLUDE is not supported"),
-        ("CTETRA,1,1,1,2,3,9\n", "part.bdf:7: CTETRA 1: node 9 is used but not defined"),
-        ("CTETRA,1,1,1,2,3\n", "part.bdf:7: CTETRA 1 needs 4 corners"),
-        ("CTETRA,1,1,1,2,3,4,5,5,5,5,5,5\n", "part.bdf:7: CTETRA: 12 fields behind the first"),
-        ("CTETRA,1,1,1,2,3,x\n", "part.bdf:7: CTETRA: field 7 is 'x', which is no whole number"),
-        ("GRID,6,,1.x,0.,0.\nCTETRA,1,1,1,2,3,6\n", "part.bdf:7: GRID: field 4 is '1.x'"),
-        ("GRID,1,,9.,0.,0.\n", "part.bdf:7: grid point 1 is defined twice"),
-        ("GRID,6,7,1.,0.,0.\n", "coordinate system 7 is used but not defined"),
-        ("GRID,6,7,1.,0.,0.\nCORD1R,7,6,1,2\n", "coordinate system 7 refers to itself"),
-        ("GRID,6,7,1.,0.,0.\nCORD2R,7,0,0.,0.,0.,0.,0.,1.\n+,0.,0.,2.\n", "lie on one line"),
-        (
-            SYSTEM + SYSTEM.replace("CORD2R", "CORD2C"),
-            "part.bdf:9: coordinate system 4 is defined twice: CORD2C here, CORD2R at part.bdf:7",
-        ),
-        (SYSTEM + SYSTEM.replace("2.", "3."), "part.bdf:9: coordinate system 4 is defined twice"),
-        (SYSTEM + SYSTEM + "CTETRA,1,1,1,2,3,9\n", "part.bdf:11: CTETRA 1: node 9"),
-        ("CORD1R,4,1,2,3,4,1,2,3\nCORD1R,4,1,2,4\n", "part.bdf:8: coordinate system 4 is defined"),
-        ("CIHEX1,1,1,1,2,3,4,5,1\n+,2,3\n", "part.bdf:7: CIHEX1 is not known"),
-        ("=(2)\n", "part.bdf:7: =.2. repeats no card of one line"),
-        ("GRID*,6,,1.,0.\n*,0.\n=,*(1),==\n", "part.bdf:9: = repeats no card of one line"),
-        ("GRID,6,,a,0.,0.\n=,*(1),=,*(1.),==\n", "part.bdf:7: GRID: field 4 is 'a'"),
-        ("BEGIN BULK SUPER=2\n", "several bulk data sections"),
-        ("CTETRA,1,1,1,2,3,4\nCTETRA,1,1,1,2,3,5\n", "element 1 is defined twice"),
-    ],
-)
+@cases
 def test_what_cannot_be_read_is_named_with_its_line(tmp_path: Path, cards: str, words: str) -> None:
     with pytest.raises(MeshError, match=words.replace("'", ".")):
         read_text(tmp_path / "part.bdf", "BEGIN BULK\n" + GRIDS + cards + "ENDDATA\n")

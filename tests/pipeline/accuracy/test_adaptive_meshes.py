@@ -10,7 +10,7 @@ import pytest
 import scene_runs
 from built_parts import built_part
 from common import approx
-from fixture_machines import machine
+from fixture_machines import stored_scene
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
@@ -22,17 +22,7 @@ from headstock.scene.reading.findings import SceneError
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
-SCENE = machine("""
-machine = "bar"
-names = { bar = "part", clamp = "screws", tcp = "tip" }
-without = ["materials.steel"]
-name = "angle"
-materials.iron = { E = "115 GPa", nu = 0.26, rho = "7150 kg/m^3" }
-components.part.solid = { step = "angle.step" }
-components.part.material = "iron"
-analyses.static = {}
-analyses.modal = { count = 3 }
-""")
+SCENE = stored_scene("adaptive_meshes")
 
 
 @pytest.fixture(scope="module")

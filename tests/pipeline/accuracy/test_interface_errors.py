@@ -9,7 +9,7 @@ import pytest
 
 import headstock as hs
 from common import approx
-from fixture_machines import write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.accuracy import interface_choice
 from headstock.pipeline.answers.accuracy import InterfaceErrorsAnswer
@@ -26,22 +26,7 @@ from headstock.solvers.second_order import ComplexArray
 from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
-HEAD = """
-name = "block"
-interface_errors = true
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[joints.clamp]
-between = ["ground", "lower.foot"]
-kind = "rigid"
-[points]
-tip = { tool = "TIP", work = "ground" }
-[analyses.static]
-[analyses.modal]
-count = 5
-"""
+HEAD = stored_scene("interface_errors_head")
 WHOLE = """
 [components.lower]
 solid = { box = ["120 mm", "100 mm", "200 mm"] }
@@ -49,22 +34,7 @@ material = "steel"
 mesh = { size = "20 mm", cells = "hex" }
 interfaces = { foot = { face = "z-" }, tip = { face = "z+", rect = { center = ["20 mm", "30 mm"], size = ["80 mm", "40 mm"] } } }
 """
-HALVES = """
-[components.lower]
-solid = { box = ["120 mm", "100 mm", "100 mm"] }
-material = "steel"
-mesh = { size = "20 mm", cells = "hex" }
-interfaces = { foot = { face = "z-" }, cut = { face = "z+", COUPLING } }
-[components.upper]
-solid = { box = ["120 mm", "100 mm", "100 mm"] }
-material = "steel"
-mesh = { size = "20 mm", cells = "hex" }
-at = ["0 mm", "0 mm", "100 mm"]
-interfaces = { cut = { face = "z-", COUPLING }, tip = { face = "z+", rect = { center = ["20 mm", "30 mm"], size = ["80 mm", "40 mm"] } } }
-[joints.glue]
-between = ["lower.cut", "upper.cut"]
-kind = "rigid"
-"""
+HALVES = stored_scene("interface_errors_halves")
 
 
 def run(folder: Path, text: str, name: str) -> Results:
@@ -138,7 +108,7 @@ RESPONSE = """
 damping = { modal = 0.02 }
 [analyses.frf]
 inputs = ["tip"]
-to = "2500 Hz"
+up_to = "2500 Hz"
 points = 60
 """
 
@@ -220,19 +190,6 @@ def test_interfaces_of_different_size_are_named_and_the_run_goes_on(folder: Path
     assert summarise(found)["interface_errors"]["joints"] == {}
 
 
-@pytest.mark.trials
-def test_an_accuracy_gives_a_joint_the_shapes_it_needs(folder: Path, whole: Results) -> None:
-    body = HALVES.replace("COUPLING", 'coupling = { flexible = "auto", form = "weak" }')
-    head = HEAD.replace("TIP", "upper.tip").replace("interface_errors = true", 'accuracy = "4 %"')
-    found = run(folder, head + body, "chosen")
-    words = summarise(found)["accuracy"]["settings"]["glue"]
-    # twelve put the fifth frequency off by more than a quarter of the accuracy
-    assert words.startswith("24 deformation shapes at lower.cut and upper.cut: ")
-    (modes,), (right,) = (find_answers(each.answers, PoseModes) for each in (found, whole))
-    assert modes.frequencies_hz == approx(right.frequencies_hz, rel=0.02)
-    assert found.failures == ()
-
-
 def choose(folder: Path, coupling: str, accuracy: str, name: str) -> Results:
     head = HEAD.replace("TIP", "upper.tip").replace("interface_errors = true", accuracy)
     return run(folder, head + HALVES.replace(", COUPLING", coupling), name)
@@ -301,30 +258,7 @@ def test_without_an_accuracy_auto_is_twenty_four(folder: Path) -> None:
     assert "joints" in [stage.kind for stage in plan_scene(load_scene(path)).stages]
 
 
-SCENE = """
-free = true
-accuracy = "1 %"
-materials.m = { E = "210 GPa", nu = 0.3, rho = "7850 kg/m^3" }
-analyses.modal = { count = 8 }
-[components.plate]
-solid = { box = ["120 mm", "60 mm", "20 mm"] }
-material = "m"
-interfaces.a = { face = "z+", rect = { size = ["20 mm", "40 mm"], center = ["-40 mm", "0 mm"] }, coupling = { flexible = "auto" } }
-interfaces.b = { face = "z+", rect = { size = ["20 mm", "40 mm"], center = ["40 mm", "0 mm"] }, coupling = { flexible = "auto" } }
-[components.one]
-at = ["-40 mm", "0 mm", "20 mm"]
-solid = { box = ["20 mm", "40 mm", "50 mm"] }
-material = "m"
-interfaces.foot = { face = "z-", coupling = { flexible = "auto" } }
-[components.two]
-at = ["40 mm", "0 mm", "20 mm"]
-solid = { box = ["20 mm", "40 mm", "40 mm"] }
-material = "m"
-interfaces.foot = { face = "z-", coupling = { flexible = "auto" } }
-[joints]
-j1 = { between = ["one.foot", "plate.a"], kind = "rigid" }
-j2 = { between = ["two.foot", "plate.b"], kind = "rigid" }
-"""
+SCENE = stored_scene("interface_errors")
 
 
 def test_trials_of_shapes_end_within_a_budget_and_say_what_they_reached(

@@ -7,7 +7,7 @@ import pytest
 from summary_shapes import list_strangers
 
 from common import approx
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.pipeline.answers.accuracy import ModelErrorsAnswer
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -22,34 +22,7 @@ from scene_runs import compute
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 # a column on a heavy block on springs, a head on bolts at its top
-SCENE = machine("""
-machine = "column"
-names = { bolts = "foot", tcp = "nose", tip = "head" }
-without = ["components.block.at", "components.block.mesh"]
-name = "column"
-model_errors = true
-components.block.solid = { box = ["400 mm", "300 mm", "100 mm"] }
-components.block.fidelity = "rigid"
-components.block.interfaces = { bottom = { face = "z-" }, top = { face = "z+", rect = { size = ["80 mm", "60 mm"] } } }
-components.column.solid = { box = ["80 mm", "60 mm", "400 mm"] }
-components.column.at = ["0 mm", "0 mm", "250 mm"]
-components.column.fidelity = "FIDELITY"
-components.column.segments = { count = 4 }
-components.column.interfaces = { foot = { face = "z-" }, head = { face = "z+" } }
-joints.neck = { between = ["column.head", "head.below"], kind = "rigid" }
-joints.feet.stiffness = { x = "200 N/um", y = "200 N/um", z = "300 N/um", rx = "9 N m/urad", ry = "9 N m/urad", rz = "9 N m/urad" }
-points.nose.tool = "head.nose"
-effects.damping = { modal = "3 %" }
-analyses.static = {}
-analyses.modal = { count = 5 }
-analyses.frf = { inputs = ["nose"], to = "400 Hz" }
-[components.head]
-solid = { box = ["200 mm", "120 mm", "80 mm"] }
-material = "steel"
-at = ["60 mm", "0 mm", "490 mm"]
-fidelity = "rigid"
-interfaces = { below = { face = "z-", rect = { center = ["-60 mm", "0 mm"], size = ["80 mm", "60 mm"] } }, nose = { face = "x+" } }
-""")
+SCENE = stored_scene("model_errors")
 FINE = ("40 mm", "20 mm", "20 mm")
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import scene_runs
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.pipeline.accuracy.models import _add_change
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
@@ -21,22 +21,7 @@ from scene_runs import compute
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 # a slender mast on a heavy block on soft springs; written as a rigid one on an elastic block
-SCENE = machine("""
-machine = "column"
-names = { column = "mast", tcp = "tip" }
-without = ["components.block.at", "components.block.fidelity", "components.block.mesh"]
-name = "mast"
-accuracy.to = "ASKED"
-accuracy.models = "all"
-components.block.solid = { box = ["300 mm", "300 mm", "200 mm"] }
-components.mast.solid = { box = ["60 mm", "40 mm", "800 mm"] }
-components.mast.at = ["0 mm", "0 mm", "500 mm"]
-components.mast.fidelity = "rigid"
-components.mast.interfaces = { foot = { face = "z-", coupling = "average" }, tip = { face = "z+", coupling = "average" } }
-joints.feet.stiffness = { x = "20 N/um", y = "20 N/um", z = "50 N/um", rx = "1 N m/urad", ry = "1 N m/urad", rz = "1 N m/urad" }
-analyses.static = {}
-analyses.modal = { count = 5 }
-""")
+SCENE = stored_scene("models")
 
 
 @pytest.fixture(scope="module")
@@ -107,17 +92,7 @@ def test_softer_models_lie_between_finite_elements_and_the_truth_stiffer_ones_do
     assert _add_change(0.02, 0.0, 0.015) == 0.02 and _add_change(0.02, 0.0, -0.015) == 0.035
 
 
-CLAMPED = machine("""
-machine = "bar"
-names = { bar = "block", clamp = "wall", tcp = "tip" }
-name = "clamped"
-accuracy = "2 %"
-components.block.solid = { box = ["300 mm", "200 mm", "200 mm"] }
-components.block.interfaces = { root = { face = "x-" }, tip = { face = "x+", coupling = "average" } }
-joints.wall.between = ["block.root", "ground"]
-analyses.static = {}
-analyses.modal = { count = 3 }
-""")
+CLAMPED = stored_scene("models_clamped")
 
 
 def test_a_clamped_body_that_could_not_move_as_a_rigid_one_stays_elastic(tmp_path: Path) -> None:

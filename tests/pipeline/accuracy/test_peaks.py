@@ -8,7 +8,7 @@ import pytest
 from summary_shapes import list_strangers
 
 from common import approx, present
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.app.command_line import main
 from headstock.app.texts.bounded_values import accuracy_words
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
@@ -23,22 +23,7 @@ from scene_runs import compute
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 # a slender mast on a heavy block on soft springs
-SCENE = machine("""
-machine = "column"
-names = { column = "mast", tcp = "tip" }
-without = ["components.block.at", "components.block.fidelity"]
-name = "mast"
-components.block.solid = { box = ["300 mm", "300 mm", "200 mm"] }
-components.block.mesh = { size = "70 mm", cells = "hex" }
-components.block.interfaces = { bottom = { face = "z-" }, top = { face = "z+", coupling = "average", rect = { size = ["60 mm", "40 mm"] } } }
-components.mast.solid = { box = ["60 mm", "40 mm", "500 mm"] }
-components.mast.at = ["0 mm", "0 mm", "350 mm"]
-components.mast.mesh = { size = "80 mm", cells = "tet" }
-components.mast.interfaces = { foot = { face = "z-", coupling = "average" }, tip = { face = "z+", coupling = "average" } }
-joints.feet.stiffness = { x = "20 N/um", y = "20 N/um", z = "50 N/um", rx = "1 N m/urad", ry = "1 N m/urad", rz = "1 N m/urad" }
-effects.damping = { modal = "2 %" }
-analyses.frf = { inputs = ["tip"], to = "400 Hz" }
-""")
+SCENE = stored_scene("peaks")
 FINE = (
     'components.mast.mesh={ size = "19 mm", cells = "hex" }',
     'components.block.mesh={ size = "60 mm", cells = "tet", across_patches = 14, growth = 0.45 }',

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import scene_runs
-from fixture_machines import machine
-from headstock.pipeline import runner
+from fixture_machines import stored_scene
+from headstock.pipeline.accuracy import search
 from headstock.pipeline.numbers.estimates import MODEL
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
@@ -17,16 +17,7 @@ from scene_runs import compute
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 # a tube that is held at its lower end by springs
-SCENE = machine("""
-machine = "block"
-names = { block = "pole", mount = "feet", tcp = "tip" }
-without = ["components.pole.fidelity", "analyses.static.at"]
-name = "pole"
-accuracy = "ASKED"
-components.pole.solid = { tube = { outer = "80 mm", inner = "60 mm", length = "1200 mm" } }
-joints.feet.between = ["pole.foot", "ground"]
-joints.feet.stiffness = { x = "20 N/um", y = "20 N/um", z = "50 N/um", rx = "1 N m/urad", ry = "1 N m/urad", rz = "1 N m/urad" }
-""")
+SCENE = stored_scene("remembered")
 
 
 def run(folder: Path, asked: str, *overrides: str) -> Results:
@@ -71,7 +62,7 @@ def test_the_second_run_repeats_what_a_comparison_found_without_comparing(
     def refuse(*args: object) -> None:
         raise AssertionError("compared again")
 
-    monkeypatch.setattr(runner, "compare_models", refuse)
+    monkeypatch.setattr(search, "compare_models", refuse)
     second = run(tmp_path, "1 %")
     for found, again in zip(first.modal, second.modal, strict=True):
         assert np.array_equal(found.frequencies_hz, again.frequencies_hz)

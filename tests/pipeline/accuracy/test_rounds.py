@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from common import approx
-from headstock.geometry.parts.components import Component, Material
+from common import STEEL, approx
+from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import Box
 from headstock.pipeline.accuracy.quantities import Quantity
 from headstock.pipeline.accuracy.rounds import AIM, _MeshScale, _wanted_ratios
@@ -14,7 +14,6 @@ from headstock.pipeline.numbers.changes import Owner
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION
 from headstock.pipeline.numbers.numbers import make_key
 
-STEEL = Material("steel", 210e9, 0.3, 7850.0)
 BASE = Component("base", Box((0.5, 0.4, 0.2)), STEEL)
 COLUMN = Component("column", Box((0.1, 0.1, 0.4)), STEEL)
 PARTS = {"base": BASE, "left": COLUMN, "right": dataclasses.replace(COLUMN, name="right")}

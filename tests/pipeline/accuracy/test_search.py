@@ -6,17 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from built_scenes import FACES, make_block, scene_of
 from common import approx, present
 from headstock.app.texts.bounded_values import accuracy_words
 from headstock.geometry.frames import FloatArray, Frame
-from headstock.geometry.machine.joints import Joint, JointEnd
-from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.geometry.parts.components import (
-    Component,
     Interface,
-    Material,
     MeshSettings,
     Patch,
+    RailSettings,
     ReductionSettings,
 )
 from headstock.geometry.parts.solids import Box, HollowColumn
@@ -32,50 +30,26 @@ from headstock.pipeline.results.summary import summarise
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.scene import AccuracyGoal, Analyses, Limits, Scene
+from lumped_machines import joint_between
 from scene_runs import run
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
-STEEL = Material("steel", 210e9, 0.3, 7850.0)
-FACES = {
-    "foot": Interface("foot", (Patch("z-"),)),
-    "tip": Interface("tip", (Patch("z+"),), coupling="average"),
-}
-COLUMN = Component("column", Box((0.04, 0.1, 0.3)), STEEL, interfaces=FACES)
+COLUMN = make_block("column", (0.04, 0.1, 0.3))
 # so short and thick that it hardly deforms
-BLOCK = dataclasses.replace(COLUMN, name="block", solid=Box((0.3, 0.3, 0.1)))
+BLOCK = make_block("block", (0.3, 0.3, 0.1))
 
 
 def make_scene(goal: AccuracyGoal | None, *, memory: float | None = None) -> Scene:
     """A slender column on a thick block that is clamped."""
     column = dataclasses.replace(COLUMN, placement=Frame(np.array([0.0, 0.0, 0.1])))
-    joints = {
-        "clamp": Joint(
-            "clamp", (JointEnd(), JointEnd("block", "foot")), "rigid", fixed=tuple(range(6))
-        ),
-        "bolts": Joint(
-            "bolts",
-            (JointEnd("block", "tip"), JointEnd("column", "foot")),
-            "rigid",
-            fixed=tuple(range(6)),
-        ),
-    }
-    points = {"tcp": Point("tcp", JointEnd("column", "tip"), JointEnd())}
-    machine = Machine("machine", {"block": BLOCK, "column": column}, joints, points)
+    joints = (
+        joint_between("clamp", "ground", "block.foot", fixed=range(6)),
+        joint_between("bolts", "block.tip", "column.foot", fixed=range(6)),
+    )
     analyses = Analyses(StaticRequest(("tcp",)), ModalRequest(count=4))
     limits = Limits(memory_bytes=memory)
-    scene = Scene(
-        "machine",
-        Path("machine.toml"),
-        machine,
-        {"reference": Pose("reference")},
-        analyses,
-        frozenset(),
-        (),
-        {},
-        limits,
-    )
-    return dataclasses.replace(scene, accuracy=goal)
+    return scene_of((BLOCK, column), joints, analyses, limits=limits, accuracy=goal)
 
 
 def numbers(results: Results) -> FloatArray:
@@ -206,6 +180,19 @@ def test_grids_along_small_patches_end_where_single_hexahedra_would_be_nearly_as
     assert refine_mesh(sheet, ratio=0.4, trials=()).mesh.cells == "hex"
 
 
+@pytest.mark.parametrize("height", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("rough", [None, 0.05])
+def test_elements_under_a_rail_are_no_longer_than_two_intervals_of_its_control_points(
+    height: float, rough: float | None
+) -> None:
+    strip = Patch("z-", "strip", size=(0.03,), along="x")
+    rail = Interface("rail", (strip,), "average", rail=RailSettings("x", 23))
+    table = make_block("table", (0.88, 0.4, height), interfaces={"rail": rail})
+    start = start_component(table, 0.05, 500.0, rough_for=rough)
+    for component in (start, refine_mesh(start, ratio=0.5, trials=())):
+        assert present(component.mesh.size) <= 2.0 * 0.88 / 20
+
+
 def test_the_rate_is_that_of_the_last_two_trials_within_bounds() -> None:
     assert _observed_rate((Trial(4.0, 0.32, 0.32), Trial(2.0, 0.04, 0.04))) == approx(3.0)
     assert _observed_rate((Trial(2.0, 0.04, 0.04), Trial(1.0, 0.05, 0.05))) < 1.0
@@ -219,14 +206,8 @@ def test_twins_are_refined_alike_so_that_the_store_serves_both(tmp_path: Path) -
     scene = make_scene(AccuracyGoal(0.006))
     column = scene.machine.components["column"]
     tower = dataclasses.replace(column, name="tower", placement=Frame(np.array([0.1, 0.0, 0.1])))
-    joints = scene.machine.joints | {
-        "tower": Joint(
-            "tower",
-            (JointEnd("block", "tip"), JointEnd("tower", "foot")),
-            "rigid",
-            fixed=tuple(range(6)),
-        )
-    }
+    joint = joint_between("tower", "block.tip", "tower.foot", fixed=range(6))
+    joints = scene.machine.joints | {"tower": joint}
     machine = dataclasses.replace(
         scene.machine, components=scene.machine.components | {"tower": tower}, joints=joints
     )

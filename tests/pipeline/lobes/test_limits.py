@@ -7,7 +7,7 @@ import pytest
 
 import scene_runs
 from common import approx, present
-from fixture_machines import machine
+from fixture_machines import stored_scene
 from headstock.app.report.report import render_report
 from headstock.app.texts.bounded_values import show_bound
 from headstock.pipeline.answers.answer import find_answers
@@ -20,22 +20,7 @@ from headstock.scene.building.loader import load_scene
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
-SCENE = machine("""
-machine = "bar"
-names = { bar = "column", tip = "top" }
-name = "column"
-components.column.solid = { box = ["60 mm", "100 mm", "400 mm"] }
-components.column.interfaces = { foot = { face = "z-", coupling = "rigid" }, top = { face = "z+", coupling = "average" } }
-components.column.mesh = { size = "100 mm" }
-effects.damping = { modal = "3 %" }
-[analyses.lobes]
-speeds = ["9000 rpm", "12000 rpm", 30]
-mill = { diameter = "12 mm", teeth = 4, helix = "30 deg" }
-material = "al7075-t6"
-radial_depth = "12 mm"
-up_to = "3 kHz"
-directions = ["x"]
-""")
+SCENE = stored_scene("limits")
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from summary_shapes import list_strangers
 
+from cases import cases
 from common import approx, present
 from headstock.app.report.report import render_report
 from headstock.pipeline.answers.answer import find_answers
@@ -148,20 +149,7 @@ def test_a_measured_receptance_takes_the_place_of_modes(tmp_path: Path) -> None:
     assert along_x(measured).best == ()
 
 
-@pytest.mark.parametrize(
-    ("change", "key", "words"),
-    [
-        (('damping = { modal = "3 %" }', ""), "analyses.lobes", "without damping every cut chatters"),
-        (('radial_depth = "16 mm"', 'radial_depth = "17 mm"'), "analyses.lobes", "at most its diameter"),
-        (('poses = ["left"]', 'poses = ["lefd"]'), "analyses.lobes.poses", "left"),
-        (('poses = ["left"]', 'at = "tpc"'), "analyses.lobes.at", "tcp"),
-        (('poses = ["left"]', 'directions = ["x", "z"]'), "analyses.lobes.directions", "along the tool"),
-        (('"12000 rpm", 60', '"2000 rpm", 60'), "analyses.lobes.speeds", "lowest speed first"),
-        (('poses = ["left"]', "low_immersion = 0.1"), "analyses.lobes.low_immersion", "remove the key"),
-        (('"3000 rpm", "12000', '"3 rpm", "12000'), "analyses.lobes.speeds", "begin at"),
-        (('poses = ["left"]', 'tool_receptance = "none.csv"'), "analyses.lobes.tool_receptance", "none.csv"),
-    ],
-)  # fmt: skip
+@cases
 def test_a_bad_table_is_refused_with_what_to_write(
     tmp_path: Path, change: tuple[str, str], key: str, words: str
 ) -> None:

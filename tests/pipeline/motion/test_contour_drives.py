@@ -74,18 +74,23 @@ def run_contour(state: RunState, until: float) -> CoupledRun:
     return run_coupled_contour(state, request_of(state.scene), until=until)
 
 
-@pytest.mark.parametrize(
-    "variant", ["components", pytest.param("stiff_legs+segmented", marks=pytest.mark.trials)]
-)
-def test_legs_of_components_are_driven_along_the_contour_as_lumped_ones(
-    variant: str, tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # matrices are linear between nodes, in modes here and in springs there
+@pytest.fixture
+def _fine_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Matrices are linear between nodes, in modes of components and in springs of lumped legs."""
     for module in (contouring, coupled_contour):
         monkeypatch.setattr(module, "NODE_SPACING", 5e-3)
         monkeypatch.setattr(module, "LOAD_SPACING", 2e-4)
     monkeypatch.setattr(plant_motion, "LOAD_SPACING", 2e-4)
     monkeypatch.setattr(lumped_contour, "NODE_SPACING", 1e-3)
+
+
+@pytest.mark.usefixtures("_fine_nodes")
+@pytest.mark.parametrize(
+    "variant", ["components", pytest.param("stiff_legs+segmented", marks=pytest.mark.trials)]
+)
+def test_legs_of_components_are_driven_along_the_contour_as_lumped_ones(
+    variant: str, tripteor: Tripteor, tmp_path: Path
+) -> None:
     rubbing = "effects.friction=true"
     scene = load_prompt(tmp_path, "lumped+controlled", rubbing)
     drives = tuple(scene.drives.values())
@@ -201,13 +206,10 @@ def test_friction_at_the_speeds_of_motors_acts_on_axes_as_in_absolute_coordinate
     assert any("speeds of the motors" in text for text in closed.run.assumed)
 
 
+@pytest.mark.usefixtures("_fine_nodes")
 def test_coriolis_forces_act_on_legs_of_components_as_on_lumped_ones(
-    tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tripteor: Tripteor, tmp_path: Path
 ) -> None:
-    for module in (contouring, coupled_contour):
-        monkeypatch.setattr(module, "NODE_SPACING", 5e-3)
-        monkeypatch.setattr(module, "LOAD_SPACING", 2e-4)
-    monkeypatch.setattr(lumped_contour, "NODE_SPACING", 1e-3)
     gaps: dict[str, list[FloatArray]] = {}
     for switch in ("true", "false"):
         scene = load_prompt(tmp_path, "components", f"effects.coriolis={switch}")

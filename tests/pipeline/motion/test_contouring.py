@@ -3,6 +3,7 @@ tell.
 """
 
 import dataclasses
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from headstock.pipeline.motion.milled_faces import mill_faces
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.csv_files import CsvError, ForceRecord
-from headstock.solvers.mechanisms.dynamics import MechanismBody
+from headstock.solvers.mechanisms.dynamics import CompliantMechanism, MechanismBody
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, tool_compliance
 from headstock.solvers.milling.path_drives import follow_path
 from headstock.solvers.milling.tool_dynamics import ToolMode
@@ -45,16 +46,28 @@ pytestmark = pytest.mark.slow
 SHORT = 1.2
 
 
-@pytest.fixture(scope="module")
+@functools.cache
 def machine() -> Tripteor:
     return load_tripteor()
 
 
+def follow(
+    request: ContouringRequest,
+    until: float,
+    *,
+    bodies: CompliantMechanism | None = None,
+    record: ForceRecord | None = None,
+    **changes: Any,
+) -> ContourRun:
+    """The contour of a request with changes, on the machine or another model of it."""
+    tried, model = dataclasses.replace(request, **changes), bodies or machine().model
+    return run_lumped_contour(machine().scene, model, tried, record=record, until=until)
+
+
 @pytest.fixture(scope="module")
-def short_run(machine: Tripteor) -> ContourRun:
+def short_run() -> ContourRun:
     """The first face and the ramp before it."""
-    request = contour_request("al7075-t6")
-    return run_lumped_contour(machine.scene, machine.model, request, until=SHORT)
+    return follow(contour_request("al7075-t6"), SHORT)
 
 
 def changed_block(request: ContouringRequest, **changes: Any) -> SquareContour:
@@ -62,15 +75,15 @@ def changed_block(request: ContouringRequest, **changes: Any) -> SquareContour:
     return dataclasses.replace(request.contour, **changes)
 
 
-def test_measured_forces_that_are_the_computed_ones_give_the_same_motion(machine: Tripteor) -> None:
+def test_measured_forces_that_are_the_computed_ones_give_the_same_motion() -> None:
     request = contour_request("al7075-t6")
-    computed = run_lumped_contour(machine.scene, machine.model, request, until=0.5)
+    computed = follow(request, 0.5)
     record = ForceRecord(computed.times, computed.force)
-    measured = run_lumped_contour(machine.scene, machine.model, request, record=record, until=0.5)
+    measured = follow(request, 0.5, record=record)
     # the mean over a step instead of the value in its middle
     assert np.abs(measured.gap - computed.gap).max() < 0.02 * np.ptp(computed.gap, axis=0).max()
     with pytest.raises(CsvError, match="are needed"):
-        run_lumped_contour(machine.scene, machine.model, request, record=record, until=0.6)
+        follow(request, 0.6, record=record)
 
 
 def test_the_summary_tells_faces_assumptions_and_drive_forces(short_run: ContourRun) -> None:
@@ -108,7 +121,7 @@ def test_the_summary_tells_faces_assumptions_and_drive_forces(short_run: Contour
         assert str(draw_contour(answer, picture)).count("<polyline") == 3
 
 
-def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: Tripteor) -> None:
+def test_a_steady_force_leaves_a_face_where_the_static_compliance_says() -> None:
     request = contour_request("al7075-t6")
     request = dataclasses.replace(
         request,
@@ -118,16 +131,16 @@ def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: 
     )
     push = np.array([-200.0, 150.0, 50.0])
     record = ForceRecord(np.array([0.0, 1.0]), np.stack([push, push]))
-    run = run_lumped_contour(machine.scene, machine.model, request, record=record, until=0.6)
+    run = follow(request, 0.6, record=record)
     faces, reasons = mill_faces(request, run)
     assert [face.number for face in faces] == [1], reasons
     reached = run.plan.cuts[0].begins + float(np.mean(faces[0].evaluated)) / run.plan.cuts[0].feed
     middle = np.array([reached - 1e-3, reached])
     states = follow_path(
-        machine.scene.mounted, middle, run.plan.path.at(middle), machine.scene.tool
+        machine().scene.mounted, middle, run.plan.path.at(middle), machine().scene.tool
     ).states
-    compliance = tool_compliance(machine.model, linearise_poses(machine.model, states))
-    turn = machine.scene.mounted.mounting.rotation
+    compliance = tool_compliance(machine().model, linearise_poses(machine().model, states))
+    turn = machine().scene.mounted.mounting.rotation
     moved = turn @ compliance[1, :3, :3] @ turn.T @ push + [*push[:2] / 2e7, 0.0]
     face, outward = faces[0], run.plan.cuts[0].outward
     assert face.parameters.location - face.cusp / 3.0 == approx(moved @ outward, rel=5e-4)
@@ -140,37 +153,28 @@ def test_a_steady_force_leaves_a_face_where_the_static_compliance_says(machine: 
     assert names == ["profile_face_1", "profile_detail_face_1"]
 
 
-def test_a_block_out_of_reach_is_refused(machine: Tripteor) -> None:
+def test_a_block_out_of_reach_is_refused() -> None:
     request = contour_request("al7075-t6")
     far = dataclasses.replace(request, contour=changed_block(request, center=(1.2, 0.0)))
     with pytest.raises(PoseError, match="t ="):
-        run_lumped_contour(machine.scene, machine.model, far, until=0.1)
+        follow(far, 0.1)
 
 
-def test_effects_that_are_not_named_are_left_out(machine: Tripteor) -> None:
+def test_effects_that_are_not_named_are_left_out() -> None:
     request, until = contour_request("al7075-t6"), 0.5
-    air = run_lumped_contour(
-        machine.scene, machine.model, dataclasses.replace(request, cutting=False), until=until
-    )
+    air = follow(request, until, cutting=False)
     assert not air.force.any()
-    still = dataclasses.replace(machine.model, velocity_terms=False)
-    plain = run_lumped_contour(
-        machine.scene, still, dataclasses.replace(request, cutting=False), until=until
-    )
+    still = dataclasses.replace(machine().model, velocity_terms=False)
+    plain = follow(request, until, bodies=still, cutting=False)
     change = np.abs(plain.gap - air.gap).max()
     # the tool speeds up to 5 m/min only: centrifugal forces are millinewtons to newtons
     assert 1e-12 < change < 1e-2 * np.abs(air.gap).max()
-    waves = run_lumped_contour(
-        machine.scene, machine.model, dataclasses.replace(request, regeneration=True), until=until
-    )
-    cut = run_lumped_contour(machine.scene, machine.model, request, until=until)
+    waves, cut = follow(request, until, regeneration=True), follow(request, until)
     assert np.abs(waves.force).max() == approx(np.abs(cut.force).max(), rel=0.05)
     assert 1e-9 < np.abs(waves.gap - cut.gap).max() < 3e-6
 
 
-def test_waves_add_to_the_full_equations_what_they_add_to_the_linear_ones(
-    machine: Tripteor,
-) -> None:
+def test_waves_add_to_the_full_equations_what_they_add_to_the_linear_ones() -> None:
     """To one part in thirty, as deflections move the tool by other parts in the full equations."""
     plain = contour_request("al7075-t6")
     plain = dataclasses.replace(
@@ -181,12 +185,7 @@ def test_waves_add_to_the_full_equations_what_they_add_to_the_linear_ones(
     )
     until = plan_contour(plain.contour).enters + 0.075
     gaps = {
-        (model, waves): run_lumped_contour(
-            machine.scene,
-            machine.model,
-            dataclasses.replace(plain, model=model, regeneration=waves),
-            until=until,
-        ).gap
+        (model, waves): follow(plain, until, model=model, regeneration=waves).gap
         for model in ("linear", "nonlinear")
         for waves in (False, True)
     }
@@ -196,9 +195,7 @@ def test_waves_add_to_the_full_equations_what_they_add_to_the_linear_ones(
     assert np.abs(whole - added).max() < 0.033 * size
 
 
-def test_a_mass_on_stiff_springs_at_the_tool_is_a_body_there_in_the_full_equations(
-    machine: Tripteor,
-) -> None:
+def test_a_mass_on_stiff_springs_at_the_tool_is_a_body_there_in_the_full_equations() -> None:
     """Which moves the mechanism by inertia; its weight is left out as that of all other bodies."""
     plain = contour_request("al7075-t6")
     block = changed_block(plain, side=5e-3, feed=0.2)
@@ -211,15 +208,13 @@ def test_a_mass_on_stiff_springs_at_the_tool_is_a_body_there_in_the_full_equatio
         plain, tool_modes=(ToolMode("spindle", stiff, 0.3, stiffness, np.eye(3)),)
     )
     heavier = dataclasses.replace(
-        machine.model, bodies=(*machine.model.bodies, MechanismBody("spindle", "tcp", mass))
+        machine().model, bodies=(*machine().model.bodies, MechanismBody("spindle", "tcp", mass))
     )
     gaps = {
-        (name, model): run_lumped_contour(
-            machine.scene, bodies, dataclasses.replace(request, model=model), until=0.1
-        ).gap
-        for name, bodies, request in (
-            ("without", machine.model, plain),
-            ("mode", machine.model, carried),
+        (name, model): follow(tried, 0.1, bodies=bodies, model=model).gap
+        for name, bodies, tried in (
+            ("without", machine().model, plain),
+            ("mode", machine().model, carried),
             ("body", heavier, plain),
         )
         for model in ("linear", "nonlinear")
@@ -260,7 +255,7 @@ def lobes_on_a_face(request: ContouringRequest, rpm: float, folder: Path) -> Dir
     ],
 )
 def test_waves_decay_below_the_lobes_of_a_lumped_mechanism_and_grow_above_in_time(
-    machine: Tripteor, tmp_path: Path, rpm: float, off: float
+    tmp_path: Path, rpm: float, off: float
 ) -> None:
     """Regeneration integrated along a straight cut; at 2000 rpm zeroth order alone is 40 % off."""
     request = contour_request("al7075-t6")
@@ -275,7 +270,7 @@ def test_waves_decay_below_the_lobes_of_a_lumped_mechanism_and_grow_above_in_tim
             request.cut, axial_depth=share * limit, spindle=rpm * np.pi / 30.0
         )
         deeper = dataclasses.replace(request, cut=cut)
-        run = run_lumped_contour(machine.scene, machine.model, deeper, until=begins + 1.0)
+        run = follow(deeper, until=begins + 1.0)
         delay = request.steps_per_turn // cut.mill.teeth
         # what differs from one tooth to the next is no forced motion
         waves = np.abs(run.gap[delay:] - run.gap[:-delay]).max(axis=1)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import scene_runs
+from cases import cases
 from common import approx
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.machine import MachinePath, Pose, travel_directions
-from headstock.pipeline.motion import coupled_contour
+from headstock.geometry.machine.machine import Pose
 from headstock.pipeline.motion.contour_cut import travel_frames
 from headstock.pipeline.motion.contouring import cut_multiplier, evaluate_contour, face_stability
 from headstock.pipeline.motion.coupled_contour import (
@@ -25,7 +25,6 @@ from headstock.pipeline.motion.coupled_contour import (
 from headstock.pipeline.motion.milled_faces import mill_faces
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.coupling.path_loads import PATH_INPUT, add_path_input, stack_modes
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -34,18 +33,11 @@ from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.milling.forces import repeated_forces
 from headstock.solvers.milling.tool_path import plan_contour
-from headstock.solvers.motion.alpha import integrate_linear
-from headstock.solvers.motion.exact import PathModel, make_step_table, solve_varying_path
-from headstock.solvers.motion.plant import PlantChannels, PosedModes
-from headstock.solvers.motion.plant_motion import TrajectoryLoads, follow_motion
-from headstock.solvers.motion.sampling import sample_motion, sample_system
-from headstock.solvers.motion.set_points import Ramp, SetPoint, sample_move, sample_times
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
 
 pytestmark = pytest.mark.slow
 
 MILL = Path(__file__).parents[2] / "data" / "mill.toml"
-NO_GRAVITY = ("gravity", "load")
 
 
 def build_state(
@@ -56,8 +48,7 @@ def build_state(
 
 
 def request_of(state: RunState) -> ContouringRequest:
-    request = state.scene.analyses[ContouringRequest]
-    return request
+    return state.scene.analyses[ContouringRequest]
 
 
 def run(state: RunState, until: float, **changes: Any) -> CoupledRun:
@@ -89,92 +80,11 @@ def test_a_machine_that_differs_little_deviates_beside_another_as_alone(
     assert np.abs(forces[2] - forces[1]).max() < 0.02 * np.abs(forces[1] - forces[0]).max()
 
 
-def test_a_straight_move_deviates_as_in_the_path_analysis(tmp_path: Path) -> None:
-    state = build_state(tmp_path, MILL)
-    machine, parts = state.scene.machine, state.parts.superelements
-    line = MachinePath(Pose("from", {"Y": -0.15}), Pose("to", {"Y": 0.15}))
-    move = SetPoint(line.length, 0.5, Ramp("s_curve", 0.1, 0.04))
-    outputs = tuple(("tcp", dof) for dof in "xyz")
-
-    def place(position: float) -> PosedModes:
-        coupled = couple(parts, machine, line.pose_at(position))
-        modes = solve_modal(coupled.system)
-        damped = add_modal_damping(coupled.system, (0.02,), modes)
-        system = add_path_input(damped, coupled, travel_directions(machine, line))
-        nothing = {NO_GRAVITY: np.zeros(len(system.mass))}
-        system = dataclasses.replace(system, inputs=system.inputs | nothing)
-        return stack_modes(system, modes, coupled)
-
-    samples = sample_times(move, 20_000.0, 0.05)
-    model = PathModel(PATH_INPUT, outputs, 0.0, 2000.0)
-    along = sample_system(place, line.length, model)
-    other = solve_varying_path(along, model, move, samples, make_step_table(along, 1.0 / 20_000.0))
-
-    def go(times: FloatArray) -> FloatArray:
-        now = sample_move(move, np.clip(times, 0.0, move.duration))
-        return np.stack([np.ones(len(times)), now.accelerations], axis=1)
-
-    sampled = sample_motion(
-        lambda time: place(float(sample_move(move, np.array([time])).positions[0])),
-        [0.0, 0.14, move.duration - 0.14, move.duration],
-        PlantChannels((*outputs, NO_GRAVITY, PATH_INPUT), outputs, 2000.0),
-    )
-    loads = TrajectoryLoads((NO_GRAVITY, PATH_INPUT), go, NO_GRAVITY)
-    motion = follow_motion(sampled, samples, loads, outputs)
-    history = integrate_linear(motion, motion.load)
-    mine = motion.tool_motion(history.compliant) + motion.tool_rest(np.zeros((len(samples), 3)))
-    size = np.abs(other.total).max()
-    assert size > 1e-6
-    assert np.abs(mine - other.total).max() < 1e-3 * size
-
-
 def drive(axis: str, more: str) -> str:
     return (
         f"drives.{axis}={{axis='{axis}',inertia='1e-3 kg m^2',lead='10 mm',kv='40 1/s',velocity_gain='5e4 N s/m',"
         f"integral_time='20 ms',friction={{coulomb='60 N'}}{more}}}"
     )
-
-
-RIGID = "{lateral='rigid',normal='rigid',roll='rigid',pitch='rigid',yaw='rigid'}"
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [(), ("effects={damping={modal='2 %'},friction=true,drive_control=true,guide_errors=true}",)],
-    ids=["locked motors and a cut", "controlled motors and errors of rigid guides"],
-)
-def test_channels_may_stand_in_any_order(
-    settings: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    errors = "axes.Y.errors={EX={waves=[{period='10 mm',amplitude='2 um'}]},EC={polynomial=['0 urad','20 urad'],over='50 mm'}}"
-    if settings:
-        settings += (drive("X", ",encoder='scale',scale='tcp'"), drive("Y", ""), errors)
-        settings += tuple(f"joints.{name}.stiffness={RIGID}" for name in ("x_guide", "y_guide"))
-    state = build_state(tmp_path, MILL, settings=settings)
-    found = [run(state, 0.2)]
-    asked: list[PlantChannels] = []
-
-    def shuffle(**channels: Any) -> PlantChannels:
-        order = np.random.default_rng(3)
-        for name in ("inputs", "outputs"):
-            numbers = order.permutation(len(channels[name]))
-            channels[name] = tuple(channels[name][number] for number in numbers)
-        asked.append(PlantChannels(**channels))
-        return asked[-1]
-
-    monkeypatch.setattr(coupled_contour, "PlantChannels", shuffle)
-    found.append(run(state, 0.2))
-    first = found[0].sampled.channels
-    assert asked[0].inputs != first.inputs and asked[0].outputs != first.outputs
-    some = np.arange(0, len(found[0].times), 20)
-    for ours, theirs in (
-        [each.gap for each in found],
-        [each.history.compliant for each in found],
-        [each.drives.forces(some) for each in found],
-        [each.motion.load for each in found],
-    ):
-        assert np.abs(ours).max() > 0.0
-        assert np.abs(ours - theirs).max() < 1e-9 * np.abs(ours).max()
 
 
 def test_a_slow_cut_bends_the_machine_as_its_compliance_says(tmp_path: Path) -> None:
@@ -237,8 +147,16 @@ def test_modes_left_out_follow_at_once(tmp_path: Path) -> None:
     assert 1e-6 * np.abs(whole.gap).max() < change < 0.1 * np.abs(whole.gap).max()
 
 
-def check_waves(state: RunState, request: ContouringRequest, within: float) -> None:
-    """Waves from tooth to tooth below and above the limit, against multipliers."""
+@pytest.mark.trials
+@pytest.mark.parametrize("machine", ["axes", "legs that bend"])
+def test_waves_decay_below_the_limit_of_semi_discretisation_and_grow_above(
+    machine: str, tmp_path: Path
+) -> None:
+    if machine == "axes":
+        state = build_state(tmp_path, MILL, settings=('analyses.contouring.side="80 mm"',))
+    else:
+        state = build_state(tmp_path, TRIPTEOR, variant="elastic_legs+segmented")
+    request = dataclasses.replace(request_of(state), regeneration=True, follows_pose=False)
     shallow = run_coupled_contour(state, request, until=0.05)
     limit = face_stability(coupled_face_dynamics(shallow, request, 0), request, 0).limit_depth
     assert 0.5e-3 < limit < 0.199
@@ -259,22 +177,8 @@ def check_waves(state: RunState, request: ContouringRequest, within: float) -> N
             coupled_face_dynamics(found, deeper, 0), deeper, cut.axial_depth
         )
         growth[share] = float(late / early) ** (1.0 / periods)
-        assert growth[share] == approx(multiplier, abs=within)
+        assert growth[share] == approx(multiplier, abs=2e-3)
     assert growth[0.95] < 1.0 < growth[1.05]
-
-
-@pytest.mark.trials
-def test_waves_decay_below_the_limit_of_semi_discretisation_and_grow_above(tmp_path: Path) -> None:
-    state = build_state(tmp_path, MILL, settings=('analyses.contouring.side="80 mm"',))
-    request = dataclasses.replace(request_of(state), regeneration=True, follows_pose=False)
-    check_waves(state, request, 2e-3)
-
-
-@pytest.mark.trials
-def test_waves_on_legs_that_bend_change_as_semi_discretisation_says(tmp_path: Path) -> None:
-    state = build_state(tmp_path, TRIPTEOR, variant="elastic_legs+segmented")
-    request = dataclasses.replace(request_of(state), regeneration=True, follows_pose=False)
-    check_waves(state, request, 2e-3)
 
 
 def test_ripple_of_the_teeth_needs_modes_up_to_their_frequency(tmp_path: Path) -> None:
@@ -397,22 +301,7 @@ def test_a_motor_turns_itself_and_its_screw() -> None:
     assert torque[1] - torque[0] == approx((drive.motor_inertia + drive.screw_inertia) * turn * 2.0)
 
 
-@pytest.mark.parametrize(
-    ("settings", "expected"),
-    [
-        ('analyses.contouring.side="500 mm"', "leads axis X too far"),
-        ('analyses.contouring.at=["0 mm","0 mm","50 mm"]', "no axis moves the tool along z"),
-        ('analyses.contouring.model="nonlinear"', "nothing rubs here"),
-        ('analyses.contouring.point="tpc"', "tcp"),
-        ("effects.coriolis=true", "needs no switch here"),
-        (
-            'analyses.contouring.polyline=[["0 mm","0 mm","0 mm"],["1 m","0 mm","0 mm"]]',
-            "write either",
-        ),
-        ('analyses.contouring.corner_radius="1 mm"', "is of a polyline"),
-        ('analyses.contouring.traces="missing.csv"', "missing.csv"),
-    ],
-)
+@cases
 def test_what_cannot_be_followed_is_refused_with_its_remedy(settings: str, expected: str) -> None:
     with pytest.raises(SceneError, match=expected):
         load_scene(MILL, overrides=[settings])

@@ -2,14 +2,17 @@
 and equilibrium.
 """
 
+import bisect
+import functools
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from common import approx
+from direct_integration import integrate_pieces
+from fixture_machines import stored_scene
 from headstock.app.report.report import render_report
 from headstock.app.views.registry import list_tables
 from headstock.geometry.frames import FloatArray
@@ -25,44 +28,19 @@ SLIDE = ROOT / "tests" / "data" / "slide.toml"
 MASS, INERTIA, LEAD = 40.0, 2e-3, 0.01
 KP, KV = 6e4, 10.0
 COULOMB, VISCOUS, PUSH = 30.0, 500.0, 400.0
-AXIS = f"""
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.slide]
-solid = {{ box = ["200 mm", "200 mm", "100 mm"] }}
-material = "steel"
-mass = "{MASS} kg"
-fidelity = "rigid"
-[components.slide.interfaces]
-bottom = {{ face = "z-" }}
-top = {{ face = "z+" }}
-[joints.guide]
-between = ["ground", "slide.bottom"]
-kind = "spring"
-stiffness = {{ x = "0 N/um", y = "rigid", z = "rigid", rx = "rigid", ry = "rigid", rz = "rigid" }}
-[joints.screw]
-between = ["slide.bottom", "ground"]
-kind = "ball_screw"
-axis = "x"
-stiffness = {{ axial = "1e6 N/um" }}
-[axes.X]
-joints = ["guide", "screw"]
-limits = ["-100 mm", "100 mm"]
-[points]
-tcp = {{ tool = "slide.top", work = "ground" }}
-[drives.X]
-inertia = "{INERTIA} kg m^2"
-lead = "{1e3 * LEAD} mm"
-kv = "{KV} 1/s"
-velocity_gain = "{KP} N s/m"
-friction = {{ coulomb = "{COULOMB} N", viscous = "{VISCOUS} N s/m", smoothing = "0.006 mm/min" }}
-[effects]
-drive_control = true
-friction = true
-[poses.middle]
-X = "0 mm"
+AXIS = stored_scene("motion_forces_axis")
+# 40 mm, with 0.1 s of constant acceleration at both ends
+FEED = 0.05
+BREAKS, PULLS = (0.0, 0.1, 0.04 / FEED, 0.04 / FEED + 0.1), (FEED / 0.1, 0.0, -FEED / 0.1, 0.0)
+PATH = """
+[analyses.path]
+from = { X = "-20 mm" }
+to = { X = "20 mm" }
+feeds = ["3000 mm/min"]
+time_constant = "100 ms"
+sampling = "2 kHz"
+residual_time = "50 ms"
+outputs = [["tcp", "x"]]
 """
 
 
@@ -130,40 +108,24 @@ def test_a_motor_moves_its_axis_along_a_path(
     tmp_path: Path, pose_model: str, friction: bool
 ) -> None:
     """Beside an integrator of a library; at constant speed only friction is left."""
-    feed, constant = 0.05, 0.1
-    request = (
-        '[analyses.path]\nfrom = { X = "-20 mm" }\nto = { X = "20 mm" }\nfeeds = ["3000 mm/min"]\n'
-        f'time_constant = "100 ms"\nsampling = "2 kHz"\nresidual_time = "50 ms"\npose_model = "{pose_model}"\n'
-        'outputs = [["tcp", "x"]]'
-    )
+    request = f'{PATH}pose_model = "{pose_model}"\n'
     text = AXIS.replace("friction = true", f"friction = {str(friction).lower()}")
-    (found,) = find_answers(run(f"{text}\n{request}", tmp_path).answers, PathResult)
+    (found,) = find_answers(run(text + request, tmp_path).answers, PathResult)
     (own,) = found.runs
     curves, times = own.curves, own.curves.deviation.times
     whole = MASS + INERTIA * (2.0 * np.pi / LEAD) ** 2
     coulomb, viscous = (COULOMB, VISCOUS) if friction else (0.0, 0.0)
-    ends = (0.0, constant, 0.04 / feed, 0.04 / feed + constant, float(times[-1]))
-    pulls = (feed / constant, 0.0, -feed / constant, 0.0)
 
-    def rate(pull: float, state: FloatArray) -> FloatArray:
+    def rate(time: float, state: FloatArray) -> FloatArray:
+        pull = PULLS[bisect.bisect(BREAKS, time) - 1]
         wanted, wished, position, speed = state
         force = KP * (KV * (wanted - position) - speed)
         rubbed = coulomb * np.tanh(speed / 1e-7) + viscous * speed
         return np.array([wished, pull, speed, (force - rubbed) / whole])
 
-    state, solved = np.zeros(4), np.zeros((len(times), 4))
-    for begin, end, pull in zip(ends[:-1], ends[1:], pulls, strict=True):
-        here = (times >= begin) & (times <= end)
-        piece = solve_ivp(
-            lambda t, x, pull=pull: rate(pull, x),
-            (begin, end),
-            state,
-            "LSODA",
-            np.append(np.minimum(times[here], np.nextafter(end, begin)), end),
-            rtol=1e-9,
-            atol=1e-12,
-        )
-        solved[here], state = piece.y[:, :-1].T, piece.y[:, -1]
+    solved = integrate_pieces(
+        rate, (*BREAKS, float(times[-1])), np.zeros(4), times, method="LSODA", rtol=1e-9, atol=1e-12
+    )
     wanted, _, position, speed = solved.T
     torque = LEAD / (2.0 * np.pi) * KP * (KV * (wanted - position) - speed)
     size = np.abs(torque).max()
@@ -172,8 +134,8 @@ def test_a_motor_moves_its_axis_along_a_path(
     np.testing.assert_allclose(
         curves.position_errors[:, 0], errors, atol=1e-4 * np.abs(errors).max()
     )
-    cruising = int(np.searchsorted(times, 0.04 / feed - 1e-3))
-    kept = LEAD / (2.0 * np.pi) * (coulomb + viscous * feed)
+    cruising = int(np.searchsorted(times, BREAKS[2] - 1e-3))
+    kept = LEAD / (2.0 * np.pi) * (coulomb + viscous * FEED)
     assert curves.torques[cruising, 0] == approx(kept, abs=2e-3 * size)
     assert own.drives["X"].torque.value == approx(torque[np.argmax(np.abs(torque))], rel=1e-4)
     # the screw moves the slide, in the pose of the middle
@@ -185,12 +147,7 @@ def test_a_motor_answers_to_the_error_of_its_screw(tmp_path: Path) -> None:
     """Beside an integrator of a library: motor and slide with the screw between them, whose lead is
     uneven.
     """
-    feed, constant, screw, wave, size = 0.05, 0.1, 2e7, 0.004, 1e-4
-    request = (
-        '[analyses.path]\nfrom = { X = "-20 mm" }\nto = { X = "20 mm" }\nfeeds = ["3000 mm/min"]\n'
-        'time_constant = "100 ms"\nsampling = "2 kHz"\nresidual_time = "50 ms"\n'
-        'outputs = [["tcp", "x"]]'
-    )
+    screw, wave, size = 2e7, 0.004, 1e-4
     text = AXIS.replace("friction = true", "guide_errors = true")
     text = text.replace('stiffness = { axial = "1e6 N/um" }', 'stiffness = { axial = "20 N/um" }')
     text = text.replace(
@@ -198,7 +155,7 @@ def test_a_motor_answers_to_the_error_of_its_screw(tmp_path: Path) -> None:
         f'[joints.screw.errors]\naxial.waves = [{{ period = "{1e3 * wave} mm", amplitude = "{1e6 * size} um" }}]\n[axes.X]',
     )
     found, plain = (
-        next(iter(find_answers(run(f"{each}\n{request}", tmp_path / name).answers, PathResult)))
+        next(iter(find_answers(run(each + PATH, tmp_path / name).answers, PathResult)))
         for name, each in (
             ("with", text),
             ("without", text.replace("guide_errors = true", "guide_errors = false")),
@@ -206,15 +163,14 @@ def test_a_motor_answers_to_the_error_of_its_screw(tmp_path: Path) -> None:
     )
     times = found.runs[0].curves.deviation.times
     rotor = INERTIA * (2.0 * np.pi / LEAD) ** 2
-    ends = (0.0, constant, 0.04 / feed, 0.04 / feed + constant, float(times[-1]))
-    pulls = (feed / constant, 0.0, -feed / constant, 0.0)
 
     def error(position: float) -> float:
         # from that at the beginning; the slide is as far beyond its motor
         now, first = (np.sin(2.0 * np.pi * each / wave) for each in (position - 0.02, -0.02))
         return float(size * (now - first))
 
-    def rate(pull: float, state: FloatArray, share: float) -> FloatArray:
+    def rate(time: float, state: FloatArray, share: float) -> FloatArray:
+        pull = PULLS[bisect.bisect(BREAKS, time) - 1]
         wanted, wished, motor, turned, slide, speed = state
         force = KP * (KV * (wanted - motor) - turned)
         pushed = screw * (motor + share * error(wanted) - slide)
@@ -222,19 +178,14 @@ def test_a_motor_answers_to_the_error_of_its_screw(tmp_path: Path) -> None:
 
     torques, forces = [], []
     for share in (1.0, 0.0):
-        state, solved = np.zeros(6), np.zeros((len(times), 6))
-        for begin, end, pull in zip(ends[:-1], ends[1:], pulls, strict=True):
-            here = (times >= begin) & (times <= end)
-            piece = solve_ivp(
-                lambda t, x, pull=pull, share=share: rate(pull, x, share),
-                (begin, end),
-                state,
-                "DOP853",
-                np.append(np.minimum(times[here], np.nextafter(end, begin)), end),
-                rtol=1e-9,
-                atol=1e-13,
-            )
-            solved[here], state = piece.y[:, :-1].T, piece.y[:, -1]
+        solved = integrate_pieces(
+            functools.partial(rate, share=share),
+            (*BREAKS, float(times[-1])),
+            np.zeros(6),
+            times,
+            rtol=1e-9,
+            atol=1e-13,
+        )
         wanted, _, motor, turned, slide, _ = solved.T
         torques.append(LEAD / (2.0 * np.pi) * KP * (KV * (wanted - motor) - turned))
         along = np.array([share * error(float(each)) for each in wanted])

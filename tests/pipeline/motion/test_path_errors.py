@@ -10,14 +10,11 @@ from mpi4py import MPI
 
 from common import approx, present
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.machine import Machine, Pose
-from headstock.meshing.components.meshing import describe_component
+from headstock.geometry.machine.machine import Pose
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
-from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import place_drives, release_motors
 from headstock.reduction.coupling.guide_errors import find_places, sample_offsets
 from headstock.reduction.coupling.joint_springs import place_joints
@@ -31,6 +28,7 @@ from headstock.solvers.control.drive_trains import FORCE
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
+from scene_runs import couple_parts
 
 SCENE = Path(__file__).parents[2] / "data" / "three_rigid_axes.toml"
 SLOW = (
@@ -62,12 +60,11 @@ def run(scene: Scene, folder: Path) -> PathResult:
     return next(iter(find_answers(results.answers, PathResult)))
 
 
-def couple_rigid(machine: Machine, pose: Pose) -> CoupledMachine:
-    parts = {
-        name: reduce_rigid(component, describe_component(component))
-        for name, component in machine.components.items()
-    }
-    return couple(parts, machine, pose)
+def at_rest(scene: Scene, position: float) -> FloatArray:
+    """What errors of guides move the tool by at a place of the path."""
+    pose = scene.analyses[PathRequest].path.pose_at(position)
+    coupled = couple_parts(scene.machine, pose)
+    return solve_deviation(coupled, scene.machine, "tcp").sources[GEOMETRY]
 
 
 def test_slow_travel_takes_the_static_deviation_of_each_pose(tmp_path: Path) -> None:
@@ -78,20 +75,13 @@ def test_slow_travel_takes_the_static_deviation_of_each_pose(tmp_path: Path) -> 
     )
     own, other = (answer.runs[0].curves for answer in (with_errors, ideal))
     moved = own.deviation.total - other.deviation.total
-    request = scene.analyses[PathRequest]
-    machine = scene.machine
-
-    def static(position: float) -> FloatArray:
-        pose = request.path.pose_at(position)
-        return solve_deviation(couple_rigid(machine, pose), machine, "tcp").sources[GEOMETRY]
-
-    first = static(0.0)
+    first = at_rest(scene, 0.0)
     quiet = (own.deviation.times > 1.0) & (own.deviation.times < own.zones[1][0])
     numbers = np.flatnonzero(quiet)[:: len(np.flatnonzero(quiet)) // 12]
     assert len(numbers) > 10
     size = np.abs(moved).max()
     for number in numbers:
-        expected = static(float(own.positions[number])) - first
+        expected = at_rest(scene, float(own.positions[number])) - first
         # 100 mm/s over waves of 250 mm and more: 0.4 Hz against some 30 Hz of the machine
         assert np.abs(moved[number] - expected[:3]).max() < 1e-3 * size
 
@@ -116,13 +106,13 @@ def test_joints_take_on_a_slow_path_what_statics_say(driven: bool, tmp_path: Pat
         for name, each in (("with", scene), ("without", ideal))
     )
     request, machine = scene.analyses[PathRequest], scene.machine
-    middle = couple_rigid(machine, request.path.pose_at(0.5 * request.path.length))
+    middle = couple_parts(machine, request.path.pose_at(0.5 * request.path.length))
     springs = {spring.name: spring for spring in middle.joint_springs}
 
     def offsets(position: float) -> dict[str, FloatArray]:
         positions = request.path.pose_at(position).positions
         pose = Pose("", positions)
-        coupled = couple_rigid(machine, pose)
+        coupled = couple_parts(machine, pose)
         placed = find_places(
             machine, positions, coupled.layout, place_joints(machine, coupled.layout)
         )
@@ -161,7 +151,7 @@ def test_passing_balls_shake_the_tool_as_the_frequency_response_says(tmp_path: P
     found = run(scene, tmp_path)
     cruise = found.runs[0].cruises
     machine = scene.machine
-    coupled = couple_rigid(machine, Pose("middle"))
+    coupled = couple_parts(machine, Pose("middle"))
     omega = 2.0 * np.pi * 0.06 / 0.002
     system = coupled.system
     assert system.damping is not None
@@ -260,17 +250,11 @@ def test_rigid_axes_go_where_their_errors_lead(tmp_path: Path) -> None:
     screw = "joints.z_drive.stiffness={ axial = '150 N/um' }"
     scene = load_scene(SCENE, variant="rigid_guides", overrides=[*SLOW, screw])
     own = run(scene, tmp_path).runs[0].curves
-    request, machine = scene.analyses[PathRequest], scene.machine
-
-    def static(position: float) -> FloatArray:
-        pose = request.path.pose_at(position)
-        return solve_deviation(couple_rigid(machine, pose), machine, "tcp").sources[GEOMETRY]
-
-    first = static(0.0)
+    first = at_rest(scene, 0.0)
     size = np.abs(own.deviation.total).max()
     assert size > 2e-5
     for number in range(0, len(own.positions), len(own.positions) // 12):
-        expected = static(float(own.positions[number])) - first
+        expected = at_rest(scene, float(own.positions[number])) - first
         moved = own.deviation.total[number]
         assert np.abs(moved[:2] - expected[:2]).max() < 1e-6 * size
         # the screw gives way to the inertia of slow waves
@@ -300,7 +284,7 @@ RIPPLE = (
 def test_torque_ripple_shakes_the_tool_as_the_closed_loop_says(tmp_path: Path) -> None:
     scene = load_scene(SCENE, overrides=RIPPLE)
     found = run(scene, tmp_path)
-    coupled = couple_rigid(scene.machine, Pose("middle"))
+    coupled = couple_parts(scene.machine, Pose("middle"))
     drive = scene.drives["X"]
     trains = place_drives(coupled, scene.machine, [drive])
     released = release_motors(coupled, trains)

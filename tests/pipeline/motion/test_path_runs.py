@@ -8,7 +8,7 @@ import pytest
 
 import scene_runs
 from common import approx, present
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.numbers.estimates import DISCRETISATION
@@ -22,27 +22,7 @@ from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene, keep_analyses, list_analyses
 from headstock.solvers.milling.forces import cutting_forces
 
-SCENE = machine("""
-machine = "axis"
-names = { top = "nose" }
-components.bed.interfaces = { bottom = { face = "z-" }, top = { face = "z+" } }
-components.slider.solid = { box = ["200 mm", "200 mm", "300 mm"] }
-joints.feet.kind = "bolted"
-joints.feet.stiffness = { normal = "500 N/um", shear = "300 N/um", tilt = "1e7 N m/rad" }
-joints.guide.between = ["slider.foot", "bed.top"]
-joints.screw.between = ["slider.foot", "bed.top"]
-axes.X.direction = "x"
-points.tcp.work = "bed.top"
-effects.damping = { modal = "2 %" }
-analyses.modal = {}
-[analyses.path]
-from = { X = "-40 mm" }
-to = { X = "40 mm" }
-feeds = ["600 mm/min", "3000 mm/min"]
-time_constant = "100 ms"
-lowpass = "300 Hz"
-on_request = true
-""")
+SCENE = stored_scene("path_runs")
 
 
 CUT = """
@@ -225,20 +205,7 @@ def test_poses_are_followed_unless_the_scene_keeps_that_of_the_middle(tmp_path: 
     )
 
 
-DRIVE = """
-[drives.X]
-inertia = "1e-3 kg m^2"
-lead = "10 mm"
-kv = "50 1/s"
-velocity_gain = "2e4 N s/m"
-integral_time = "15 ms"
-sampling = "250 us"
-encoder = "scale"
-scale = "tcp"
-[effects]
-drive_control = true
-damping = { modal = "2 %" }
-"""
+DRIVE = stored_scene("path_runs_drive")
 DRIVEN = SCENE.replace('[effects]\ndamping = { modal = "2 %" }\n', DRIVE).replace(
     "on_request",
     'pose_model = "pose_dependent"\noutputs = [["tcp", "x"], ["tcp", "z"]]\non_request',

@@ -11,7 +11,7 @@ import pytest
 
 import scene_runs
 from common import approx, present
-from fixture_machines import machine, write_scene
+from fixture_machines import machine, stored_scene, write_scene
 from headstock.app.report.report import render_report
 from headstock.app.views.registry import list_tables
 from headstock.app.views.transient import _tabulate_transient
@@ -125,25 +125,7 @@ def test_a_probe_has_no_direction(tmp_path: Path) -> None:
         compute(tmp_path, BAR, PULSE.replace("LOAD", AT_TIP).replace('"foot"]', '["foot", "x"]]'))
 
 
-SLIDE = machine("""
-machine = "carried_bar"
-components.bar.reduction.modes = "MODES"
-[joints.guide]
-between = ["ground", "carrier.bottom"]
-kind = "spring"
-stiffness = { x = "0 N/um", y = "rigid", z = "rigid", rx = "rigid", ry = "rigid", rz = "rigid" }
-[analyses.path]
-from = { X = "-40 mm" }
-to = { X = "40 mm" }
-feeds = ["6000 mm/min"]
-time_constant = "300 ms"
-sampling = "4 kHz"
-residual_time = "10 ms"
-pose_model = "frozen"
-outputs = [["tip", "x"]]
-[effects]
-damping = { modal = 0.2 }
-""")
+SLIDE = stored_scene("probe_motions_slide")
 
 
 @pytest.mark.parametrize(

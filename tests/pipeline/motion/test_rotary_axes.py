@@ -2,32 +2,29 @@
 closed form of its bending, and how bodies move beside hand calculations.
 """
 
-import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.integrate
 from mpi4py import MPI
 
+from cases import cases
 from common import approx, present
-from fixture_machines import machine, write_scene
+from direct_integration import integrate_pieces
+from fixture_machines import stored_scene, write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath, Pose
-from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.motion.body_trajectory import RotaryTrajectory
-from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.runner import run_scene
-from headstock.pipeline.stages.run_state import MachineParts, ReducedComponent
-from headstock.reduction.components.rigid import reduce_rigid
 from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
 from headstock.solvers.milling.forces import cutting_forces
 from headstock.solvers.motion.set_points import PathMotion, SetPoint, sample_move
+from scene_runs import start
 
 ARM = Path(__file__).parents[2] / "data" / "turning_arm.toml"
 WEIGHT, RADIUS, ZETA = 5.0, 0.4, 0.05
@@ -40,16 +37,25 @@ def run(scene: Scene, folder: Path) -> PathResult:
     return find_answers(results.answers, PathResult)[0]
 
 
+def travel(move: SetPoint, time: float) -> tuple[float, float]:
+    """Speed and acceleration of the set point."""
+    ramp, top = move.ramp.time_constant, move.feed / move.ramp.time_constant
+    starts, stops = 0.0 <= time < ramp, move.braking <= time < move.duration
+    speed = top * (min(time, ramp) - min(max(time - move.braking, 0.0), ramp))
+    return speed, top * (int(starts) - int(stops))
+
+
+def breaks_of(move: SetPoint, times: FloatArray) -> list[float]:
+    return sorted({0.0, *np.ravel(move.zones).tolist(), float(times[-1])})
+
+
 def turn_arm(move: SetPoint, times: FloatArray, radial: float, torsional: float) -> FloatArray:
     """Deviation ``(n, 2)`` of the weight from its place on the rigid arm, by all its equations of
     motion: its radius and the turn of the table, with Coriolis and centrifugal terms.
     """
-    ramp, top = move.ramp.time_constant, move.feed / move.ramp.time_constant
 
     def rate(time: float, state: FloatArray) -> list[float]:
-        starts, stops = 0.0 <= time < ramp, move.braking <= time < move.duration
-        pull = top * (int(starts) - int(stops))
-        speed = top * (min(time, ramp) - min(max(time - move.braking, 0.0), ramp))
+        speed, pull = travel(move, time)
         stretch, turn, out, spin = state
         radius, omega = RADIUS + stretch, speed + spin
         inertia = TABLE + WEIGHT * RADIUS**2
@@ -59,23 +65,8 @@ def turn_arm(move: SetPoint, times: FloatArray, radial: float, torsional: float)
         moment -= 2.0 * WEIGHT * radius * out * omega
         return [out, spin, along, moment / (TABLE + WEIGHT * radius**2) - pull]
 
-    state, found = np.zeros(4), np.zeros((4, len(times)))
-    breaks = sorted({0.0, *np.ravel(move.zones).tolist(), float(times[-1])})
-    for begin, end in itertools.pairwise(breaks):
-        part = (times >= begin) & (times <= end)
-        solved = scipy.integrate.solve_ivp(
-            rate,
-            (begin, end),
-            state,
-            rtol=1e-8,
-            atol=1e-12,
-            t_eval=np.append(times[part][times[part] < end], end),
-        )
-        count = int((times[part] < end).sum())
-        found[:, np.flatnonzero(part)[:count]] = solved.y[:, :count]
-        state = solved.y[:, -1]
-    found[:, times == breaks[-1]] = state[:, None]
-    stretch, turn = found[:2]
+    found = integrate_pieces(rate, breaks_of(move, times), np.zeros(4), times, atol=1e-12)
+    stretch, turn = found[:, :2].T
     place = sample_move(move, times).positions
     return np.column_stack(
         [
@@ -136,30 +127,7 @@ def test_a_frozen_pose_turns_loads_but_not_the_machine(tmp_path: Path) -> None:
     assert answer.length == approx(np.radians(2.0))
 
 
-BEAM = machine("""
-machine = "bar"
-names = { bar = "beam", clamp = "hub", tcp = "tip" }
-name = "Turning beam"
-materials.steel.nu = 0.0
-materials.steel.rho = "7800 kg/m^3"
-components.beam.solid = { box = ["600 mm", "20 mm", "20 mm"] }
-components.beam.at = ["350 mm", "0 mm", "-10 mm"]
-components.beam.fidelity = "segmented"
-components.beam.segments = { count = 16, along = "x" }
-components.beam.interfaces = { root = { face = "x-" }, tip = { face = "x+" } }
-joints.hub.between = ["beam.root", "ground"]
-joints.hub.at = ["0 mm", "0 mm", "0 mm"]
-axes.C = { kind = "rotary", joint = "hub", direction = "z", center = ["0 mm", "0 mm", "0 mm"] }
-[analyses.path]
-from = { C = "-1 deg" }
-to = { C = "1 deg" }
-feeds = ["600 deg/min"]
-time_constant = "95 ms"
-pose_model = "frozen"
-sampling = "5 kHz"
-residual_time = "80 ms"
-outputs = [["tip", "y"]]
-""")
+BEAM = stored_scene("rotary_axes_beam")
 
 
 def test_a_beam_that_is_turned_bends_at_its_root_as_beam_theory_says(tmp_path: Path) -> None:
@@ -246,13 +214,10 @@ def test_a_slide_under_control_on_an_arm_that_turns_follows_its_equations_of_mot
     scene = load_scene(ARM, overrides=DAMPED)
     curves = run(scene, tmp_path).runs[0].curves
     move, times = scene.analyses[PathRequest].moves[0], curves.deviation.times
-    ramp, top = move.ramp.time_constant, move.feed / move.ramp.time_constant
     share, motor, gain = np.radians(60.0) / 0.1, 1e-4 / (0.01 / (2.0 * np.pi)) ** 2, 1e4
 
     def rate(time: float, state: FloatArray) -> list[float]:
-        starts, stops = 0.0 <= time < ramp, move.braking <= time < move.duration
-        pull = top * (int(starts) - int(stops))
-        speed = top * (min(time, ramp) - min(max(time - move.braking, 0.0), ramp))
+        speed, pull = travel(move, time)
         place, slide, turn, screw, out, spin, follow, held = state
         radius, omega = RADIUS - 0.05 + slide, share * speed + spin
         spring = 5e6 * (slide - screw) + 800.0 * (out - follow)
@@ -271,22 +236,9 @@ def test_a_slide_under_control_on_an_arm_that_turns_follows_its_equations_of_mot
             gain / 0.015 * wanted,
         ]
 
-    state, found = np.zeros(8), np.zeros((8, len(times)))
-    breaks = sorted({0.0, *np.ravel(move.zones).tolist(), float(times[-1])})
-    for begin, end in itertools.pairwise(breaks):
-        part = (times >= begin) & (times < end)
-        solved = scipy.integrate.solve_ivp(
-            rate,
-            (begin, end),
-            state,
-            "LSODA",
-            rtol=1e-8,
-            atol=1e-12,
-            t_eval=np.append(times[part], end),
-        )
-        found[:, part], state = solved.y[:, :-1], solved.y[:, -1]
-    found[:, -1] = state
-    place, slide, turn = found[:3]
+    breaks = breaks_of(move, times)
+    found = integrate_pieces(rate, breaks, np.zeros(8), times, method="LSODA", atol=1e-12)
+    place, slide, turn = found[:, :3].T
     expected = np.column_stack(
         [
             (RADIUS - 0.05 + slide) * wave(share * place + turn)
@@ -299,18 +251,11 @@ def test_a_slide_under_control_on_an_arm_that_turns_follows_its_equations_of_mot
     assert np.abs(curves.deviation.total - expected).max() < 1e-2 * size
 
 
-def rigid_parts(scene: Scene) -> MachineParts:
-    plan = plan_scene(scene)
-    reduced = {
-        name: ReducedComponent(reduce_rigid(part, describe_component(part)))
-        for name, part in plan.components.items()
-    }
-    return MachineParts(scene, plan, reduced)
-
-
-def test_a_weight_that_slides_along_an_arm_that_turns_feels_coriolis_forces() -> None:
+def test_a_weight_that_slides_along_an_arm_that_turns_feels_coriolis_forces(
+    tmp_path: Path,
+) -> None:
     scene = load_scene(ARM)
-    parts = rigid_parts(scene)
+    parts = start(scene, tmp_path).parts
     path = MachinePath(
         Pose("from", {"C": 0.0, "R": 0.0}), Pose("to", {"C": 1.2, "R": 0.1}), frozenset({"C"})
     )
@@ -384,14 +329,16 @@ def test_a_cut_around_a_table_pushes_across_and_along_the_radius(
     assert np.abs(off).max() < 1e-2 * size
 
 
-def test_a_table_that_spins_while_it_is_tilted_feels_its_gyroscopic_moment() -> None:
+def test_a_table_that_spins_while_it_is_tilted_feels_its_gyroscopic_moment(
+    tmp_path: Path,
+) -> None:
     scene = load_scene(
         ARM,
         overrides=[
             "axes.A={ kind = 'rotary', joint = 'feet', direction = 'x', center = ['0 mm', '0 mm', '0 mm'] }"
         ],
     )
-    parts = rigid_parts(scene)
+    parts = start(scene, tmp_path).parts
     path = MachinePath(
         Pose("from", {"A": 0.0, "C": 0.0}), Pose("to", {"A": 0.3, "C": 0.9}), frozenset("AC")
     )
@@ -408,21 +355,7 @@ def test_a_table_that_spins_while_it_is_tilted_feels_its_gyroscopic_moment() -> 
     np.testing.assert_allclose(inertia @ spin, moment, rtol=1e-7, atol=1e-9 * np.abs(moment).max())
 
 
-@pytest.mark.parametrize(
-    ("overrides", "words"),
-    [
-        (["analyses.path.feeds=['3000 mm/min']"], "C turns alone; write an angular speed"),
-        (
-            ["analyses.path.to={ C = '90 deg', R = '50 mm' }"],
-            "the feed is that of the linear travel where R moves",
-        ),
-        (["analyses.path.feeds=['0 rpm']"], "must be above zero"),
-        (
-            ["analyses.path.feeds=['36000 deg/min']", "analyses.path.to={ C = '1 deg' }"],
-            "a move of 1 deg never reaches 36000 deg/min",
-        ),
-    ],
-)
+@cases
 def test_what_a_path_that_turns_cannot_have_is_named(overrides: list[str], words: str) -> None:
     with pytest.raises(SceneError, match=words):
         load_scene(ARM, overrides=overrides)

@@ -5,58 +5,26 @@ change along the path.
 from pathlib import Path
 
 import numpy as np
-from mpi4py import MPI
 from scipy.integrate import solve_ivp
 
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.geometry.frames import FloatArray
-from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.motion.path import run_path_stage
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.planning.planner import plan_scene
-from headstock.pipeline.stages.run_state import ReducedComponent
-from headstock.pipeline.stages.shared_components import start_run
-from headstock.pipeline.storage.store import Store
-from headstock.reduction.components.rigid import reduce_rigid
 from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
+from scene_runs import start
 
 STIFFNESS = 32000.0  # of the hinge [N m/rad]
-SCENE = machine("""
-machine = "axis"
-names = { bed = "arm", feet = "hinge" }
-without = ["joints.guide.stiffness", "axes.X.limits"]
-name = "A slider on an arm on a torsion spring"
-materials.steel.rho = "7800 kg/m^3"
-components.arm.solid = { box = ["1200 mm", "60 mm", "40 mm"] }
-components.slider.solid = { box = ["100 mm", "200 mm", "200 mm"] }
-components.slider.at = ["0 mm", "0 mm", "40 mm"]
-joints.hinge.kind = "spring"
-joints.hinge.at = ["-600 mm", "0 mm", "20 mm"]
-joints.hinge.stiffness = { x = "rigid", y = "rigid", z = "rigid", rx = "rigid", ry = "32000 N m/rad", rz = "rigid" }
-joints.guide.kind = "prismatic"
-axes.X.direction = "x"
-points.tcp.tool = "slider.foot"
-[analyses.path]
-from = { X = "-400 mm" }
-to = { X = "400 mm" }
-feeds = ["24 m/min"]
-time_constant = "300 ms"
-sampling = "1 kHz"
-outputs = [["tcp", "z"]]
-""")
+SCENE = stored_scene("sliding_mass")
 
 
 def test_a_mass_slides_along_an_arm_that_tilts_as_lagranges_equation_says(tmp_path: Path) -> None:
     path = write_scene(tmp_path, SCENE, name="arm")
     scene = load_scene(path)
-    plan = plan_scene(scene)
-    parts = {
-        name: reduce_rigid(part, describe_component(part)) for name, part in plan.components.items()
-    }
-    reduced = {name: ReducedComponent(part) for name, part in parts.items()}
-    state = start_run(scene, MPI.COMM_SELF, Store(tmp_path / "store"), plan=plan, reduced=reduced)
+    state = start(scene, tmp_path)
+    parts = state.parts.superelements
     (found,) = run_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
     curves = found.runs[0].curves

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import scene_runs
+from cases import cases
 from common import approx
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.geometry.machine.drives import Drive, ripple_force
@@ -19,7 +20,6 @@ from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.motion import stepped_path
 from headstock.pipeline.motion.lumped_contour import _close_legs
 from headstock.pipeline.motion.path import run_path_stage
-from headstock.pipeline.motion.path_model import choose_model
 from headstock.pipeline.motion.posed_machine import model_builder
 from headstock.pipeline.motion.trajectory import follow_curve
 from headstock.pipeline.planning.plan import Stage
@@ -32,7 +32,6 @@ from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE
-from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling import contouring
@@ -78,9 +77,11 @@ def build_state(folder: Path, variant: str, *settings: str) -> RunState:
 
 
 def solve(folder: Path, variant: str, *settings: str) -> PathResult:
-    (found,) = run_path_stage(
-        build_state(folder, variant, *settings), Stage("path", None, "")
-    ).answers
+    return follow(build_state(folder, variant, *settings))
+
+
+def follow(state: RunState) -> PathResult:
+    (found,) = run_path_stage(state, Stage("path", None, "")).answers
     assert isinstance(found, PathResult)
     return found
 
@@ -189,8 +190,7 @@ def test_legs_under_control_with_friction_leave_a_line_as_lumped_contours_do(
     plain: PathResult, tripteor: Tripteor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     state = build_state(tmp_path, "lumped+controlled", "effects.friction=true")
-    (found,) = run_path_stage(state, Stage("path", None, "")).answers
-    assert isinstance(found, PathResult)
+    found = follow(state)
     given = refer(tripteor, plain, monkeypatch, drives=tuple(state.scene.drives.values()))
     expected = given.march()
     size = np.abs(expected).max()
@@ -269,8 +269,7 @@ def test_interfaces_leave_a_line_as_the_rigid_body_does_that_they_are_on(
     channels += [f'["platform.joint_3","{dof}"]' for dof in DIRECTIONS]
     outputs = f"analyses.path.outputs=[{','.join(channels)}]"
     state = build_state(tmp_path, variant + control, outputs)
-    (found,) = run_path_stage(state, Stage("path", None, "")).answers
-    assert isinstance(found, PathResult)
+    found = follow(state)
     curves, request = found.runs[0].curves, state.scene.analyses[PathRequest]
     line, model_at = np.linspace(0.0, request.path.length, 5), model_builder(state)
     arms = []
@@ -318,8 +317,7 @@ def test_errors_of_screws_of_components_lead_a_tool_off_as_statics_say_in_every_
         "effects.guide_errors=true",
         'joints.screw_1.errors={axial={polynomial=["0 um","20 um"],over="100 mm"}}',
     )
-    (found,) = run_path_stage(state, Stage("path", None, "")).answers
-    assert isinstance(found, PathResult)
+    found = follow(state)
     mine, path = total(found) - total(plain), state.scene.analyses[PathRequest]
     some = slice(200, 400, 50)
     expected = []
@@ -330,33 +328,6 @@ def test_errors_of_screws_of_components_lead_a_tool_off_as_statics_say_in_every_
     moved = np.array(expected[1:]) - expected[0]
     assert np.abs(moved).max() > 1e-6
     assert np.abs(mine[some] - moved).max() < 1e-2 * np.abs(moved).max()
-
-
-@pytest.mark.parametrize(
-    "variant", [pytest.param("components", marks=pytest.mark.trials), "components+controlled"]
-)
-def test_errors_of_a_rigid_screw_are_those_of_a_stiff_one_whose_modes_are_all_kept(
-    variant: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    moved = []
-    for stiffness in ("rigid", "2e4 N/um"):
-        screw = (
-            "joints.screw_1={between=['beam_1.tip','platform.joint_1'],kind='ball_screw',axis='z',at=['0 mm','0 mm','0 mm'],"
-            f"stiffness={{axial='{stiffness}'}},errors={{axial={{waves=[{{period='0.5 mm',amplitude='5 um'}}]}}}}}}"
-        )
-        off, on = (
-            total(solve(tmp_path, variant, FROZEN, screw, f"effects.guide_errors={effect}"))
-            for effect in ("false", "true")
-        )
-        moved.append(on - off)
-        monkeypatch.setattr(
-            stepped_path,
-            "choose_model",
-            lambda request: dataclasses.replace(choose_model(request), up_to_hz=2e4),
-        )
-    size = np.abs(moved[1]).max()
-    assert size > 1e-6
-    assert np.abs(moved[0] - moved[1]).max() < 2e-4 * size
 
 
 @pytest.mark.parametrize(
@@ -389,10 +360,9 @@ def test_a_cut_pushes_a_tool_off_its_line_as_far_as_statics_say(
     plain: PathResult, tmp_path: Path
 ) -> None:
     state = build_state(tmp_path, "lumped", CUT, FROZEN)
-    (found,) = run_path_stage(state, Stage("path", None, "")).answers
-    assert isinstance(found, PathResult)
-    request = state.scene.analyses.get(PathRequest)
-    assert request is not None and request.cut is not None
+    found = follow(state)
+    request = state.scene.analyses[PathRequest]
+    assert request.cut is not None
     turn = 2.0 * np.pi / request.cut.cut.spindle
     count = round(turn * request.sampling_hz)
     assert count == 40
@@ -412,22 +382,7 @@ def test_a_cut_pushes_a_tool_off_its_line_as_far_as_statics_say(
     assert np.abs(mine - expected).max() < 2e-2 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize(
-    ("effect", "settings", "band"),
-    [
-        ("coriolis", (), 320.0),  # 16 over the time constant
-        ("coriolis", ('analyses.path.lowpass="150 Hz"',), 150.0),
-        ("cutting_force", (CUT,), 1000.0),  # ten times 200 teeth a second, and 2000 samples
-        ("cutting_force", (CUT, 'analyses.path.cut.spindle="900 rpm"'), 600.0),
-        # at 50 mm/s, over screws of 10 mm a turn
-        (
-            "guide_errors",
-            ('mechanism.errors={leg_2={waves=[{period="0.1 mm",amplitude="1 um"}]}}',),
-            500.0,
-        ),
-        ("torque_ripple", ('drives.leg_1.torque_ripple=[{torque="1 N m",per_turn=80}]',), 400.0),
-    ],
-)
+@cases
 def test_a_line_looks_as_high_as_ramps_teeth_and_waves_excite_it(
     effect: str, settings: tuple[str, ...], band: float
 ) -> None:
@@ -444,10 +399,9 @@ def test_torque_ripple_shakes_a_tool_as_the_closed_loop_at_its_frequency_does(
     ripple = 'drives.leg_1.torque_ripple=[{torque="0.5 N m",per_turn=8}]'
     state = build_state(tmp_path, "lumped+controlled", *settings, ripple)
     quiet = solve(tmp_path, "lumped+controlled", FROZEN)
-    (found,) = run_path_stage(state, Stage("path", None, "")).answers
-    assert isinstance(found, PathResult)
-    request, drive = state.scene.analyses.get(PathRequest), state.scene.drives["leg_1"]
-    assert request is not None and drive.ripple
+    found = follow(state)
+    request, drive = state.scene.analyses[PathRequest], state.scene.drives["leg_1"]
+    assert drive.ripple
     middle = model_builder(state)(request.path.pose_at(0.5 * request.path.length))
     driven = drive_machine(middle, state.warn)
     tool = [("tcp", dof) for dof in "xyz"]
@@ -465,36 +419,19 @@ def test_torque_ripple_shakes_a_tool_as_the_closed_loop_at_its_frequency_does(
         for place in found.runs[0].curves.positions[::5]
     ]
     force = ripple_force(drive, np.interp(times, times[::5], lengths))
-    expected = _respond(loop, times, force - force[0])
+    place = loop.inputs.index((drive.name, FORCE))
+    alone = dataclasses.replace(
+        loop, b=loop.b[:, [place]], d=loop.d[:, [place]], inputs=loop.inputs[place : place + 1]
+    )
+    steps = np.stack([force[:-1], force[1:]], axis=1)[..., None] - force[0]
+    expected = solve_stepped_response(alone, times, steps).outputs[:, :3]
     mine = total(found) - total(quiet)
     size = np.abs(expected).max()
     assert size > 1e-8
     assert np.abs(mine - expected).max() < 2e-2 * size
 
 
-def _respond(loop: StateSpace, times: FloatArray, force: FloatArray) -> FloatArray:
-    column = [loop.inputs.index(channel) for channel in loop.inputs if channel[1] == FORCE]
-    alone = StateSpace(
-        loop.a,
-        loop.b[:, column],
-        loop.c[:3],
-        loop.d[:3, column],
-        (("leg_1", FORCE),),
-        (),
-        loop.states,
-    )
-    steps = np.stack([force[:-1, None], force[1:, None]], axis=1)
-    return solve_stepped_response(alone, times, steps).outputs
-
-
-@pytest.mark.parametrize(
-    ("variant", "setting", "message"),
-    [
-        ("lumped", 'analyses.path.to={X="9 m"}', "outside 600 to 1600 mm"),
-        ("lumped", 'analyses.path.to={q1="1 m"}', "along X, Y and Z"),
-        ("lumped", 'analyses.path.to={X="9 deg"}', "measured as"),
-    ],
-)
+@cases
 def test_what_a_tool_path_cannot_have_is_refused(variant: str, setting: str, message: str) -> None:
     with pytest.raises(SceneError, match=message):
         load_scene(TRIPTEOR, variant=variant, overrides=[PATH, setting])

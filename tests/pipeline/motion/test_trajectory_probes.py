@@ -13,7 +13,7 @@ from summary_shapes import list_strangers
 
 import scene_runs
 from common import approx
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.app.report.report import render_report
 from headstock.app.views.registry import list_tables
 from headstock.geometry.frames import DOF_NAMES
@@ -108,52 +108,7 @@ def test_a_probe_goes_with_its_leg_where_an_uneven_rigid_screw_leads_it(
     assert np.abs(np.mean(ends, axis=0) - tip).max() < 2e-2 * size
 
 
-BAR = machine("""
-machine = "carried_bar"
-names = { screw = "x_screw" }
-joints.x_screw.between = ["carrier.bottom", "table.top"]
-axes.Y = { joints = ["y_guide", "y_screw"], direction = "y", limits = ["-100 mm", "100 mm"] }
-axes.X.joints = ["x_guide", "x_screw"]
-axes.X.direction = "x"
-effects.cutting_force = true
-[components.table]
-solid = { box = ["200 mm", "200 mm", "50 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "-50 mm"]
-fidelity = "rigid"
-interfaces = { bottom = { face = "z-" }, top = { face = "z+" } }
-[joints.y_guide]
-between = ["table.bottom", "ground"]
-kind = "linear_guide"
-axis = "y"
-stiffness = { lateral = "rigid", normal = "rigid", roll = "rigid", pitch = "rigid", yaw = "rigid" }
-[joints.y_screw]
-between = ["table.bottom", "ground"]
-kind = "ball_screw"
-axis = "y"
-stiffness = { axial = "200 N/um" }
-[joints.x_guide]
-between = ["carrier.bottom", "table.top"]
-kind = "linear_guide"
-axis = "x"
-stiffness = { lateral = "rigid", normal = "rigid", roll = "rigid", pitch = "rigid", yaw = "rigid" }
-[drives.Y]
-inertia = "1e-3 kg m^2"
-lead = "10 mm"
-kv = "60 1/s"
-velocity_gain = "3e4 N s/m"
-feed_forward = { velocity = "100 %", acceleration = "100 %" }
-[analyses.contouring]
-polyline = [["0 mm", "-30 mm", "0 mm"], ["0 mm", "30 mm", "0 mm"], ["50 mm", "30 mm", "0 mm"]]
-averaging = "40 ms"
-feed = "6 m/min"
-spindle = "3000 rpm"
-mill = { diameter = "20 mm", teeth = 4, helix = "30 deg" }
-axial_depth = "2 mm"
-radial_depth = "2 mm"
-forces = "steady.csv"
-modes_to = "1 kHz"
-""")
+BAR = stored_scene("trajectory_probes_bar")
 PULL, PUSH = 100.0, 20.0  # on the end of the bar, along and across it [N]
 LENGTH, SIDE, DENSITY, MODULUS = 0.2, 0.02, 7850.0, 210e9
 PLACE, OFF_AXIS = 0.063, 0.003  # of the probe, from the foot and off the axis [m]

@@ -3,18 +3,18 @@ response against frequency response, machines against direct integration, and wh
 """
 
 import json
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from summary_shapes import list_strangers
 
+from cases import cases
 from common import approx, present
-from fixture_machines import machine
+from direct_integration import integrate_pieces
+from fixture_machines import machine, stored_scene
 from headstock.app.report.report import render_report
 from headstock.app.views.transient import _tabulate_transient
 from headstock.geometry.frames import FloatArray
@@ -97,21 +97,10 @@ def integrate(model: PoseModel, push: FloatArray, times: FloatArray) -> FloatArr
         q, v = state[:count], state[count:]
         return np.concatenate([v, pushed * force - stiffness @ q - damped @ v])
 
-    state, found = np.zeros(2 * count), np.zeros((len(push), len(times)))
-    for begin, end in ((0.0, 0.002), (0.002, float(times[-1]))):
-        here = (times > begin) & (times <= end + 1e-12)
-        solved = solve_ivp(
-            rate,
-            (begin, end),
-            state,
-            t_eval=np.union1d(np.minimum(times[here], end), [end]),
-            rtol=1e-8,
-            atol=1e-17,
-            method="DOP853",
-        )
-        state = solved.y[:, -1]
-        forces = np.where(times[here] < 0.002, np.sin(np.pi * times[here] / 0.002), 0.0)
-        found[:, here] = follow @ solved.y[:count, : int(here.sum())] + np.outer(jump, forces)
+    breaks = (0.0, 0.002, float(times[-1]))
+    solved = integrate_pieces(rate, breaks, np.zeros(2 * count), times, atol=1e-17)
+    forces = np.where(times < 0.002, np.sin(np.pi * times / 0.002), 0.0)
+    found = follow @ solved[:, :count].T + np.outer(jump, forces)
     return found
 
 
@@ -147,19 +136,7 @@ def test_a_cantilever_under_a_step_follows_the_modal_sum_of_euler_and_bernoulli(
     assert np.abs(moved - exact).max() < 0.03 * exact.max()
 
 
-DRIVEN = """
-[drives.X]
-inertia = "2e-3 kg m^2"
-lead = "10 mm"
-kv = "40 1/s"
-velocity_gain = "4e4 N s/m"
-integral_time = "20 ms"
-sampling = "200 us"
-encoder = "ENCODER"
-[effects]
-drive_control = true
-damping = { modal = "3 %" }
-"""
+DRIVEN = stored_scene("transient_driven")
 
 
 def driven_scene(folder: Path, transient: str, *, encoder: str = "motor", more: str = "") -> Scene:
@@ -176,7 +153,7 @@ def test_the_fourier_transform_of_an_impulse_response_under_control_is_the_frequ
         tmp_path,
         'duration = "1 s"\nup_to = "2 kHz"\nsampling = "20 kHz"\noutputs = [["tcp", "x"]]\n'
         '[analyses.transient.loads]\nhit = { at = ["tcp", "x"], shape = "impulse", size = "1 N s" }',
-        more='[analyses.frf]\ninputs = [["tcp", "x"]]\nfrom = "5 Hz"\nto = "300 Hz"\npoints = 21\n'
+        more='[analyses.frf]\ninputs = [["tcp", "x"]]\nfrom = "5 Hz"\nup_to = "300 Hz"\npoints = 21\n'
         'adaptive = false\nmotors = "controlled"\nposes = ["left"]\n',
     )
     results = run(scene, tmp_path)
@@ -209,13 +186,6 @@ def test_an_integrator_holds_what_it_sees_under_a_step(tmp_path: Path, encoder: 
     else:
         assert figures.final == approx(stiff.final, rel=1e-6)
     assert figures.peak > stiff.peak
-
-
-def test_motors_under_control_need_the_effect(tmp_path: Path) -> None:
-    loads = 'loads.push = { at = ["tcp", "x"], shape = "step", size = "1 N" }'
-    text = f'[analyses.transient]\nmotors = "controlled"\nduration = "10 ms"\n{loads}'
-    with pytest.raises(SceneError, match=r"write \[effects\] drive_control = true"):
-        write_scene(tmp_path, SLIDE.read_text(), text)
 
 
 RUBBING = (
@@ -280,24 +250,12 @@ def test_guides_of_machines_rub_under_loads_over_time(machine: str, tmp_path: Pa
         pulled = lighter @ (force - damping @ v - system.stiffness @ q)
         return np.concatenate([v, pulled, kp / 0.02 * off])
 
-    state, found = np.zeros(2 * size + len(names)), np.zeros((len(times), 2))
     rows = np.array([system.outputs["tcp", dof] for dof in ("x", "z")])
-    edges = (0.0, 1e-3, 3e-3, 7.03e-3, float(times[-1]))
-    for begin, end in pairwise(edges):
-        if begin == 7.03e-3:
-            state[size : 2 * size] += lighter @ system.inputs["tcp", "x"] * 0.4
-        here = (times >= begin) & (times <= end)
-        late = np.nextafter(end, begin)
-        solved = solve_ivp(
-            lambda t, x, late=late: rate(min(t, late), x),
-            (begin, end),
-            state,
-            "LSODA",
-            np.append(np.minimum(times[here], late), end),
-            rtol=1e-8,
-            atol=1e-13,
-        )
-        found[here], state = (rows @ solved.y[:size, :-1]).T, solved.y[:, -1]
+    state, kick = np.zeros((2, 2 * size + len(names)))
+    kick[size : 2 * size] = lighter @ system.inputs["tcp", "x"] * 0.4
+    breaks, kicks = (0.0, 1e-3, 3e-3, 7.03e-3, float(times[-1])), {7.03e-3: kick}
+    solved = integrate_pieces(rate, breaks, state, times, method="LSODA", atol=1e-13, kicks=kicks)
+    found = solved[:, :size] @ rows.T
     scale = np.abs(found).max()
     np.testing.assert_allclose(answer.curves.displacements, found, atol=1e-6 * scale)
     energy = present(answer.energy)
@@ -317,71 +275,46 @@ def test_peaks_with_friction_have_an_error(tmp_path: Path) -> None:
     assert off < share < 1.5 * off
 
 
-def test_a_segmented_machine_moves_as_direct_integration_says(tmp_path: Path) -> None:
-    scene = column_scene(
-        tmp_path,
-        'duration = "8 ms"\nup_to = "50 kHz"\nsampling = "100 kHz"\n'
-        "[analyses.transient.loads]\n"
-        'bump = { at = ["tcp", "y"], shape = "half_sine", size = "1 N", time = "2 ms" }',
-        '[effects]\ndamping = { modal = "2 %" }',
-    )
-    model = posed_model(scene, tmp_path, "reference")
-    answer = _respond_in_time(model, with_errors=False).answer
-    times = answer.curves.times[::50]
-    exact = integrate(model, model.system.inputs["tcp", "y"], times)
-    moved = answer.curves.displacements[::50, 1]
-    expected = model.system.outputs["tcp", "y"] @ exact
-    assert np.abs(expected).max() > 0.0
-    assert np.allclose(moved, expected, rtol=0.0, atol=1e-6 * np.abs(expected).max())
-
-
-def test_the_lumped_tripteor_moves_as_direct_integration_says(tmp_path: Path) -> None:
-    timed = (
-        '{ duration = "30 ms", up_to = "1 kHz", loads = { bump = { at = ["tcp", "x"], '
-        'shape = "half_sine", size = "1 N", time = "2 ms" } } }'
-    )
-    scene = load_scene(
-        ROOT / "machines" / "tripteor.toml",
-        overrides=[f"analyses={{ transient = {timed} }}", "effects={ damping = { modal = 0.02 } }"],
-    )
-    assert scene.is_lumped
-    pose = next(iter(scene.poses))
-    model = posed_model(scene, tmp_path, pose)
-    answer = _respond_in_time(model).answer
-    times = answer.curves.times[::40]
-    exact = integrate(model, model.system.inputs["tcp", "x"], times)
-    expected = model.system.outputs["tcp", "x"] @ exact
-    found = answer.curves.displacements[::40, answer.curves.outputs.index(("tcp", "x"))]
-    assert np.abs(expected).max() > 0.0
-    assert np.allclose(found, expected, rtol=0.0, atol=1e-6 * np.abs(expected).max())
-    assert all(error.shares[TRUNCATION] is not None for error in answer.errors.values())
-
-
 KNOCK = (
-    'duration = "4 ms", up_to = "50 kHz", sampling = "100 kHz", loads = { bump = { at = ["tcp", "x"], '
+    'duration = "8 ms", up_to = "50 kHz", sampling = "100 kHz", loads = { bump = { at = ["tcp", "x"], '
     'shape = "half_sine", size = "1 N", time = "2 ms" } }'
 )
 
 
-def follow_knock(scene: Scene, folder: Path) -> None:
-    """Compare the motion under a knock with direct integration of all dofs of the reduced machine."""
-    model = posed_model(scene, folder, next(iter(scene.poses)))
-    answer = _respond_in_time(model, with_errors=False).answer
+@pytest.mark.parametrize(
+    "machine",
+    [
+        "segmented",
+        "mechanism",
+        pytest.param("elastic", marks=[pytest.mark.fem, pytest.mark.slow]),
+    ],
+)
+def test_a_knocked_machine_moves_as_direct_integration_says(machine: str, tmp_path: Path) -> None:
+    knock = f"analyses={{ transient={{ {KNOCK} }} }}"
+    damped = "effects={ damping={ modal=0.02 } }"
+    if machine == "segmented":
+        scene = load_scene(COLUMN, overrides=[knock, damped])
+    elif machine == "mechanism":
+        low = knock.replace("8 ms", "30 ms").replace('"50 kHz", sampling = "100 kHz"', '"1 kHz"')
+        scene = load_scene(ROOT / "machines" / "tripteor.toml", overrides=[low, damped])
+    else:
+        meshed = (
+            'fidelity = "elastic"\nmesh = { size = "50 mm", cells = "hex" }\nreduction.modes = 3'
+        )
+        path = tmp_path / "scene.toml"
+        path.write_text(ROD.replace('fidelity = "polynomial"', meshed))
+        scene = load_scene(path, overrides=[knock])
+    model = posed_model(scene, tmp_path, next(iter(scene.poses)))
+    answer = _respond_in_time(model, with_errors=machine == "mechanism").answer
     times = answer.curves.times[::20]
-    exact = integrate(model, model.system.inputs["tcp", "x"], times)
-    expected = model.system.outputs["tcp", "x"] @ exact
+    expected = model.system.outputs["tcp", "x"] @ integrate(
+        model, model.system.inputs["tcp", "x"], times
+    )
     found = answer.curves.displacements[::20, answer.curves.outputs.index(("tcp", "x"))]
     assert np.abs(expected).max() > 0.0
     assert np.allclose(found, expected, rtol=0.0, atol=1e-6 * np.abs(expected).max())
-
-
-@pytest.mark.fem
-@pytest.mark.slow
-def test_a_rod_of_finite_elements_moves_as_direct_integration_says(tmp_path: Path) -> None:
-    meshed = 'fidelity = "elastic"\nmesh = { size = "50 mm", cells = "hex" }\nreduction.modes = 3'
-    text = ROD.replace('fidelity = "polynomial"', meshed)
-    text = text[: text.index("[analyses.transient]")]
-    follow_knock(write_scene(tmp_path, text, f"[analyses]\ntransient = {{ {KNOCK} }}"), tmp_path)
+    if machine == "mechanism":
+        assert all(error.shares[TRUNCATION] is not None for error in answer.errors.values())
 
 
 def test_a_released_load_starts_at_its_static_displacement_and_swings_back(tmp_path: Path) -> None:
@@ -445,28 +378,18 @@ def test_records_are_read_and_averaged_around_samples(tmp_path: Path) -> None:
     assert peaks[0] == approx(peaks[1], rel=1e-3)
 
 
-REFUSED = {
-    "unknown point": ('hit = { at = ["top", "x"], shape = "step", size = "1 N" }', "top"),
-    "unknown load": ('hit = { load = "pull", shape = "step" }', "pull"),
-    "a moment as a force": ('hit = { at = ["tcp", "x"], shape = "step", size = "1 N m" }', "force"),
-    "an impulse as a force": (
-        'hit = { at = ["tcp", "x"], shape = "impulse", size = "1 N" }',
-        "impulse",
-    ),
-    "no time": ('hit = { at = ["tcp", "x"], shape = "ramp", size = "1 N" }', "needs time"),
-    "no direction": ('hit = { at = "tcp", shape = "step", size = "1 N" }', "direction"),
-    "no record": ('hit = { at = ["tcp", "x"], shape = "file", file = "no.csv" }', "no.csv"),
-    "no size": ('hit = { at = ["tcp", "x"], shape = "step" }', "size"),
-    "gravity that is off": ('hit = { load = "gravity", shape = "step" }', "gravity"),
-}
-
-
-@pytest.mark.parametrize("name", list(REFUSED))
-def test_bad_loads_are_refused_with_their_line(name: str, tmp_path: Path) -> None:
-    load, said = REFUSED[name]
+@cases
+def test_bad_loads_are_refused_with_their_line(load: str, said: str, tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=said) as caught:
         column_scene(tmp_path, f'duration = "10 ms"\n[analyses.transient.loads]\n{load}')
     assert all(problem.line for problem in caught.value.problems)
+
+
+def test_motors_under_control_need_the_effect(tmp_path: Path) -> None:
+    load = 'loads.push = { at = ["tcp", "x"], shape = "step", size = "1 N" }'
+    text = f'[analyses.transient]\nmotors = "controlled"\nduration = "10 ms"\n{load}'
+    with pytest.raises(SceneError, match=r"write \[effects\] drive_control = true"):
+        write_scene(tmp_path, SLIDE.read_text(), text)
 
 
 def test_a_release_of_what_nothing_holds_is_a_failure(tmp_path: Path) -> None:

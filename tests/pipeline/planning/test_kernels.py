@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from common import approx
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.geometry.parts.solids import StepFile
 from headstock.pipeline.planning.budgets import KERNEL_SECONDS
 from headstock.pipeline.planning.plan import Plan, Stage
@@ -17,17 +17,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.solvers.elastic.kernels import KernelPart, kernel_link, kernel_name
 
 PARTS: tuple[KernelPart, ...] = ("stiffness", "mass", "corners")
-BLOCK = machine("""
-machine = "halves"
-names = { lower = "first", upper = "second", top = "tip", glue = "bolts" }
-without = ["components.second.at"]
-components.first.solid = { box = ["100 mm", "100 mm", "100 mm"] }
-components.first.mesh = { size = "20 mm" }
-components.second.solid = "SOLID"
-components.second.mesh = { size = "20 mm" }
-points.tcp = { tool = "second.tip", work = "ground" }
-analyses = "ANALYSES"
-""")
+BLOCK = stored_scene("kernels_block")
 BOX = 'box = ["100 mm", "100 mm", "200 mm"]'
 TUBE = 'tube = { outer = "100 mm", inner = "60 mm", length = "200 mm" }'
 STATIC, MODAL = 'static = { at = "tcp" }', "modal = { count = 3 }"

@@ -8,13 +8,13 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
+from built_scenes import FACES, make_block, scene_of
+from cases import cases
 from common import approx
-from headstock.geometry.machine.joints import Joint, JointEnd
-from headstock.geometry.machine.machine import Machine, Point, Pose
+from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import (
     Component,
     Interface,
-    Material,
     MeshSettings,
     Patch,
     ReductionSettings,
@@ -39,18 +39,17 @@ from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Analyses, Limits, Scene
+from lumped_machines import joint_between
 
 MACHINES = Path(__file__).parents[3] / "machines"
-STEEL = Material("steel", 210e9, 0.3, 7850.0)
-INTERFACES = {"foot": Interface("foot", (Patch("z-"),)), "tip": Interface("tip", (Patch("z+"),))}
+INTERFACES = {**FACES, "tip": Interface("tip", (Patch("z+"),))}
 STATIC = StaticRequest(at=("tcp",))
 SIX = ModalRequest(count=6)
 
 
 def make_component(name: str, **changes: object) -> Component:
-    component = Component(
-        name, Box((0.1, 0.1, 0.5)), STEEL, interfaces=INTERFACES, mesh=MeshSettings(size=0.025)
-    )
+    mesh = MeshSettings(size=0.025)
+    component = make_block(name, (0.1, 0.1, 0.5), interfaces=INTERFACES, mesh=mesh)
     return dataclasses.replace(component, **changes)  # type: ignore[arg-type]
 
 
@@ -60,24 +59,8 @@ def make_scene(
     modal: ModalRequest | None = None,
     frf: FrfRequest | None = None,
 ) -> Scene:
-    ground, first = JointEnd(), JointEnd(components[0].name, "foot")
-    machine = Machine(
-        "machine",
-        {component.name: component for component in components},
-        joints={"clamp": Joint("clamp", (ground, first), "rigid", fixed=(0, 1, 2, 3, 4, 5))},
-        points={"tcp": Point("tcp", JointEnd(components[-1].name, "tip"), ground)},
-    )
-    poses = {"reference": Pose("reference")}
-    return Scene(
-        "machine",
-        Path("machine.toml"),
-        machine,
-        poses,
-        Analyses(static, modal, frf),
-        frozenset(),
-        (),
-        {},
-    )
+    clamp = joint_between("clamp", "ground", f"{components[0].name}.foot", fixed=range(6))
+    return scene_of(components, (clamp,), Analyses(static, modal, frf))
 
 
 def planned_kinds(scene: Scene) -> list[tuple[str, str | None]]:
@@ -291,87 +274,23 @@ def test_linear_elements_are_warned_of() -> None:
     assert "lock" in plan.warnings[0]
 
 
-def test_a_contour_that_looks_back_or_repeats_its_steps_is_planned_for_longer() -> None:
-    """Seconds of a block of 5 mm on rigid legs under control took 1.5, 11.5, 2.7 and 12.9."""
-    scene = MACHINES / "tripteor.toml"
-    base = (
-        "effects.friction=true",
-        'analyses.contouring.side="5 mm"',
-        "analyses.contouring.on_request=false",
-        "analyses.contouring.steps_per_turn=80",
-    )
-    nonlinear, waves = 'analyses.contouring.model="nonlinear"', "effects.regeneration=true"
-    planned = []
-    for more in ((), (waves,), (nonlinear,), (nonlinear, waves)):
-        loaded = load_scene(scene, variant="components+controlled", overrides=(*base, *more))
-        stages = {stage.kind: stage.estimated_seconds for stage in plan_scene(loaded).stages}
-        planned.append(stages["contour"] or 0.0)
-    shares = np.divide(planned, (1.5, 11.5, 2.7, 12.9))
-    assert shares.min() > 0.5 and shares.max() < 1.5
-
-
-@pytest.mark.parametrize(
-    ("variant", "feeds", "seconds", "megabytes"),
-    [
-        ("R", (600, 3000), 0.74, None),
-        ("R", (100,), 3.2, 336.0),
-        ("R", (20,), 16.3, 881.0),
-        ("R+controlled", (3000,), 0.94, 208.0),
-        ("R+controlled", (600,), 2.6, 259.0),
-        ("R+controlled", (600, 3000), 3.5, 263.0),
-        ("R+controlled", (100,), 11.2, 502.0),
-        # with a ±, for which it is computed again without each source of error
-        ("controlled", (3000,), 2.8, None),
-    ],
-)
-def test_a_path_is_planned_for_its_samples_its_dofs_and_its_friction(
-    variant: str, feeds: tuple[int, ...], seconds: float, megabytes: float | None
+@cases
+def test_what_is_followed_in_time_is_planned_for_the_seconds_and_megabytes_that_it_took(
+    scene: str,
+    variant: str,
+    settings: tuple[str, ...],
+    kind: str,
+    seconds: float,
+    within: tuple[float, float],
+    megabytes: tuple[float, ...],
 ) -> None:
-    """Processor seconds and megabytes of the three-axis machine."""
-    scene = MACHINES / "three_axis.toml"
-    wanted = ", ".join(f'"{feed} mm/min"' for feed in feeds)
-    settings = ["analyses.path.on_request=false", f"analyses.path.feeds=[{wanted}]"]
-    if "controlled" in variant:
-        settings.append("effects.friction=true")
-    loaded = load_scene(scene, variant=variant, overrides=settings)
-    (stage,) = [each for each in plan_scene(loaded).stages if each.kind == "path"]
-    assert 0.67 * seconds < (stage.estimated_seconds or 0.0) < 1.5 * seconds
-    if megabytes is not None:
-        assert stage.estimated_memory_mb == approx(megabytes, rel=0.1)
-
-
-@pytest.mark.parametrize(
-    ("variant", "seconds", "megabytes"),
-    [("lumped", 1.2, 193.0), ("components", 1.2, 193.0), ("elastic_legs", 35.7, 1171.0)],
-)
-def test_a_path_of_a_mechanism_is_planned_for_the_steps_and_modes_that_it_takes(
-    variant: str, seconds: float, megabytes: float
-) -> None:
-    """Processor seconds and megabytes of 49 mm with the Tripteor, without a low-pass."""
-    scene = MACHINES / "tripteor.toml"
-    path = (
-        'analyses.path={from={X="-20 mm",Y="40 mm",Z="200 mm"},to={X="20 mm",Y="60 mm",Z="220 mm"},'
-        'feeds=["3 m/min"],time_constant="50 ms",outputs=[["tcp","z"]]}'
-    )
-    loaded = load_scene(scene, variant=variant, overrides=[path])
-    (stage,) = [each for each in plan_scene(loaded).stages if each.kind == "path"]
-    assert 0.5 * seconds < (stage.estimated_seconds or 0.0) < 2.2 * seconds
-    assert stage.estimated_memory_mb == approx(megabytes, rel=0.15)
-
-
-@pytest.mark.parametrize(("friction", "seconds"), [("false", 0.5), ("true", 0.7)])
-def test_loads_over_time_are_planned_for_their_friction(friction: str, seconds: float) -> None:
-    """Processor seconds of the three-axis machine in a pose."""
-    scene = MACHINES / "three_axis.toml"
-    request = (
-        'analyses={ transient={ motors="controlled", duration="100 ms", up_to="500 Hz",'
-        ' loads={ hit={ at=["tcp", "y"], shape="half_sine", size="200 N", time="4 ms" } } } }'
-    )
-    settings = [request, f"effects.friction={friction}"]
-    loaded = load_scene(scene, variant="controlled+segmented", overrides=settings)
-    stages = [each for each in plan_scene(loaded).stages if each.kind == "respond"]
-    assert len(stages) == 2
-    assert 0.5 * seconds < (stages[0].estimated_seconds or 0.0) < 2.0 * seconds
+    loaded = load_scene(MACHINES.parent / scene, variant=variant or None, overrides=settings)
+    planned = [stage for stage in plan_scene(loaded).stages if stage.kind == kind]
+    assert len(planned) == (2 if kind == "respond" else 1)
+    least, most = within
+    assert least * seconds < (planned[0].estimated_seconds or 0.0) < most * seconds
+    for size, rel in zip(megabytes[::2], megabytes[1::2], strict=True):
+        assert planned[0].estimated_memory_mb == approx(size, rel=rel)
 
 
 @pytest.mark.parametrize(
@@ -419,30 +338,6 @@ def test_a_path_that_is_too_long_for_the_memory_is_refused_with_its_remedy() -> 
     with pytest.raises(BudgetError, match=r"this machine has 1e\+03 MB"):
         plan_scene(free, held=RanksOnNodes(ranks=4, together=2, memory_mb=1000.0))
     plan_scene(free, held=RanksOnNodes(ranks=4, together=1, memory_mb=1000.0))
-
-
-@pytest.mark.parametrize(
-    ("name", "variant", "cut", "waves"),
-    [
-        ("tests/data/mill.toml", None, 0.71, 12.4),
-        ("machines/three_axis.toml", "R+milling", 3.1, 18.8),
-        ("machines/three_axis.toml", "segmented+milling", 7.2, 27.8),
-    ],
-)
-def test_contours_of_machines_of_few_and_many_bodies_are_planned_within_half_and_twice_what_they_took(
-    name: str, variant: str | None, cut: float, waves: float
-) -> None:
-    """Processor seconds of blocks of 10 mm, without and with waves of the teeth before: a mill of three
-    rigid bodies, the three-axis machine rigid, and with segmented columns.
-    """
-    block = ('analyses.contouring.side="10 mm"', "analyses.contouring.on_request=false")
-    shares = []
-    for seconds, more in ((cut, ()), (waves, ("effects.regeneration=true",))):
-        path = Path(__file__).parents[3] / name
-        scene = load_scene(path, variant=variant, overrides=(*block, *more))
-        stages = {stage.kind: stage.estimated_seconds for stage in plan_scene(scene).stages}
-        shares.append((stages["contour"] or 0.0) / seconds)
-    assert min(shares) > 0.5 and max(shares) < 2.0
 
 
 def test_stages_in_a_pose_are_planned_for_longer_the_more_dofs_bodies_bring() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from cases import cases
 from faults.runs import SCENE, finish_run, make_places
 from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.plan import Plan
@@ -25,17 +26,7 @@ def plan(folder: Path, text: str) -> Plan:
     return plan_scene(load_scene(path))
 
 
-@pytest.mark.parametrize(
-    ("size", "cells", "fragment"),
-    [
-        ("0.136 mm", "tet", r"about 9.*e\+08 cells, the mesher takes at most 3000000"),
-        ("0.0785 mm", "hex", r"about 9.*e\+08 cells"),
-        ("1e-9 m", "tet", r"about 2\.5e\+24 cells"),
-        ("1e-9 m", "hex", r"about 4\.8e\+23 cells"),
-        ("1e-25 m", "tet", "cells"),
-        ("1e-25 m", "hex", "cells"),
-    ],
-)
+@cases
 def test_a_billion_elements_are_refused_within_a_second_of_processor_time_with_their_number(
     tmp_path: Path, size: str, cells: str, fragment: str
 ) -> None:

@@ -1,13 +1,13 @@
 """Peak memory and room as a plan and another process see them, on nodes too."""
 
 import dataclasses
-import os
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cases import cases
 from common import approx
 from headstock.pipeline.planning import resources
 from headstock.pipeline.planning.budgets import BASE_MB, BudgetError
@@ -64,22 +64,12 @@ def test_a_watcher_that_cannot_be_started_is_done_without(monkeypatch: pytest.Mo
     assert peak.megabytes is None
 
 
-PHYSICAL = float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 REDUCE = Stage(
     "reduce", "bed", "", estimated_dofs=2_000_000, estimated_memory_mb=40_000.0 + BASE_MB
 )
 
 
-@pytest.mark.parametrize(
-    ("variables", "expected"),
-    [
-        ({}, PHYSICAL),
-        ({"SLURM_MEM_PER_NODE": "512"}, 512 * 2**20),
-        ({"SLURM_MEM_PER_NODE": "0"}, PHYSICAL),
-        ({"SLURM_MEM_PER_CPU": "100", "SLURM_CPUS_ON_NODE": "4"}, 400 * 2**20),
-        ({"SLURM_MEM_PER_NODE": "many"}, PHYSICAL),
-    ],
-)
+@cases
 def test_memory_of_a_job_is_what_slurm_gives_it_on_a_node(
     variables: dict[str, str], expected: float, tmp_path: Path
 ) -> None:

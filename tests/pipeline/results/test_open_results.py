@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from cases import cases
 from common import find_difference
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.results.files import open_results
@@ -96,18 +97,7 @@ def test_values_of_every_kind_survive() -> None:
     assert len(kept) == 1
 
 
-@pytest.mark.parametrize(
-    "coded",
-    [
-        {"Popen": [["args", "ls"]]},
-        {"array": ["O", [1], [1.0]]},
-        {"array": ["<f8", [2], [1.0]]},
-        {"complex": [1.0, 2.0, 3.0]},
-        {},
-        {"dict": "text"},
-        {"PoseModes": [["nothing", 1]]},
-    ],
-)
+@cases
 def test_what_no_record_holds_is_refused(coded: dict[str, object]) -> None:
     classes = reachable_classes([Results, *Answer.__subclasses__()])
     with pytest.raises(RecordError):

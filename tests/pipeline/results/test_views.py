@@ -3,13 +3,10 @@ the material below it.
 """
 
 import numpy as np
-from mpi4py import MPI
 
+from common import STEEL, make_faced
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import (
-    Component,
-    Interface,
-    Material,
     MeshSettings,
     Patch,
     Support,
@@ -19,10 +16,7 @@ from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import mesh_skin
 from headstock.pipeline.results.views import SurfaceGauges, _skin_recovery
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.requests import ReductionRequest
-
-STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
+from reduced_parts import reduce_mesh
 
 
 def strained(gradient: FloatArray) -> FloatArray:
@@ -59,16 +53,11 @@ def test_single_precision_and_triangles_without_area_do_no_harm() -> None:
 
 def test_a_bent_cantilever_is_strained_as_beam_theory_says() -> None:
     width, length, force = 0.04, 0.6, 1000.0
-    component = Component(
-        "bar",
-        Box((width, width, length)),
-        STEEL,
-        interfaces={"tip": Interface("tip", (Patch("z+"),))},
-        mesh=MeshSettings(size=0.01),
-    )
+    solid, mesh_size = Box((width, width, length)), MeshSettings(size=0.01)
+    component = make_faced("bar", solid, {"tip": "z+"}, mesh=mesh_size)
     supports = (Support("foot", "bar", (Patch("z-"),), ("x", "y", "z")),)
     mesh = mesh_component(component, supports, ())
-    bar = reduce_elastic(component, mesh, supports, comm=MPI.COMM_SELF, request=ReductionRequest())
+    bar = reduce_mesh(component, mesh, supports)
     skin = mesh_skin(mesh)
     loads = np.zeros(len(bar.labels))
     loads[[label[-1] for label in bar.labels].index("x")] = force

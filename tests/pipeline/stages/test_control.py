@@ -11,16 +11,14 @@ import pytest
 
 import scene_runs
 from common import approx, present
-from fixture_machines import machine
+from fixture_machines import stored_scene, write_scene
 from headstock.app.report.report import render_report
-from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.control import ControlAnswer
 from headstock.pipeline.answers.path import PathResult
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.summary import RunSummary, summarise
-from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.drives import place_drives, release_motors
 from headstock.scene.analyses.path import PathRequest
 from headstock.scene.building.loader import load_scene
@@ -31,45 +29,29 @@ from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.linear.response_forms import _find_poles
 from headstock.solvers.milling.forces import cutting_forces
-from scene_runs import run
+from headstock.solvers.second_order import SecondOrderSystem
+from scene_runs import couple_parts, run
 
-SCENE = machine("""
-machine = "axis"
-joints.screw.stiffness = { axial = "50 N/um" }
-effects.drive_control = true
-effects.damping = { modal = 0.01 }
-analyses.control = {}
-[drives.X]
-inertia = "2e-4 kg m^2"
-lead = "10 mm"
-screw_inertia = "1e-4 kg m^2"
-coupling = "5e3 N m/rad"
-kv = "50 1/s"
-velocity_gain = "2e4 N s/m"
-integral_time = "20 ms"
-""")
+SCENE = stored_scene("control")
 LATE = ('integral_time = "20 ms"', 'integral_time = "20 ms"\nsampling = "250 us"')
 FAST = ("50 1/s", "5000 1/s")
 PITCH = 0.01 / (2.0 * math.pi)
 
 
-def write_scene(folder: Path, *changes: tuple[str, str]) -> Path:
-    text = SCENE
-    for old, new in changes:
-        assert old in text
-        text = text.replace(old, new)
-    path = folder / "scene.toml"
-    path.write_text(text)
-    return path
+def write(folder: Path, *changes: tuple[str, str]) -> Path:
+    return write_scene(folder, SCENE, *changes)
 
 
 def couple_scene(path: Path) -> tuple[Scene, CoupledMachine]:
     scene = load_scene(path)
-    parts = {
-        name: reduce_rigid(part, describe_component(part))
-        for name, part in scene.machine.components.items()
-    }
-    return scene, couple(parts, scene.machine, next(iter(scene.poses.values())))
+    return scene, couple_parts(scene.machine, next(iter(scene.poses.values())))
+
+
+def release(path: Path) -> SecondOrderSystem:
+    """The machine with its motors free."""
+    scene, coupled = couple_scene(path)
+    trains = place_drives(coupled, scene.machine, scene.drives.values())
+    return release_motors(coupled, trains).system
 
 
 def summary_of(path: Path, tmp_path: Path) -> RunSummary:
@@ -77,14 +59,13 @@ def summary_of(path: Path, tmp_path: Path) -> RunSummary:
 
 
 def test_the_travel_of_a_free_axis_has_exactly_no_frequency(tmp_path: Path) -> None:
-    scene, coupled = couple_scene(write_scene(tmp_path, ('coupling = "5e3 N m/rad"\n', "")))
-    released = release_motors(coupled, place_drives(coupled, scene.machine, scene.drives.values()))
-    modes = solve_modal(released.system)
+    system = release(write(tmp_path, ('coupling = "5e3 N m/rad"\n', "")))
+    modes = solve_modal(system)
     assert modes.rigid_count == 1
     assert modes.frequencies_hz[0] < 1e-6 * modes.frequencies_hz[1]
     shape = modes.shapes[:, 0]
-    travel = released.system.outputs["tcp", "x"] @ shape
-    assert released.system.outputs["X", "motor"] @ shape == approx(travel, rel=1e-9)
+    travel = system.outputs["tcp", "x"] @ shape
+    assert system.outputs["X", "motor"] @ shape == approx(travel, rel=1e-9)
     mass = 0.2 * 0.2 * 0.1 * 7850.0 + 2e-4 / PITCH**2
     assert travel**2 == approx(1.0 / mass, rel=1e-9)
 
@@ -103,16 +84,11 @@ def test_a_positive_set_point_moves_the_axis_in_its_positive_direction_however_t
                     f'{between}_screw"\naxis = "{axis}"',
                 ),
             )
-            path = write_scene(
-                tmp_path, *text, ('limits = ["-100', 'direction = "x"\nlimits = ["-100')
-            )
-            scene, coupled = couple_scene(path)
-            released = release_motors(
-                coupled, place_drives(coupled, scene.machine, scene.drives.values())
-            )
-            travel = solve_modal(released.system).shapes[:, 0]
+            path = write(tmp_path, *text, ('limits = ["-100', 'direction = "x"\nlimits = ["-100'))
+            system = release(path)
+            travel = solve_modal(system).shapes[:, 0]
             moved = [
-                released.system.outputs[channel] @ travel
+                system.outputs[channel] @ travel
                 for channel in (("tcp", "x"), ("X", "motor"), ("X", "scale"))
             ]
             np.testing.assert_allclose(moved, moved[0], rtol=1e-9)
@@ -120,32 +96,24 @@ def test_a_positive_set_point_moves_the_axis_in_its_positive_direction_however_t
 
 def test_the_turning_motor_pulls_on_its_housing(tmp_path: Path) -> None:
     fixed = 'stiffness = { x = "rigid", y = "rigid", z = "rigid", rx = "1e5 N m/rad", ry = "rigid", rz = "rigid" }'
-    scene, coupled = couple_scene(
-        write_scene(tmp_path, ('kind = "rigid"', f'kind = "spring"\n{fixed}'))
-    )
-    released = release_motors(coupled, place_drives(coupled, scene.machine, scene.drives.values()))
-    mass, motor = released.system.mass, released.system.outputs["X", "motor"]
-    tilt = released.system.outputs["bed.bottom", "rx"]
+    system = release(write(tmp_path, ('kind = "rigid"', f'kind = "spring"\n{fixed}')))
+    mass, motor = system.mass, system.outputs["X", "motor"]
+    tilt = system.outputs["bed.bottom", "rx"]
     turn = tilt / (tilt @ tilt)
     # the bed is the second end of the joint: rotor inertia over the lead couples travel and tilt
     assert abs(motor @ mass @ turn) == approx(2e-4 / PITCH, rel=1e-9)
 
 
 def test_screw_inertia_counts_only_with_its_effect(tmp_path: Path) -> None:
-    plain = load_scene(write_scene(tmp_path)).drives["X"]
-    heavy = load_scene(
-        write_scene(
-            tmp_path, ("drive_control = true", "drive_control = true\nscrew_inertia = true")
-        )
-    ).drives["X"]
+    plain = load_scene(write(tmp_path)).drives["X"]
+    screw = ("drive_control = true", "drive_control = true\nscrew_inertia = true")
+    heavy = load_scene(write(tmp_path, screw)).drives["X"]
     assert (plain.screw_inertia, heavy.screw_inertia) == (0.0, 1e-4)
 
 
 def test_without_the_effect_nothing_of_drives_is_planned_or_run(tmp_path: Path) -> None:
     scene = load_scene(
-        write_scene(
-            tmp_path, ("drive_control = true\n", ""), ("[analyses.control]", "[analyses.modal]")
-        )
+        write(tmp_path, ("drive_control = true\n", ""), ("[analyses.control]", "[analyses.modal]"))
     )
     assert scene.drives == {}
     assert "control" not in [stage.kind for stage in plan_scene(scene).stages]
@@ -153,12 +121,12 @@ def test_without_the_effect_nothing_of_drives_is_planned_or_run(tmp_path: Path) 
 
 def test_a_torque_gain_is_a_force_gain_over_the_square_of_the_lead(tmp_path: Path) -> None:
     turned = f"{2e4 * PITCH**2!r} N m s/rad"
-    scene = load_scene(write_scene(tmp_path, ("2e4 N s/m", turned)))
+    scene = load_scene(write(tmp_path, ("2e4 N s/m", turned)))
     assert scene.drives["X"].control.velocity_gain == approx(2e4, rel=1e-12)
 
 
 def test_a_run_lists_poles_margins_and_lag(tmp_path: Path) -> None:
-    summary = summary_of(write_scene(tmp_path), tmp_path)
+    summary = summary_of(write(tmp_path), tmp_path)
     assert summary["status"] == "done"
     control = summary["control"]["reference"]
     assert control["stable"]
@@ -175,7 +143,7 @@ def test_poles_are_those_of_the_unsymmetric_second_order_system_by_another_solve
         ('integral_time = "20 ms"', 'encoder = "scale"\nscale = "tcp"'),
         ("drive_control = true", "drive_control = true\nscrew_inertia = true"),
     )
-    scene, coupled = couple_scene(write_scene(tmp_path, *changes))
+    scene, coupled = couple_scene(write(tmp_path, *changes))
     trains = place_drives(coupled, scene.machine, scene.drives.values())
     free = add_modal_damping(release_motors(coupled, trains).system, [0.01])
     motor, scale = free.outputs["X", "motor"], free.outputs["X", "scale"]
@@ -194,7 +162,7 @@ def test_poles_are_those_of_the_unsymmetric_second_order_system_by_another_solve
 
 
 def test_the_report_draws_every_pole_and_offers_them_as_a_table(tmp_path: Path) -> None:
-    results = run(load_scene(write_scene(tmp_path)), tmp_path)
+    results = run(load_scene(write(tmp_path)), tmp_path)
     page = render_report(results)
     (control,) = results.find(ControlAnswer)
     assert page.count("<circle") >= len(control.poles) > 0
@@ -203,7 +171,7 @@ def test_the_report_draws_every_pole_and_offers_them_as_a_table(tmp_path: Path) 
 
 
 def test_unstable_control_fails_by_name_and_the_rest_is_still_computed(tmp_path: Path) -> None:
-    path = write_scene(
+    path = write(
         tmp_path,
         ("[analyses.control]", "[analyses.control]\n[analyses.modal]\ncount = 3"),
         LATE,
@@ -219,19 +187,12 @@ def test_unstable_control_fails_by_name_and_the_rest_is_still_computed(tmp_path:
 
 
 def test_a_gain_just_below_the_largest_that_was_named_is_stable(tmp_path: Path) -> None:
-    path = write_scene(tmp_path, LATE, FAST)
-    largest = float(
-        summary_of(path, tmp_path)["failures"][0]
-        .split("largest stable kv found is ")[1]
-        .split(" 1/s")[0]
-    )
-    below = summary_of(
-        write_scene(tmp_path, LATE, ("50 1/s", f"{0.999 * largest!r} 1/s")), tmp_path
-    )
-    above = summary_of(
-        write_scene(tmp_path, LATE, ("50 1/s", f"{1.002 * largest!r} 1/s")), tmp_path
-    )
-    assert (below["status"], above["status"]) == ("done", "failed")
+    path = write(tmp_path, LATE, FAST)
+    words = summary_of(path, tmp_path)["failures"][0].split("largest stable kv found is ")[1]
+    largest = float(words.split(" 1/s")[0])
+    for share, status in ((0.999, "done"), (1.002, "failed")):
+        gain = ("50 1/s", f"{share * largest!r} 1/s")
+        assert summary_of(write(tmp_path, LATE, gain), tmp_path)["status"] == status
 
 
 PATH = """
@@ -245,7 +206,7 @@ residual_time = "100 ms"
 
 
 def test_a_path_under_control_lags_and_says_whose_drives_it_used(tmp_path: Path) -> None:
-    path = write_scene(tmp_path, ("[analyses.control]", PATH))
+    path = write(tmp_path, ("[analyses.control]", PATH))
     results = scene_runs.run(load_scene(path), tmp_path)
     (found,) = find_answers(results.answers, PathResult)
     assert found.drives == ("X",)
@@ -262,7 +223,7 @@ def test_a_path_under_control_lags_and_says_whose_drives_it_used(tmp_path: Path)
 @pytest.mark.parametrize("pose_model", ["frozen", "pose_dependent"])
 def test_a_path_with_friction_balances_its_energy(pose_model: str, tmp_path: Path) -> None:
     along = PATH.replace('"600 mm/min", ', "") + f'pose_model = "{pose_model}"\n'
-    path = write_scene(
+    path = write(
         tmp_path,
         ("[analyses.control]", along),
         ("drive_control = true", "drive_control = true\nfriction = true"),
@@ -294,7 +255,7 @@ def test_friction_of_three_axes_balances_its_energy_as_the_pose_changes(tmp_path
 
 
 def test_an_unstable_drive_stops_a_path_before_it_is_run(tmp_path: Path) -> None:
-    summary = summary_of(write_scene(tmp_path, ("[analyses.control]", PATH), LATE, FAST), tmp_path)
+    summary = summary_of(write(tmp_path, ("[analyses.control]", PATH), LATE, FAST), tmp_path)
     assert all(word in summary["failures"][0] for word in ("path", "axis X", "unstable"))
     assert "path" not in summary
 
@@ -314,7 +275,7 @@ def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_com
 ) -> None:
     text = PATH.replace('"600 mm/min", ', "") + CUT + '[analyses.static]\nat = "tcp"\n'
     on = ("drive_control = true", "drive_control = true\ncutting_force = true")
-    path = write_scene(tmp_path, ("[analyses.control]", text), on)
+    path = write(tmp_path, ("[analyses.control]", text), on)
     scene = load_scene(path)
     found = scene_runs.run(scene, tmp_path)
     curves = find_answers(found.answers, PathResult)[0].runs[0].curves
@@ -334,5 +295,5 @@ def test_milling_on_the_way_pushes_the_tool_away_by_its_mean_force_times_the_com
 
 
 def test_a_cut_does_nothing_until_its_effect_is_named(tmp_path: Path) -> None:
-    scene = load_scene(write_scene(tmp_path, ("[analyses.control]", PATH + CUT)))
+    scene = load_scene(write(tmp_path, ("[analyses.control]", PATH + CUT)))
     assert scene.analyses[PathRequest].cut is None

@@ -22,7 +22,7 @@ DRIVE = (
     ' integral_time="20 ms", sampling="250 us"}'
 )
 RESPONSE = (
-    'inputs=["tcp"], from="5 Hz", to="400 Hz", points=80, adaptive=false, poses=["left"],'
+    'inputs=["tcp"], from="5 Hz", up_to="400 Hz", points=80, adaptive=false, poses=["left"],'
     ' motors="{motors}"'
 )
 IN_TIME = (

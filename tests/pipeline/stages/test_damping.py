@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cases import cases
 from common import approx
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -23,20 +24,7 @@ from scene_runs import compute
 COLUMN = Path(__file__).resolve().parents[2] / "data" / "segmented_column.toml"
 MASS, STIFFNESS = 2.0, 5e6
 OMEGA = math.sqrt(STIFFNESS / MASS)
-SLIDER = machine("""
-machine = "bar"
-names = { bar = "slider", clamp = "spring" }
-components.slider.solid = { box = ["100 mm", "50 mm", "50 mm"] }
-components.slider.mass = "2 kg"
-components.slider.fidelity = "rigid"
-components.slider.interfaces = { foot = { face = "z-" } }
-joints.spring.kind = "prismatic"
-joints.spring.axis = "x"
-joints.spring.stiffness = { x = "5 N/um" }
-points.tcp.tool = "slider.foot"
-analyses.modal = { count = 1 }
-analyses.frf = { inputs = [["tcp", "x"]], to = "600 Hz", points = 61, adaptive = false }
-""")
+SLIDER = stored_scene("damping_slider")
 
 
 def run(folder: Path, text: str, *settings: str) -> tuple[PoseModes, PoseResponse, Results]:
@@ -116,23 +104,7 @@ def test_every_mode_of_a_deforming_machine_has_the_ratio_of_its_rayleigh_damping
     assert modes.damping_ratio == approx(10.0 / omega + 2e-6 * omega, rel=1e-7)
 
 
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ("effects.damping={ modal = -0.1 }", "damping ratio lies between 0"),
-        ("effects.damping={ modal = 2 }", 'is 2 \\(200 %\\).*write "2 %"'),
-        ("effects.damping={ modal = [0.02, '100 %'] }", "damping ratio lies between 0"),
-        ("joints.spring.loss_factor=3", 'write "3 %"'),
-        ("materials.steel.loss_factor=1", 'write "1 %"'),
-        ("effects.damping={ rayleigh = {} }", "is no Rayleigh damping"),
-        ('effects.damping={ rayleigh = { alpha = "2 s" } }', "is a time"),
-        ('effects.damping={ rayleigh = { beta = "-2 s" } }', "must not be negative"),
-        ("effects.damping={ raleigh = {} }", "is neither true nor"),
-        ("components.slider.rayleigh={}", "is empty"),
-        ('components.slider.rayleigh={ beta = "-1 s" }', "must not be negative"),
-        ("joints.spring.loss_factor=-0.1", "a loss factor lies between 0"),
-    ],
-)
+@cases
 def test_what_is_no_damping_is_refused(tmp_path: Path, setting: str, words: str) -> None:
     path = write_scene(tmp_path, SLIDER)
     with pytest.raises(SceneError, match=words):

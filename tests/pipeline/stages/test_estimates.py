@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 import scene_runs
 from common import present
-from fixture_machines import machine
+from fixture_machines import machine, stored_scene
 from headstock.pipeline.answers.modal import DAMPED_FREQUENCY, DAMPING_RATIO
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer, compliance_key
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
@@ -53,51 +53,6 @@ def test_interfaces_whose_kind_matters_are_named_with_about_the_range_that_both_
     named = float(words.split("about ")[1].split(" Hz")[0])
     widest = max(high - low for low, high in map(present, modes.spread_hz))
     assert widest / 3.0 < named < 3.0 * widest
-
-
-def beam(parts: int, x: int, y: int, length: int, size: int) -> str:
-    """A scene of a clamped beam, cut into parts that are joined rigidly at rigid faces; lengths in
-    mm.
-    """
-    words = [SCENE[: SCENE.index("[components.lower]")]]
-    for i in range(parts):
-        top = "rigid" if i + 1 < parts else "average"
-        below = f"p{i - 1}.top" if i else "ground"
-        words.append(f"""
-[components.p{i}]
-solid = {{ box = ["{x} mm", "{y} mm", "{length / parts} mm"] }}
-material = "steel"
-at = ["0 mm", "0 mm", "{i * length / parts} mm"]
-mesh = {{ size = "{size} mm", cells = "hex" }}
-interfaces = {{ foot = {{ face = "z-" }}, top = {{ face = "z+", coupling = "{top}" }} }}
-[joints.j{i}]
-between = ["{below}", "p{i}.foot"]
-kind = "rigid"
-""")
-    return "".join(words) + "[analyses.modal]\ncount = 8\n"
-
-
-# a flat bar is fixed stiff in torsion above all: its ends cannot warp
-@pytest.mark.parametrize(
-    "sizes", [(40, 60, 1000, 20), pytest.param((15, 90, 750, 15), marks=pytest.mark.trials)]
-)
-def test_a_beam_of_five_parts_says_how_much_stiffer_its_rigid_faces_make_it_than_one_part(
-    tmp_path: Path, sizes: tuple[int, int, int, int]
-) -> None:
-    modes = []
-    for parts in (1, 5):
-        scene = tmp_path / f"{parts}.toml"
-        scene.write_text(beam(parts, *sizes))
-        results = scene_runs.run(load_scene(scene), tmp_path, str(parts))
-        modes.append(results.modal[0])
-    one, five = modes
-    stiffer = five.frequencies_hz - one.frequencies_hz
-    assert (stiffer > 0.004 * one.frequencies_hz).all()
-    words = next(words for words in five.list_errors()[-1].left_out if "interfaces" in words)
-    assert "p1.top" in words
-    assert "p2.foot" in words
-    named = float(words.split("about ")[1].split(" Hz")[0])
-    assert stiffer.max() / 3.0 < named < 3.0 * stiffer.max()
 
 
 def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_and_a_remedy() -> (
@@ -144,24 +99,7 @@ def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_
     assert "smaller mesh size" in found[1]
 
 
-ROD = machine("""
-machine = "bar"
-names = { bar = "rod", clamp = "dashpot" }
-without = ["points"]
-name = "rod on a dashpot"
-effects = ["damping"]
-materials.steel.nu = 0.0
-components.rod.solid = { box = ["1000 mm", "50 mm", "50 mm"] }
-components.rod.mesh = { size = "25 mm", cells = "hex" }
-components.rod.interfaces = { root = { face = "x-" }, tip = { face = "x+" } }
-components.rod.reduction = { modes_to = "MODES kHz" }
-joints.clamp = { between = ["rod.root", "ground"], kind = "rigid" }
-joints.dashpot.between = ["rod.tip", "ground"]
-joints.dashpot.kind = "spring"
-joints.dashpot.stiffness = { x = "1 N/m" }
-joints.dashpot.damping = { x = "DASHPOT N s/m", y = "100 N s/m", z = "100 N s/m" }
-analyses.modal = { up_to = "6.6 kHz" }
-""")
+ROD = stored_scene("estimates_rod")
 SPEED = np.sqrt(210e9 / 7850.0)
 IMPEDANCE = 0.0025 * np.sqrt(210e9 * 7850.0)
 Rods = Callable[[str, float], Results]

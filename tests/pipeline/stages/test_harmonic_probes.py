@@ -6,8 +6,9 @@ import h5py
 import numpy as np
 import pytest
 
+from cases import cases
 from common import approx, present
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
@@ -23,19 +24,7 @@ from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 BEAM_LENGTH, SIDE, PRESSURE, YOUNG = 0.4, 0.02, 0.1e6, 210e9
-SCENE = machine("""
-machine = "bar"
-name = "Beam under pressure"
-names = { bar = "beam" }
-without = ["joints", "components.beam.interfaces"]
-components.beam.solid = { box = ["20 mm", "20 mm", "400 mm"] }
-components.beam.mesh = { size = "10 mm" }
-components.beam.interfaces = { tip = { face = "z+", coupling = "average" } }
-supports.clamp = { face = "beam.z-", fix = ["x", "y", "z"] }
-loads.side = { face = "beam.x-", pressure = "0.1 MPa" }
-probes.middle = { component = "beam", at = ["10 mm", "0 mm", "200 mm"] }
-analyses.static = { at = "tcp" }
-""")
+SCENE = stored_scene("harmonic_probes")
 
 
 def _run(tmp_path: Path, text: str) -> RunSummary:
@@ -82,24 +71,7 @@ def test_a_probe_without_loads_is_refused_with_the_remedy(tmp_path: Path) -> Non
 
 
 LENGTH, WIDTH, MODULUS, DENSITY, LOSS = 0.2, 0.02, 210e9, 7850.0, 0.04
-BAR = machine("""
-machine = "probed_bar"
-materials.steel.loss_factor = 0.04
-components.bar.reduction = { modes = 24 }
-loads.push = { face = "bar.z-", pressure = "1 kPa" }
-probes.inside.at = ["-37 mm", "3 mm", "15 mm"]
-probes.middle = { component = "bar", at = ["0 mm", "0 mm", "10 mm"] }
-probes.top = { component = "bar", at = ["0 mm", "0 mm", "20 mm"] }
-probes.foot = { component = "bar", at = ["-100 mm", "0 mm", "20 mm"] }
-effects.damping = true
-[analyses.frf]
-inputs = ["pull", "push", ["tip", "x"]]
-outputs = [["tip", "x"], "middle", "inside", "top", "foot"]
-from = "1 Hz"
-to = "8000 Hz"
-points = 41
-fields_at = ["900 Hz", "6465 Hz"]
-""")
+BAR = stored_scene("harmonic_probes_bar")
 
 
 def traced(results: Results) -> dict[str, ProbeCurves]:
@@ -230,15 +202,7 @@ def test_files_hold_what_probes_see(bar: tuple[Path, Results]) -> None:
     assert pull["peak_von_mises_error"] is not None
 
 
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ('analyses.frf.outputs=[["middle", "x"]]', 'write "middle" alone'),
-        ('points.middle={ tool = "bar.tip", work = "ground" }', "is a point and a probe"),
-        ("components.bar.fidelity=segmented", "bar is not meshed, so there is no stress in it"),
-        ('probes.middle.at=["0 m", "0 m", "1 m"]', "lies outside bar"),
-    ],
-)
+@cases
 def test_what_no_probe_can_show_is_refused(tmp_path: Path, setting: str, words: str) -> None:
     path = write_scene(tmp_path, BAR)
     with pytest.raises(SceneError, match=words):

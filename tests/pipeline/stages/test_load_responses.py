@@ -11,8 +11,9 @@ import scipy.io
 from mpi4py import MPI
 from scipy.optimize import brentq
 
+from cases import cases
 from common import approx
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.app.report.report import render_report
 from headstock.app.tables.frf import tabulate_response
 from headstock.geometry.frames import FloatArray
@@ -27,27 +28,7 @@ from scene_runs import compute
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 LENGTH, WIDTH, HEIGHT, MODULUS, DENSITY, RATIO = 0.5, 0.02, 0.01, 210e9, 7850.0, 0.02
-BEAM = machine("""
-machine = "bar"
-names = { bar = "beam", clamp = "wall", tcp = "tip" }
-materials.steel.nu = 0.0
-components.beam.solid = { box = ["500 mm", "20 mm", "10 mm"] }
-components.beam.mesh = { size = "25 mm", cells = "hex" }
-components.beam.interfaces = { root = { face = "x-" }, tip = { face = "x+", coupling = "average" } }
-joints.wall.between = ["ground", "beam.root"]
-loads.wind = { face = "beam.z-", pressure = "1 kPa" }
-loads.shake = { component = "beam", body = ["0 m/s^2", "0 m/s^2", "10 m/s^2"] }
-loads.push = { at = "beam.tip", force = ["0 N", "2 N", "3 N"] }
-effects.damping = { modal = "2 %" }
-analyses.static = {}
-analyses.modal = { count = 2 }
-[analyses.frf]
-inputs = ["wind", "shake", "push", ["tip", "y"], ["tip", "z"]]
-outputs = [["tip", "z"], ["tip", "y"]]
-to = "400 Hz"
-points = 81
-adaptive = false
-""")
+BEAM = stored_scene("load_responses_beam")
 
 
 def modal_sum(omega: FloatArray, force_per_length: float, count: int = 8) -> ComplexArray:
@@ -113,19 +94,7 @@ def test_loads_are_inputs_of_an_exported_state_space_too(tmp_path: Path) -> None
     np.testing.assert_allclose(found["B"][:, 0], 5.0 * found["B"][:, 1], rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ('analyses.frf.inputs=["wnd"]', "unknown point 'wnd'"),
-        ('analyses.frf.inputs=[["wind", "z"]]', 'write "wind" alone'),
-        ('analyses.frf.outputs=["wind"]', "unknown point 'wind'"),
-        ('points.wind={ tool = "beam.tip", work = "ground" }', "is a point and a load"),
-        (
-            'loads.wind={ joint = "wall", displacement = ["0 m", "0 m", "1 um"] }',
-            "is a displacement, which is a static load only",
-        ),
-    ],
-)
+@cases
 def test_what_is_no_input_is_refused(tmp_path: Path, setting: str, words: str) -> None:
     path = write_scene(tmp_path, BEAM)
     with pytest.raises(SceneError, match=words):

@@ -31,7 +31,7 @@ LOADS = [
 ]
 NAMES = {"push", "side", "swing", "wind", "gravity"}
 FRF = (
-    'frf = { from = "5 Hz", to = "200 Hz", points = 40, adaptive = false, inputs = ["side", "wind", "swing"], '
+    'frf = { from = "5 Hz", up_to = "200 Hz", points = 40, adaptive = false, inputs = ["side", "wind", "swing"], '
     'outputs = [["tcp", "x"], ["tcp", "ry"]], poses = ["config_2"] }'
 )
 TRANSIENT = (

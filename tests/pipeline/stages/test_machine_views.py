@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fixture_machines import machine
+from fixture_machines import stored_scene
 from headstock.meshing.components import skins
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.stages import machine as machine_stage
@@ -16,18 +16,7 @@ from scene_runs import compute
 
 pytestmark = [pytest.mark.process, pytest.mark.fem]
 
-SCENE = machine("""
-machine = "halves"
-names = { lower = "low", upper = "high", clamp = "ground", glue = "middle" }
-name = "tower"
-components.low.solid = { tube = { outer = "100 mm", inner = "60 mm", length = "200 mm" } }
-components.low.mesh = { size = "16 mm" }
-components.high.solid = { tube = { outer = "100 mm", inner = "60 mm", length = "200 mm" } }
-components.high.mesh = { size = "16 mm" }
-points.tip = { tool = "high.top", work = "ground" }
-analyses.static = {}
-analyses.modal = { count = 4 }
-""")
+SCENE = stored_scene("machine_views")
 
 
 def run(folder: Path) -> Results:

@@ -9,6 +9,7 @@ import pytest
 import scipy.linalg
 from mpi4py import MPI
 
+from cases import cases
 from common import approx
 from headstock.app.views.modal import list_modes
 from headstock.pipeline.planning.planner import plan_scene
@@ -77,16 +78,7 @@ def test_an_empty_window_names_the_modes_next_to_it(tmp_path: Path) -> None:
     assert "mode 1 is at 0 Hz, mode 2 is at " in words
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        (('analyses.modal.from="100 Hz"',), "a window of frequencies ends somewhere"),
-        (
-            ('analyses.modal.from="100 Hz"', 'analyses.modal.up_to="50 Hz"'),
-            "begins at 100 Hz and ends at 50 Hz",
-        ),
-    ],
-)
+@cases
 def test_half_a_window_is_refused(tmp_path: Path, settings: tuple[str, ...], words: str) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(LOOSE)

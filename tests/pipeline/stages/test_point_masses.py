@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from cases import cases
 from common import approx
-from fixture_machines import write_scene
+from fixture_machines import stored_scene, write_scene, write_value
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.results.results import Results
 from headstock.scene.building.loader import load_scene
@@ -66,75 +68,22 @@ def test_a_chain_between_two_walls_has_its_closed_form_frequencies_and_damping(
     assert found.modal[0].damping_ratio == approx(ratios, rel=1e-8)
 
 
-BLOCK = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.body]
-solid = {{ box = ["120 mm", "80 mm", "50 mm"] }}
-material = "steel"
-mass = "3 kg"
-fidelity = "rigid"
-rotate = {{ axis = [1, 2, 3], angle = "40 deg" }}
-interfaces = {{ foot = {{ face = "z-" }} }}
-[joints.mount]
-between = ["ground", "body.foot"]
-kind = "spring"
-at = {at}
-stiffness = {{ x = "3 N/um", y = "2 N/um", z = "1 N/um", rx = "1e4 N m/rad", ry = "2e4 N m/rad", rz = "3e4 N m/rad" }}
-[analyses.modal]
-count = 6
-"""
-
-
 def test_a_point_mass_with_inertia_vibrates_as_the_box_of_the_same(tmp_path: Path) -> None:
-    center = 0.025 * turned([0.0, 0.0, 1.0])
-    text = BLOCK.format(at='["30 mm", "-10 mm", "20 mm"]')
+    text = stored_scene("point_masses_block")
     box = compute(tmp_path, text)
+    turn = Rotation.from_rotvec(np.radians(40.0) * np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0))
+    at = [f"{float(place)!r} m" for place in turn.apply([0.0, 0.0, 0.025])]
     moments = [3.0 / 12.0 * (b**2 + c**2) for b, c in ((0.08, 0.05), (0.12, 0.05), (0.12, 0.08))]
-    written = ", ".join(f'"{moment!r} kg m^2"' for moment in moments)
-    at = ", ".join(f'"{float(place)!r} m"' for place in center)
-    lines = text.splitlines()
-    point = "\n".join(
-        line
-        for line in lines
-        if not line.startswith(("solid", "material =", "mass", "fidelity", "interfaces"))
-    )
-    point = point.replace("body.foot", "body.center").replace(
-        "[components.body]",
-        f'[components.body]\nsolid = {{ point_mass = "3 kg", inertia = [{written}] }}\nat = [{at}]',
-    )
-    found = compute(tmp_path, point)
+    solid = {"point_mass": "3 kg", "inertia": [f"{moment!r} kg m^2" for moment in moments]}
+    body = {"solid": solid, "at": at, "rotate": {"axis": [1, 2, 3], "angle": "40 deg"}}
+    settings = (f"components.body={write_value(body)}", 'joints.mount.between.1="body.center"')
+    found = compute(tmp_path, text, *settings)
     np.testing.assert_allclose(frequencies(found), frequencies(box), rtol=1e-9)
     assert found.components["body"].fidelity == "rigid"
     assert found.components["body"].mass_kg == approx(3.0)
 
 
-def turned(vector: list[float]) -> FloatArray:
-    """By 40 degrees about [1, 2, 3] (Rodrigues)."""
-    axis, angle = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0), np.radians(40.0)
-    v = np.array(vector)
-    return np.asarray(
-        v * np.cos(angle)
-        + np.cross(axis, v) * np.sin(angle)
-        + axis * (axis @ v) * (1.0 - np.cos(angle))
-    )
-
-
-POINT = """
-[components.weight]
-solid = { point_mass = "3 kg" }
-at = ["10 mm", "20 mm", "30 mm"]
-[joints.mount]
-between = ["ground", "weight.center"]
-kind = "spring"
-stiffness = { x = "2 N/um", y = "2 N/um", z = "2 N/um" }
-[analyses.modal]
-count = 3
-[effects]
-gravity = true
-"""
+POINT = stored_scene("point_masses_point")
 
 
 def test_a_point_mass_without_inertia_does_not_feel_rotations(tmp_path: Path) -> None:
@@ -167,20 +116,7 @@ def test_a_chain_of_an_included_file_gets_its_prefix(tmp_path: Path) -> None:
     assert machine.points["left_tip"].tool.component == "left_row_2"
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        (('components.weight.mass="2 kg"',), "a point mass has its mass in solid; remove mass"),
-        (("components.weight.fidelity=elastic",), "a point mass is always rigid"),
-        (('components.weight.interfaces.top={ face = "z+" }',), "has one: center"),
-        (
-            ('components.weight.solid.inertia=["1 kg m^2", "1 kg m^2", "3 kg m^2"]',),
-            "more than the sum of the others",
-        ),
-        (('loads.push={ face = "weight.center", pressure = "1 MPa" }',), "has no surface"),
-        (('supports.hold={ face = "weight.center", fix = ["x"] }',), "is not meshed"),
-    ],
-)
+@cases
 def test_what_a_point_mass_cannot_have_is_refused(
     tmp_path: Path, settings: tuple[str, ...], words: str
 ) -> None:
@@ -189,19 +125,7 @@ def test_what_a_point_mass_cannot_have_is_refused(
         load_scene(path, overrides=settings)
 
 
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ('chains.row.stiffness=["2 N/um"]', "has 1 entries of stiffness for 3 springs: one before"),
-        ('chains.row.damping=["2 N s/m"]', "has 1 entries of damping for 3 springs"),
-        ('chains.row.from="bed.screw"', "write where its masses are"),
-        (
-            'components={ row_2 = { solid = { point_mass = "1 kg" } } }',
-            "makes an entry of this name",
-        ),
-        ('chains.row.masses=["1 kg", "2 m", "3 kg"]', "is a length, not a mass"),
-    ],
-)
+@cases
 def test_what_is_no_chain_is_refused(tmp_path: Path, setting: str, words: str) -> None:
     path = write_scene(tmp_path, chain(3))
     with pytest.raises(SceneError, match=words):

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cases import cases
 from common import approx
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
@@ -18,18 +19,7 @@ from headstock.scene.reading.findings import SceneError
 from scene_runs import compute
 
 LENGTH, STIFFNESS = 0.4, 2e5
-BEAM = machine("""
-machine = "bar"
-names = { bar = "beam", clamp = "wall", tcp = "tip" }
-components.beam.solid = { box = ["10 mm", "10 mm", "400 mm"] }
-components.beam.fidelity = "segmented"
-components.beam.segments = { count = 8 }
-components.beam.interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
-joints.prop = { between = ["beam.tip", "ground"], kind = "spring", stiffness = { x = "0.2 N/um" } }
-loads.turn = { joint = "wall", rotation = ["0 rad", "1 mrad", "0 rad"] }
-loads.lift = { joint = "prop", displacement = ["50 um", "7 um", "0 um"] }
-analyses.static = {}
-""")
+BEAM = stored_scene("prescribed_displacements_beam")
 
 
 def at_tip(results: Results) -> PointCompliance:
@@ -71,21 +61,7 @@ def test_both_ends_of_a_fixed_beam_may_be_displaced(tmp_path: Path) -> None:
     """What is fixed to ground goes where its ground goes, whichever end is named first; the middle
     of a fixed beam goes half of the way, and 1/8 of its length times the turn of an end.
     """
-    upper = """[components.upper]
-solid = { box = ["10 mm", "10 mm", "400 mm"] }
-material = "steel"
-fidelity = "segmented"
-segments = { count = 8 }
-at = ["0 mm", "0 mm", "400 mm"]
-interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }
-[joints.middle]
-between = ["beam.tip", "upper.foot"]
-kind = "rigid"
-[joints.wall]"""
-    prop = 'between = ["beam.tip", "ground"]\nkind = "spring"\nstiffness = { x = "0.2 N/um" }'
-    text = BEAM.replace("[joints.wall]", upper)
-    text = text.replace(prop, 'between = ["upper.tip", "ground"]\nkind = "rigid"')
-    found = displaced(compute(tmp_path, text))
+    found = displaced(compute(tmp_path, stored_scene("prescribed_displacements_two_beams")))
     np.testing.assert_allclose(found["lift"][:3], [25e-6, 3.5e-6, 0.0], atol=1e-12)
     assert found["turn"][0] == approx(1e-3 * 2.0 * LENGTH / 8.0, rel=1e-9)
 
@@ -94,36 +70,12 @@ def test_parts_of_a_machine_may_be_pushed_apart(tmp_path: Path) -> None:
     """A joint without ground: its second end relative to the first, in machine axes whatever its
     own.
     """
-    block = """[components.head]
-solid = { point_mass = "1 kg", inertia = ["1 kg m^2", "1 kg m^2", "1 kg m^2"] }
-at = ["0 mm", "0 mm", "450 mm"]
-[joints.flange]
-between = ["beam.tip", "head.center"]
-kind = "bolted"
-axis = "x"
-stiffness = { shear = "300 N/um", normal = "300 N/um", tilt = "1e5 N m/rad", torsion = "1e5 N m/rad" }
-[joints.wall]"""
-    text = BEAM.replace("[joints.wall]", block).replace('joint = "prop"', 'joint = "flange"')
-    text = text.replace('tool = "beam.tip"', 'tool = "head.center"')
-    found = displaced(compute(tmp_path, text, 'joints.prop.stiffness={ z = "1 N/m" }'))
+    found = displaced(compute(tmp_path, stored_scene("prescribed_displacements_head")))
     # springs that carry nothing take all of it
     np.testing.assert_allclose(found["lift"][:3], [50e-6, 7e-6, 0.0], atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ('loads.turn.joint="wal"', "unknown joint 'wal'"),
-        ('loads.turn.rotation=["0 rad", "3 deg", "0 rad"]', "deflections are linear"),
-        ('loads.turn.displacement=["0 m", "3 deg", "0 m"]', "is an angle, not a length"),
-        ('loads.turn.force=["1 N", "0 N", "0 N"]', "needs exactly one of force"),
-        ('loads.turn={ rotation = ["0 rad", "0 rad", "0 rad"] }', "is given to a joint"),
-        (
-            'analyses.transient={ duration = "1 s", loads.a = { shape = "step", load = "turn" } }',
-            "is a displacement, which is a static load only",
-        ),
-    ],
-)
+@cases
 def test_what_cannot_be_displaced_is_refused(tmp_path: Path, setting: str, words: str) -> None:
     path = write_scene(tmp_path, BEAM)
     with pytest.raises(SceneError, match=words):
@@ -131,18 +83,7 @@ def test_what_cannot_be_displaced_is_refused(tmp_path: Path, setting: str, words
 
 
 def test_a_displacement_that_a_support_holds_is_named_with_it(tmp_path: Path) -> None:
-    text = machine("""
-machine = "block"
-names = { block = "beam", mount = "wall", tcp = "tip" }
-without = ["components.beam.fidelity", "analyses.modal", "analyses.static.at"]
-components.beam.solid = { box = ["40 mm", "40 mm", "100 mm"] }
-components.beam.mesh = { size = "40 mm", cells = "hex" }
-supports.floor = { face = "beam.z-", fix = ["z"] }
-joints.wall.between = ["beam.foot", "ground"]
-joints.wall.stiffness = { x = "100 N/um", y = "100 N/um", z = "100 N/um", rz = "1 kN m/mrad" }
-loads.lift = { joint = "wall", displacement = ["0 um", "7 um", "20 um"] }
-""")
-    results = compute(tmp_path, text)
+    results = compute(tmp_path, stored_scene("prescribed_displacements_held"))
     (warning,) = [each for each in results.warnings if "moves nothing" in each or "'lift'" in each]
     assert "joint 'wall' along z" in warning and "support 'floor'" in warning
     moved = displaced(results)["all"]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from common import approx
-from fixture_machines import machine
+from fixture_machines import stored_scene
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
@@ -20,17 +20,7 @@ from scene_runs import compute
 
 pytestmark = [pytest.mark.hard("H52"), pytest.mark.fem, pytest.mark.process]
 
-SCENE = machine("""
-machine = "bar"
-names = { bar = "strip", foot = "root" }
-without = ["points"]
-name = "plate strip"
-components.strip.solid = { box = ["400 mm", "40 mm", "8 mm"] }
-components.strip.mesh = { size = "SIZE", cells = "hex" }
-components.strip.reduction = { modes = "MODES" }
-components.strip.interfaces = { root = { face = "x-" }, tip = { face = "x+", coupling = "average" } }
-analyses.modal = { count = "COUNT" }
-""")
+SCENE = stored_scene("reach")
 Sheet = Callable[[str, str], tuple[FloatArray, list[str]]]
 
 

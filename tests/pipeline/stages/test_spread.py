@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
@@ -17,22 +17,7 @@ from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
-SCENE = machine("""
-machine = "bar"
-names = { bar = "arm", clamp = "stay", tip = "bolt" }
-without = ["points"]
-name = "bracket"
-components.arm.solid = { box = ["300 mm", "60 mm", "40 mm"] }
-components.arm.mesh = { size = "40 mm", cells = "hex" }
-components.arm.reduction = { modes = 12 }
-components.arm.interfaces.root = { face = "x-", coupling = "average" }
-components.arm.interfaces.bolt = { face = "z+", rect = { center = ["90 mm", "0 mm"], size = ["80 mm", "60 mm"] } }
-joints.wall = { between = ["ground", "arm.root"], kind = "rigid" }
-joints.stay.between = ["ground", "arm.bolt"]
-joints.stay.kind = "spring"
-joints.stay.stiffness = { x = "50 N/um", y = "50 N/um", z = "50 N/um", rx = "100 N m/mrad", ry = "100 N m/mrad", rz = "100 N m/mrad" }
-analyses.modal = { count = 4 }
-""")
+SCENE = stored_scene("spread")
 
 
 @pytest.fixture(scope="module")

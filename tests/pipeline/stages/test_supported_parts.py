@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cases import cases
 from common import approx
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.pipeline.numbers.folders import read_summary
 from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.pipeline.results.summary import RunSummary
@@ -18,18 +19,7 @@ from headstock.scene.reading.findings import SceneError
 from scene_runs import compute
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
-PART = """
-name = "Part"
-[materials.steel]
-E = "210 GPa"
-nu = 0.0
-rho = "7850 kg/m^3"
-[components.part]
-solid = { box = [SIZE] }
-material = "steel"
-free = FREE
-mesh = { size = "MESH mm", cells = "hex" }
-"""
+PART = stored_scene("supported_parts_part")
 MODES = "[analyses.modal]\ncount = COUNT\n"
 
 
@@ -140,27 +130,7 @@ def test_a_simply_supported_sheet_has_the_frequencies_of_plate_theory(
     np.testing.assert_allclose(modes["frequencies_hz"], exact, rtol=0.01)
 
 
-BEAM = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.0
-rho = "7850 kg/m^3"
-[components.beam]
-solid = { box = ["500 mm", "25 mm", "25 mm"] }
-material = "steel"
-mesh = { size = "25 mm", cells = "hex" }
-[supports.left]
-edge = ["beam.z-", "beam.x-"]
-fix = ["z", [1, 0, 1]]
-[supports.right]
-edge = ["beam.x+", "beam.z-"]
-fix = ["z"]
-[supports.side]
-face = "beam.y-"
-fix = ["normal"]
-[analyses.modal]
-count = 1
-"""
+BEAM = stored_scene("supported_parts_beam")
 
 
 def test_a_beam_on_its_lower_edges_has_the_frequency_of_a_simply_supported_one(
@@ -188,22 +158,7 @@ def test_a_beam_on_its_lower_edges_has_the_frequency_of_a_simply_supported_one(
     np.testing.assert_allclose(supports["side"].directions, [[0.0, -1.0, 0.0]], atol=1e-12)
 
 
-TUBE = machine("""
-machine = "bar"
-names = { bar = "quill", clamp = "stop", tip = "nose" }
-without = ["points"]
-components.quill.solid = { tube = { outer = "60 mm", inner = "40 mm", length = "25 mm" } }
-components.quill.mesh = { size = "25 mm" }
-components.quill.reduction = { modes = 0 }
-components.quill.rotate = { axis = "y", angle = "30 deg" }
-components.quill.interfaces = { nose = { face = "z+", coupling = "average" } }
-supports.bore = { face = "quill.outer", fix = ["normal"] }
-joints.stop.between = ["ground", "quill.nose"]
-joints.stop.kind = "spring"
-joints.stop.axis = [0.5, 0, 0.8660254037844386]
-joints.stop.stiffness = { x = "1 N/um", rx = "500 N m/rad" }
-analyses.modal = { count = 2 }
-""")
+TUBE = stored_scene("supported_parts_tube")
 
 
 def test_a_tube_held_all_around_slides_and_turns_on_its_springs(tmp_path: Path) -> None:
@@ -215,18 +170,7 @@ def test_a_tube_held_all_around_slides_and_turns_on_its_springs(tmp_path: Path) 
     np.testing.assert_allclose(results.modal[0].frequencies_hz, expected, rtol=2e-3)
 
 
-@pytest.mark.parametrize(
-    ("keys", "words"),
-    [
-        ({"face": "beam.z-", "fix": ["q"]}, "no direction that can be fixed"),
-        ({"face": "beam.z-", "fix": [[0, 0, 0]]}, "needs a length above zero"),
-        ({"edge": ["beam.z-", "beam.x-"], "fix": ["normal"]}, "an edge has no one normal"),
-        ({"edge": ["beam.z-", "beam.q"], "fix": ["x"]}, "is not a face of this box"),
-        ({"edge": ["beam.z-", "bed.x-"], "fix": ["x"]}, "two faces of one component"),
-        ({"edge": ["beam.z-"], "fix": ["x"]}, "2"),
-        ({"edge": ["beam.z-", "beam.x-"], "at": "beam.tip", "fix": ["x"]}, "two whole faces"),
-    ],
-)
+@cases
 def test_what_is_no_support_is_refused(tmp_path: Path, keys: dict[str, object], words: str) -> None:
     lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
     path = write_scene(tmp_path, "\n".join([BEAM, "[supports.other]", *lines]))

@@ -10,6 +10,7 @@ import pytest
 import scene_runs
 from common import approx
 from faults.file_fuzz import SIZE, write_meshes
+from fixture_machines import stored_scene
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.survey import survey_step
@@ -22,32 +23,7 @@ from headstock.scene.building.loader import load_scene
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
 SUPPORT = Path(__file__).resolve().parents[2] / "data" / "support.step"
-SCENE = """
-name = "Parts from files"
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.support]
-solid = { step = "support.step" }
-material = "steel"
-fidelity = "rigid"
-free = true
-interfaces.foot = { face = "z-" }
-[components.bar]
-solid = { mesh = "part.msh", unit = "1 m" }
-material = "steel"
-fidelity = "rigid"
-at = ["0 mm", "0 mm", "50 mm"]
-interfaces.low = { face = "z-" }
-interfaces.high = { face = "z+" }
-[joints.bolts]
-between = ["support.foot", "bar.low"]
-kind = "rigid"
-at = ["0 mm", "0 mm", "50 mm"]
-[analyses.modal]
-count = 6
-"""
+SCENE = stored_scene("unmeshed_parts")
 
 
 @pytest.fixture
@@ -89,16 +65,6 @@ def test_parts_from_files_are_drawn_and_weighed_from_files_read_once(
     assert all(
         shifts[name].shape == (6, len(skin.points), 3) for name, skin in again.view.skins.items()
     )
-
-
-@pytest.mark.trials
-def test_another_part_has_other_properties_in_the_store(folder: Path) -> None:
-    masses = []
-    for unit in ("1 m", "1 m", "0.5 m"):
-        (folder / "scene.toml").write_text(SCENE.replace('unit = "1 m"', f'unit = "{unit}"'))
-        masses.append(run(folder).components["bar"].mass_kg)
-    assert masses[1] == masses[0]
-    assert masses[2] == approx(masses[0] / 8)
 
 
 def test_a_surface_that_cannot_be_drawn_costs_a_warning_and_no_result(

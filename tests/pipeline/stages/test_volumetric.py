@@ -8,22 +8,21 @@ import pytest
 from mpi4py import MPI
 from summary_shapes import list_strangers
 
+from cases import cases
 from common import approx
 from headstock.app.report.report import render_report
 from headstock.app.views.registry import list_tables
 from headstock.geometry.machine.machine import Pose
-from headstock.meshing.components.meshing import describe_component
 from headstock.pipeline.numbers.folders import RESULTS_FILE, read_run_numbers
 from headstock.pipeline.results.files import open_results
 from headstock.pipeline.results.summary import RunSummary, summarise
 from headstock.pipeline.runner import run_scene
-from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.motions.tool_deviation import solve_deviation
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import keep_analyses
 from headstock.studies.kind_changes import compare_kinds
+from scene_runs import couple_parts
 
 SCENE = Path(__file__).parents[2] / "data" / "three_rigid_axes.toml"
 
@@ -39,13 +38,9 @@ def test_the_map_holds_the_deviation_of_each_pose(run: tuple[RunSummary, Path]) 
     summary, folder = run
     assert list(list_strangers(summary)) == []
     machine = load_scene(SCENE).machine
-    parts = {
-        name: reduce_rigid(component, describe_component(component))
-        for name, component in machine.components.items()
-    }
     pose = Pose("", {"X": -0.125, "Y": 0.15, "Z": -0.15})
     gravity = np.array([0.0, 0.0, -9.80665])
-    found = solve_deviation(couple(parts, machine, pose, gravity=gravity), machine, "tcp")
+    found = solve_deviation(couple_parts(machine, pose, gravity=gravity), machine, "tcp")
     with h5py.File(folder / RESULTS_FILE) as file:
         group = file["volumetric/tcp"]
         for source, moved in found.sources.items():
@@ -105,20 +100,7 @@ def test_tables_and_report_show_it(run: tuple[RunSummary, Path]) -> None:
         assert text in page
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ("analyses.volumetric.sweep='x'", "unknown sweep"),
-        ("analyses.volumetric.at=['tpc']", "unknown point"),
-        ("sweeps.volume.axes={ X = ['0 mm', '1 mm', 3] }", "two or three"),
-        ("axes.X.errors.EX={ polynomial = ['1 urad'] }", "is not a length"),
-        ("axes.X.errors.EA={ points = { at = ['0 mm'], values = ['0 urad', '1 urad'] } }", "at"),
-        ("joints.posts.errors={ normal = { polynomial = ['1 um'] } }", "slides along nothing"),
-        ("joints.x_drive.errors={ normal = { polynomial = ['1 um'] } }", "moves freely"),
-        ("joints.x_guide.errors={ roll = { polynomial = ['1 urad'] } }", "no stiffness there"),
-        ("joints.x_guide.errors={ normal = { polynomial = ['1 um', '2 um'] } }", "go together"),
-    ],
-)
+@cases
 def test_what_is_wrong_is_said(change: str, message: str) -> None:
     with pytest.raises(SceneError, match=message):
         load_scene(SCENE, overrides=[change])

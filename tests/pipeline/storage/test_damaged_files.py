@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
+from cases import cases
 from faults.file_fuzz import box_superelement, run_file_fuzz, write_meshes
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.parts.components import Component, Material
@@ -60,18 +61,7 @@ def test_a_gmsh_file_that_lies_about_its_counts_is_refused(
     assert time.monotonic() - start < 10.0
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "fragment"),
-    [
-        ("\n1, 0.0000000000000000e+00", "\n1, nan", "finite"),
-        ("\n1, ", "\n** ", "not defined"),
-        ("TYPE=C3D10", "TYPE=C3D10000", ""),
-        ("TYPE=C3D10MH\n", "TYPE=C3D10MH\n1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1\n", ""),
-        ("*ELEMENT", "*NSET, NSET=all, GENERATE\n1, 1000000000000, 1\n*ELEMENT", ""),
-        ("*ELEMENT", "*INCLUDE, INPUT=/etc/passwd\n*ELEMENT", ""),
-    ],
-    ids=["nan", "missing node", "unknown type", "collapsed element", "endless set", "include"],
-)
+@cases
 def test_an_abaqus_deck_that_contradicts_itself_is_refused(
     tmp_path: Path, old: str, new: str, fragment: str
 ) -> None:

@@ -5,16 +5,18 @@ is refused by name before it is used.
 import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
+from built_superelements import bar
+from cases import cases
 from common import present
 from headstock.geometry.errors import printable
-from headstock.geometry.frames import Frame
 from headstock.pipeline.results.files import read_view
 from headstock.pipeline.storage.outputs import OutputError
 from headstock.pipeline.storage.records import RecordError, require_plain
@@ -23,57 +25,11 @@ from headstock.pipeline.storage.superelements import (
     read_superelement,
     write_superelement,
 )
-from headstock.reduction.superelement import (
-    ErrorEstimates,
-    InterfaceMap,
-    Recovery,
-    StaticLoad,
-    Superelement,
-    Truncation,
-)
 
 pytestmark = [pytest.mark.hard("H46"), pytest.mark.workers]
 
 SECRET = b"TOPSECRET-PASSWORD-1234567890-abcdefghijklmnopqrstuvwxyz-ABCDEFGHIJ\n"
-FREQUENCIES = np.array([100.0, 200.0])
 Change = Callable[[h5py.File, Path], None]
-
-
-def bar() -> Superelement:
-    """A bar of 2 kg from 0 to 1 m along z with one interface at its foot and two modes; its numbers
-    agree with each other.
-    """
-    square = (2.0 * np.pi * FREQUENCIES) ** 2
-    stiffness, mass = np.zeros((8, 8)), np.eye(8)
-    stiffness[6:, 6:] = np.diag(square)
-    labels = (
-        *(("foot", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")),
-        ("mode", "1"),
-        ("mode", "2"),
-    )
-    part = np.outer(np.arange(1.0, 7.0), np.arange(1.0, 7.0))
-    points = np.array([[0.0, 0, 0], [0.1, 0.1, 0.5], [0.05, 0, 1.0]])
-    return Superelement(
-        name="bar",
-        labels=labels,
-        frames=(Frame(),),
-        interface_maps={"foot": InterfaceMap(0, Frame())},
-        stiffness=stiffness,
-        mass=mass,
-        recovery=Recovery(basis=np.ones((9, 8)), points=points),
-        constraints=np.zeros((0, 8)),
-        modal_frequencies_hz=FREQUENCIES,
-        cutoff_hz=300.0,
-        full_dofs=9,
-        mass_kg=2.0,
-        center_of_mass=np.zeros(3),
-        inertia=np.eye(3),
-        loads={"push": StaticLoad(np.ones(8), np.ones(9))},
-        warnings=("wobbles ± 3 µm → look",),
-        errors=ErrorEstimates(
-            truncation=Truncation(part / 4e6, part / 16e12, 4e6), missing_energy=np.eye(8)
-        ),
-    )
 
 
 def hostile(tmp_path: Path, change: Change) -> Path:
@@ -140,11 +96,16 @@ def attribute(name: str, value: object, group: str = "/") -> Change:
     return change
 
 
-def entry(name: str, place: tuple[int, ...], value: float) -> Change:
+def entry(name: str, place: Sequence[int], value: float) -> Change:
     def change(file: h5py.File, _: Path) -> None:
-        file[name][place] = value
+        file[name][tuple(place)] = value
 
     return change
+
+
+CHANGES: dict[str, Callable[..., Change]] = {
+    change.__name__: change for change in (put, scale, attribute, entry)
+}
 
 
 def rename(old: str, new: str) -> Change:
@@ -194,72 +155,6 @@ REACHING: dict[str, tuple[Change, str]] = {
     "attribute array": (attribute("mass_kg", np.ones(3)), "one number or word"),
     "attribute of references": (refer_beside, "one number or word"),
 }
-LYING: dict[str, tuple[Change, str]] = {
-    "negative missing energy": (
-        scale(-1.0, "errors/missing_energy"),
-        "missing_energy has a negative direction",
-    ),
-    "one negative missing energy": (
-        entry("errors/missing_energy", (7, 7), -1.0),
-        "missing_energy has a negative direction",
-    ),
-    "unsymmetric missing energy": (
-        entry("errors/missing_energy", (0, 1), 0.5),
-        "missing_energy is not symmetric",
-    ),
-    "an error made small": (attribute("mesh_safety", 0.01, "errors"), "mesh_safety is 0.01"),
-    "a safety that is none": (attribute("mesh_safety", np.nan, "errors"), "mesh_safety is nan"),
-    "negative truncation": (
-        scale(-1.0, "errors/truncation/first", "errors/truncation/second"),
-        "truncation/first has a negative direction",
-    ),
-    "negative second moment": (
-        scale(-1.0, "errors/truncation/second"),
-        "truncation/second has a negative direction",
-    ),
-    "second moment too large": (
-        scale(2.0, "errors/truncation/second"),
-        "larger than truncation/first allows",
-    ),
-    "no truncation limit": (attribute("limit", np.nan, "errors/truncation"), "truncation/limit"),
-    "cut-off NaN": (attribute("cutoff_hz", np.nan), "cutoff_hz is nan"),
-    "negative cut-off": (attribute("cutoff_hz", -1.0), "cutoff_hz is -1"),
-    "negative mass": (attribute("mass_kg", -2.0), "mass_kg is -2"),
-    "endless mass": (attribute("mass_kg", np.inf), "mass_kg is inf"),
-    "residual NaN": (attribute("residual", np.nan), "residual is nan"),
-    "negative dofs": (attribute("full_dofs", -9), "full_dofs is -9"),
-    "other frequencies": (
-        scale(3.0, "modal_frequencies_hz"),
-        "says 300 Hz where stiffness and mass have 100 Hz",
-    ),
-    "a softened mode": (entry("stiffness", (7, 7), 1.0), "modal_frequencies_hz says"),
-    "half the stiffness": (scale(0.5, "stiffness"), "modal_frequencies_hz says"),
-    "twice the mass": (scale(2.0, "mass"), "modal_frequencies_hz says"),
-    "negative modal mass": (
-        entry("mass", (7, 7), -1.0),
-        "the mass of its modal dofs is not positive",
-    ),
-    "of another version": (attribute("version", 1), "its version is 1, 2 is read; export it again"),
-    "moved interface": (
-        put("attachments/foot/frame/origin", np.array([0.0, 0, 5])),
-        "interface 'foot' lies outside the body",
-    ),
-    "moved node": (put("frames/0/origin", np.array([0.0, 9, 0])), "node 0 lies outside the body"),
-    "stretched frame": (put("attachments/foot/frame/rotation", 2.0 * np.eye(3)), "orthonormal"),
-    "mirrored frame": (
-        put("attachments/foot/frame/rotation", np.diag([1.0, 1, -1])),
-        "right-handed",
-    ),
-    "frame without numbers": (put("attachments/foot/frame/origin", np.full(3, np.nan)), "finite"),
-    "load of another part": (
-        put("loads/push/particular", np.ones(12)),
-        "loads/push/particular has shape",
-    ),
-    "points in a plane": (put("recovery/points", np.ones((3, 2))), "recovery/points has shape"),
-    "a mass of another size": (put("mass", np.eye(7)), "mass has shape"),
-    "stiffness without numbers": (put("stiffness", np.full((8, 8), np.nan)), "not finite"),
-    "no such node": (attribute("node", 7, "attachments/foot"), "sits on node 7"),
-}
 NAMED: dict[str, tuple[Change, str]] = {
     "page in a name": (
         rename("attachments/foot", "attachments/%3Cimg src=x onerror=alert(1)%3E"),
@@ -300,16 +195,24 @@ def test_a_file_that_reaches_for_others_or_holds_odd_types_is_refused_before_any
     assert "SECRET" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", [*LYING, *NAMED])
-def test_a_file_whose_numbers_or_names_cannot_be_true_is_refused_by_name(
-    tmp_path: Path, name: str
-) -> None:
-    change, message = {**LYING, **NAMED}[name]
-    path = hostile(tmp_path, change)
+def refuse(path: Path, message: str) -> None:
     with pytest.raises(RecordError, match=message) as caught:
         parse_superelement("part.h5", path.read_bytes())
     assert str(caught.value).startswith("part.h5: ")
     assert printable(str(caught.value)) == str(caught.value)
+
+
+@cases
+def test_a_file_whose_numbers_cannot_be_true_is_refused_by_name(
+    tmp_path: Path, how: str, given: tuple[Any, ...], message: str
+) -> None:
+    refuse(hostile(tmp_path, CHANGES[how](*given)), message)
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_a_file_whose_names_cannot_be_true_is_refused_by_name(tmp_path: Path, name: str) -> None:
+    change, message = NAMED[name]
+    refuse(hostile(tmp_path, change), message)
 
 
 @pytest.mark.process

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import headstock as hs
 from common import make_box
+from fixture_machines import stored_scene
 from headstock.app.actions.checking import check_command
 from headstock.app.commands.scene_commands import CheckOptions
 from headstock.app.terminal.guard import BAD_INPUT, run_guarded
@@ -25,30 +26,7 @@ from scene_runs import run
 pytestmark = [pytest.mark.process]
 
 STEP = Path(__file__).parents[2] / "data" / "support.step"
-SCENE = """\
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.part]
-solid = { FILE }
-material = "steel"
-fidelity = "rigid"
-[components.part.interfaces.foot]
-patches = [
-    { face = "z-" },
-    { face = "FOOT" },
-]
-[components.part.interfaces.tip]
-face = "TIP"
-[joints.clamp]
-between = ["ground", "part.foot"]
-kind = "rigid"
-[points]
-tcp = { tool = "part.tip", work = "ground" }
-[analyses.static]
-at = "tcp"
-"""
+SCENE = stored_scene("part_files")
 
 
 def write_scene(

@@ -7,18 +7,20 @@ import os
 import stat
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 
+from built_scenes import STEEL, make_block
+from built_superelements import bar
 from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.parts.components import (
     Component,
     Interface,
     Load,
-    Material,
     MeshSettings,
     Patch,
     ReductionSettings,
@@ -38,18 +40,18 @@ from headstock.pipeline.storage.store import (
     write_entry,
 )
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
-from headstock.reduction.superelement import InterfaceMap, Recovery, StaticLoad, Superelement
+from headstock.reduction.superelement import (
+    ErrorEstimates,
+    InterfaceMap,
+    Recovery,
+    StaticLoad,
+    Superelement,
+)
 
 KEY = "ab" + 62 * "0"
-STEEL = Material("steel", 210e9, 0.3, 7850.0)
-COLUMN = Component(
+COLUMN = make_block(
     "column",
-    Box((0.038, 0.1, 0.5)),
-    STEEL,
-    interfaces={
-        "foot": Interface("foot", (Patch("z-"),)),
-        "tip": Interface("tip", (Patch("z+"),), coupling="average"),
-    },
+    (0.038, 0.1, 0.5),
     mesh=MeshSettings(size=0.019),
     reduction=ReductionSettings(modes=4),
 )
@@ -70,40 +72,25 @@ def make_mesh() -> ComponentMesh:
 
 def make_superelement() -> Superelement:
     rng = np.random.default_rng(1)
-    stiffness = rng.normal(size=(8, 8))
-    stiffness[6:, 6:] = np.diag(0.5 * (2.0 * np.pi * np.array([100.0, 200.0])) ** 2)
-    return Superelement(
-        name="column",
-        labels=(
-            *((node, dof) for node in ["foot"] for dof in ["x", "y", "z", "rx", "ry", "rz"]),
-            ("mode", "1"),
-            ("mode", "2"),
-        ),
+    return dataclasses.replace(
+        bar(),
         frames=(Frame(np.array([1.0, 2.0, 3.0]), rotation_about(np.array([1.0, 1, 0]), 0.3)),),
         interface_maps={
             "foot": InterfaceMap(0, Frame()),
             "tip/upper": InterfaceMap(0, Frame(np.ones(3))),
         },
-        stiffness=stiffness + stiffness.T,
-        mass=np.eye(8),
         recovery=Recovery(
             basis=rng.normal(size=(12, 8)),
-            points=np.vstack(
-                [rng.normal(size=(2, 3)), np.full((1, 3), -5.0), np.full((1, 3), 5.0)]
-            ),
+            points=np.vstack([rng.normal(size=(2, 3)), [[-5.0] * 3, [5.0] * 3]]),
         ),
-        constraints=np.zeros((0, 8)),
-        modal_frequencies_hz=np.array([100.0, 200.0]),
         cutoff_hz=float("inf"),
         full_dofs=12,
-        mass_kg=3.0,
-        center_of_mass=np.zeros(3),
-        inertia=np.eye(3),
         residual=1e-12,
         loads={
             "push": StaticLoad(np.arange(8.0, dtype=np.float64), None),
             "pull": StaticLoad(np.ones(8), np.ones(12)),
         },
+        errors=ErrorEstimates(),
         free_dofs=("tip.rz",),
     )
 
@@ -160,44 +147,41 @@ def test_a_flipped_byte_anywhere_is_noticed(tmp_path: Path) -> None:
         assert read.warning is not None and "damaged" in read.warning
 
 
-@pytest.mark.parametrize("length", [0, 100, 512, 4000])
-def test_a_truncated_entry_is_noticed(tmp_path: Path, length: int) -> None:
-    store = Store(tmp_path)
-    write_entry(store, KEY, make_mesh())
-    path = _entry_path(store, "componentmesh", KEY)
-    path.write_bytes(path.read_bytes()[:length])
-    read = read_entry(store, KEY, ComponentMesh)
-    assert read.value is None and read.warning is not None
+def link_to(path: Path) -> None:
+    path.rename(path.parents[2] / "elsewhere.h5")
+    path.symlink_to(path.parents[2] / "elsewhere.h5")
 
 
-def test_an_entry_of_another_user_is_not_trusted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def cut(length: int) -> Callable[[Path], None]:
+    return lambda path: os.truncate(path, length)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (cut(0), ""),
+        (cut(100), ""),
+        (cut(512), ""),
+        (cut(4000), ""),
+        (lambda path: path.chmod(0o666), ""),
+        (link_to, ""),
+        (lambda path: None, "another user"),
+    ],
+    ids=["empty", "100", "512", "4000", "others may write it", "a link", "another user"],
+)
+def test_an_entry_that_is_cut_short_or_of_others_is_not_trusted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Callable[[Path], None], words: str
 ) -> None:
     store = Store(tmp_path)
     write_entry(store, KEY, make_mesh())
-    other = os.geteuid() + 1
-    monkeypatch.setattr(os, "geteuid", lambda: other)
-    read = read_entry(store, KEY, ComponentMesh)
-    assert read.value is None and read.warning is not None and "another user" in read.warning
-
-
-def test_an_entry_that_others_may_write_is_not_trusted(tmp_path: Path) -> None:
-    store = Store(tmp_path)
-    write_entry(store, KEY, make_mesh())
     path = _entry_path(store, "componentmesh", KEY)
-    assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    path.chmod(0o666)
-    assert read_entry(store, KEY, ComponentMesh).value is None
-
-
-def test_an_entry_behind_a_link_is_not_followed(tmp_path: Path) -> None:
-    store = Store(tmp_path)
-    write_entry(store, KEY, make_mesh())
-    path = _entry_path(store, "componentmesh", KEY)
-    path.rename(tmp_path / "elsewhere.h5")
-    path.symlink_to(tmp_path / "elsewhere.h5")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600 and path.stat().st_size > 4000
+    change(path)
+    if words:
+        other = os.geteuid() + 1
+        monkeypatch.setattr(os, "geteuid", lambda: other)
     read = read_entry(store, KEY, ComponentMesh)
-    assert read.value is None and read.warning is not None
+    assert read.value is None and read.warning is not None and words in read.warning
 
 
 def test_a_store_that_cannot_be_written_warns_and_leaves_nothing(

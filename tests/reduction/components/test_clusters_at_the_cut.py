@@ -12,7 +12,7 @@ from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.elastic.eigenpairs import CLUSTER_GAP, ModeTarget, cluster_end
+from headstock.solvers.elastic.eigenpairs import CLUSTER_GAP, ModeTarget
 
 pytestmark = pytest.mark.hard("H06")
 
@@ -79,8 +79,3 @@ def test_one_mode_more_inside_a_cluster_changes_no_receptance(
 def test_the_first_left_out_frequency_bounds_what_is_complete(reduce_to: ReduceTo) -> None:
     few, many = reduce_to(ModeTarget(count=4)), reduce_to(ModeTarget(count=12))
     assert few.cutoff_hz == approx(many.modal_frequencies_hz[few.modal_count], rel=1e-3)
-
-
-def test_a_chain_of_close_frequencies_is_followed_to_its_end() -> None:
-    frequencies = np.array([1.0, 1.723, 1.727, 1.733, 1.74, 2.0])
-    assert [cluster_end(frequencies, count) for count in range(7)] == [0, 1, 5, 5, 5, 5, 6]

@@ -2,22 +2,19 @@ import dataclasses
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx, make_box, make_component
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import CouplingKind, Patch, ReductionSettings, Support
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.requests import ReductionRequest, mode_target
+from headstock.reduction.requests import mode_target
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.errors import ModelError
+from reduced_parts import reduce_mesh
 
-COMM = MPI.COMM_SELF
 SIZE = (0.1, 0.13, 0.4)
-SIX = ReductionRequest(ModeTarget(count=6), gravity=True)
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +28,8 @@ def plane(*directions: str) -> tuple[Support]:
 
 
 def test_labels_name_every_dof_in_order(mesh: ComponentMesh) -> None:
-    element = reduce_elastic(
-        make_component({"foot": "rigid", "tip": "average"}), mesh, comm=COMM, request=SIX
+    element = reduce_mesh(
+        make_component({"foot": "rigid", "tip": "average"}), mesh, modes=6, gravity=True
     )
     assert element.labels[:7] == (
         *(("foot", dof) for dof in ("x", "y", "z", "rx", "ry", "rz")),
@@ -46,9 +43,7 @@ def test_labels_name_every_dof_in_order(mesh: ComponentMesh) -> None:
 def test_the_mass_of_an_even_mesh_has_no_rounding_of_many_equal_terms() -> None:
     even = make_box((4, 8, 24), (0.04, 0.1, 0.3), {"foot": "z-", "tip": "z+"})
     component = make_component({"foot": "rigid", "tip": "average"})
-    element = reduce_elastic(
-        component, even, comm=COMM, request=ReductionRequest(ModeTarget(count=1), errors=False)
-    )
+    element = reduce_mesh(component, even, modes=1, errors=False)
     mass = component.material.density * 0.04 * 0.1 * 0.3
     assert element.mass_kg == approx(mass, rel=1e-14, abs=0.0)
 
@@ -57,7 +52,7 @@ def test_the_mass_of_an_even_mesh_has_no_rounding_of_many_equal_terms() -> None:
 def test_a_free_component_with_one_interface_has_no_stiffness_there_at_all(
     mesh: ComponentMesh, coupling: CouplingKind
 ) -> None:
-    element = reduce_elastic(make_component({"foot": coupling}), mesh, comm=COMM, request=SIX)
+    element = reduce_mesh(make_component({"foot": coupling}), mesh, modes=6, gravity=True)
     assert not element.stiffness[:6, :6].any()
     check_superelement(element)
 
@@ -66,8 +61,8 @@ def test_a_free_component_with_one_interface_has_no_stiffness_there_at_all(
 def test_a_symmetry_plane_leaves_its_three_motions_without_stiffness(
     mesh: ComponentMesh, coupling: CouplingKind
 ) -> None:
-    element = reduce_elastic(
-        make_component({"tip": coupling}), mesh, plane("x"), comm=COMM, request=SIX
+    element = reduce_mesh(
+        make_component({"tip": coupling}), mesh, plane("x"), modes=6, gravity=True
     )
     # in the plane x = 0: along y, along z, about x
     for motion in ([0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 0, 0]):
@@ -82,8 +77,8 @@ def test_half_a_body_on_its_symmetry_plane_is_the_symmetric_half_of_the_whole() 
     whole = make_box((4, 2, 3), (0.2, 0.13, 0.3), {"foot": "z-", "tip": "z+"})
     half = make_box((2, 2, 3), (0.1, 0.13, 0.3), {"foot": "z-", "tip": "z+", "support:plane": "x-"})
     component = make_component({"foot": "rigid", "tip": "rigid"})
-    full = reduce_elastic(component, whole, comm=COMM, request=ReductionRequest())
-    part = reduce_elastic(component, half, plane("x"), comm=COMM, request=ReductionRequest())
+    full = reduce_mesh(component, whole)
+    part = reduce_mesh(component, half, plane("x"))
 
     def stretch(element: Superelement) -> FloatArray:
         """Stiffness against pulling the faces apart and against turning them towards each other
@@ -103,7 +98,7 @@ def test_half_a_body_on_its_symmetry_plane_is_the_symmetric_half_of_the_whole() 
 def test_a_body_on_a_symmetry_plane_alone_keeps_the_three_motions_that_the_plane_leaves(
     mesh: ComponentMesh,
 ) -> None:
-    element = reduce_elastic(make_component(), mesh, plane("x"), comm=COMM, request=SIX)
+    element = reduce_mesh(make_component(), mesh, plane("x"), modes=6, gravity=True)
     assert element.boundary_size == 6 and not element.stiffness[:6, :6].any()
     rows = element.constraints[:, :6]
     # x, turning about y and about z are fixed
@@ -117,7 +112,7 @@ def test_a_body_on_a_symmetry_plane_alone_keeps_the_three_motions_that_the_plane
 
 def test_a_clamped_body_without_interfaces_is_its_modes(mesh: ComponentMesh) -> None:
     clamp = (Support("clamp", "body", (Patch("z-"),), ("x", "y", "z")),)
-    element = reduce_elastic(make_component(), mesh, clamp, comm=COMM, request=SIX)
+    element = reduce_mesh(make_component(), mesh, clamp, modes=6, gravity=True)
     assert element.boundary_size == 0
     np.testing.assert_allclose(element.mass, np.eye(element.modal_count), atol=1e-10)
     np.testing.assert_allclose(
@@ -129,7 +124,7 @@ def test_a_stated_mass_scales_the_density(mesh: ComponentMesh) -> None:
     plain = make_component({"foot": "rigid"})
     heavy = dataclasses.replace(plain, mass=123.0)
     one, other = (
-        reduce_elastic(component, mesh, comm=COMM, request=SIX) for component in (plain, heavy)
+        reduce_mesh(component, mesh, modes=6, gravity=True) for component in (plain, heavy)
     )
     assert other.mass_kg == approx(123.0, rel=1e-12)
     np.testing.assert_allclose(
@@ -152,7 +147,7 @@ def test_mode_targets_follow_the_components_settings() -> None:
 
 
 def test_residuals_of_the_solves_are_reported(mesh: ComponentMesh) -> None:
-    element = reduce_elastic(
-        make_component({"foot": "rigid", "tip": "average"}), mesh, comm=COMM, request=SIX
+    element = reduce_mesh(
+        make_component({"foot": "rigid", "tip": "average"}), mesh, modes=6, gravity=True
     )
     assert 0.0 < element.residual < 1e-8

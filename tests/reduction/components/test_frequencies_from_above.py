@@ -4,17 +4,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import Dense, make_box, make_component
 from headstock.geometry.frames import FloatArray
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.eigenpairs import ModeTarget
+from reduced_parts import reduce_mesh
 
 pytestmark = pytest.mark.hard("H22")
 
-COMM = MPI.COMM_SELF
 SIZE = (0.038, 0.1, 0.5)
 COUNTS = (0, 2, 5, 10, 20, 40)
 FLOOR = 1e-7
@@ -28,12 +24,7 @@ def frequencies(
     component = make_component({"foot": request.param, "tip": request.param}, size=SIZE)
 
     def reduced(count: int) -> FloatArray:
-        element = reduce_elastic(
-            component,
-            mesh,
-            comm=COMM,
-            request=ReductionRequest(ModeTarget(count=count), recovery=False),
-        )
+        element = reduce_mesh(component, mesh, modes=count, recovery=False)
         return dense.frequencies(element.stiffness, element.mass)[6:]
 
     refinement = [reduced(count) for count in COUNTS]

@@ -4,20 +4,16 @@ any number.
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import Dense, make_box, make_component, present
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import CouplingKind, Load, Patch
-from headstock.meshing.component_mesh import ComponentMesh
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.requests import ReductionRequest
+from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.elastic.eigenpairs import ModeTarget
+from reduced_parts import reduce_mesh
 
 pytestmark = pytest.mark.hard("H21")
 
-COMM = MPI.COMM_SELF
 SIZE = (0.1, 0.13, 0.4)
 GROUPS = {"foot": "z-", "tip": "z+", "load:wind": "x+", "load:oil": "y-"}
 LOADS = (
@@ -43,14 +39,7 @@ def reduced(
 ) -> Superelement:
     foot, tip = couplings
     component = make_component({"foot": foot, "tip": tip}, size=SIZE)
-    return reduce_elastic(
-        component,
-        mesh,
-        (),
-        loads,
-        comm=COMM,
-        request=ReductionRequest(ModeTarget(count=count), gravity=gravity),
-    )
+    return reduce_mesh(component, mesh, (), loads, modes=count, gravity=gravity)
 
 
 def assert_spectrum(found: FloatArray, exact: FloatArray, tolerance: float) -> None:
@@ -114,27 +103,38 @@ def test_statics_at_the_interfaces_are_those_of_the_full_model_for_any_count(
     assert (np.abs(found - exact) / scale).max() < 1e-9
 
 
+def tip_motions(mesh: ComponentMesh) -> tuple[IntArray, FloatArray]:
+    """Dofs of the tip's points and their rigid motions ``(n, 6)`` about its centre."""
+    tip = np.unique(mesh.patches["tip"])
+    rigid = np.zeros((3 * len(tip), 6))
+    for row, (x, y, z) in enumerate(mesh.points[tip] - [SIZE[0] / 2, SIZE[1] / 2, SIZE[2]]):
+        rigid[3 * row : 3 * row + 3] = [
+            [1, 0, 0, 0, z, -y],
+            [0, 1, 0, -z, 0, x],
+            [0, 0, 1, y, -x, 0],
+        ]
+    return (3 * tip[:, None] + np.arange(3)).ravel(), rigid
+
+
+def rigid_tip_basis(mesh: ComponentMesh) -> FloatArray:
+    """Motions of the whole model with its foot fixed and its tip rigid, those of the tip first."""
+    free = np.repeat(mesh.points[:, 2] > 1e-9, 3)
+    dofs, rigid = tip_motions(mesh)
+    free[dofs] = False
+    motion = np.zeros((len(free), 6))
+    motion[dofs] = rigid
+    return np.hstack([motion, np.eye(len(free))[:, free]])
+
+
 def tip_compliance(
     mesh: ComponentMesh, stiffness: FloatArray, coupling: CouplingKind
 ) -> FloatArray:
     """Compliance of the tip by a saddle-point system on the whole model, the foot's points fixed."""
     tip = np.unique(mesh.patches["tip"])
     free = np.repeat(mesh.points[:, 2] > 1e-9, 3)
-    center = np.array([SIZE[0] / 2, SIZE[1] / 2, SIZE[2]])
-    arms = mesh.points[tip] - center
-    rigid = np.zeros((3 * len(tip), 6))
-    for row, (x, y, z) in enumerate(arms):
-        rigid[3 * row : 3 * row + 3] = [
-            [1, 0, 0, 0, z, -y],
-            [0, 1, 0, -z, 0, x],
-            [0, 0, 1, y, -x, 0],
-        ]
-    dofs = (3 * tip[:, None] + np.arange(3)).ravel()
+    dofs, rigid = tip_motions(mesh)
     if coupling == "rigid":
-        basis = np.zeros((len(free), int(free.sum()) - len(dofs) + 6))
-        basis[dofs, :6] = rigid
-        rest = np.setdiff1d(np.flatnonzero(free), dofs)
-        basis[rest, 6 + np.arange(len(rest))] = 1.0
+        basis = rigid_tip_basis(mesh)
         return np.asarray(np.linalg.inv(basis.T @ stiffness @ basis)[:6, :6], dtype=np.float64)
     weights = consistent_weights(mesh.points[tip])
     weighted = np.zeros_like(rigid)
@@ -166,18 +166,7 @@ def test_loads_on_the_body_move_every_point_as_in_the_full_model_for_any_count(
     mesh, stiffness, mass = block
     element = reduced(mesh, ("rigid", coupling), count, loads=LOADS, gravity=True)
     free = np.repeat(mesh.points[:, 2] > 1e-9, 3)
-    tip = np.unique(mesh.patches["tip"])
-    basis = np.eye(len(free))[:, free]
-    if coupling == "rigid":
-        dofs = (3 * tip[:, None] + np.arange(3)).ravel()
-        center = np.array([SIZE[0] / 2, SIZE[1] / 2, SIZE[2]])
-        motion = np.zeros((len(free), 6))
-        motion[dofs, :3] = np.tile(np.eye(3), (len(tip), 1))
-        for axis in range(3):
-            motion[dofs, 3 + axis] = np.cross(np.eye(3)[axis], mesh.points[tip] - center).ravel()
-        rest = free.copy()
-        rest[dofs] = False
-        basis = np.hstack([motion, np.eye(len(free))[:, rest]])
+    basis = rigid_tip_basis(mesh) if coupling == "rigid" else np.eye(len(free))[:, free]
     down = np.tile([0.0, 0.0, 1.0], len(mesh.points))
     loads = {
         "gravity:z": mass @ down,
@@ -219,12 +208,7 @@ def test_a_static_reduction_needs_no_mass(
     block: tuple[ComponentMesh, FloatArray, FloatArray],
 ) -> None:
     mesh, _, _ = block
-    element = reduce_elastic(
-        make_component({"foot": "rigid", "tip": "rigid"}),
-        mesh,
-        comm=COMM,
-        request=ReductionRequest(),
-    )
+    element = reduce_mesh(make_component({"foot": "rigid", "tip": "rigid"}), mesh)
     assert not element.mass.any()
     assert element.stiffness.shape == (12, 12)
     with_mass = reduced(mesh, ("rigid", "rigid"), 3)

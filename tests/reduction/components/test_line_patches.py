@@ -7,22 +7,17 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import Dense, make_box, make_component
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.parts.components import CouplingKind
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.errors import ModelError
+from reduced_parts import reduce_mesh
 
 pytestmark = pytest.mark.hard("H15")
 
-COMM = MPI.COMM_SELF
 SIZE = (0.2, 0.2, 0.4)
-MODES = ReductionRequest(ModeTarget(count=4))
 LINES: dict[str, tuple[Callable[[FloatArray], BoolArray], tuple[float, float, float]]] = {
     "along an edge": (lambda p: (p[:, 2] > SIZE[2] - 1e-9) & (p[:, 0] < 1e-9), (0.0, 1.0, 0.0)),
     "across a face": (
@@ -49,9 +44,7 @@ def test_a_line_is_refused_unless_forced(
     line: tuple[ComponentMesh, IntArray, FloatArray], coupling: CouplingKind
 ) -> None:
     with pytest.raises(ModelError, match="line of component body"):
-        reduce_elastic(
-            make_component({"foot": "rigid", "line": coupling}), line[0], comm=COMM, request=MODES
-        )
+        reduce_mesh(make_component({"foot": "rigid", "line": coupling}), line[0], modes=4)
 
 
 @pytest.mark.parametrize("coupling", ["rigid!", "average!"])
@@ -59,9 +52,7 @@ def test_the_rotation_about_the_line_is_fixed_and_named(
     line: tuple[ComponentMesh, IntArray, FloatArray], coupling: CouplingKind
 ) -> None:
     mesh, _, axis = line
-    element = reduce_elastic(
-        make_component({"foot": "rigid", "line": coupling}), mesh, comm=COMM, request=MODES
-    )
+    element = reduce_mesh(make_component({"foot": "rigid", "line": coupling}), mesh, modes=4)
     node = element.interface_maps["line"].node
     turn = np.zeros(len(element.stiffness))
     turn[6 * node + 3 : 6 * node + 6] = axis
@@ -80,9 +71,7 @@ def test_the_other_five_motions_are_those_of_a_rigid_line(
     line: tuple[ComponentMesh, IntArray, FloatArray], dense: Dense
 ) -> None:
     mesh, nodes, axis = line
-    element = reduce_elastic(
-        make_component({"foot": "rigid", "line": "rigid!"}), mesh, comm=COMM, request=MODES
-    )
+    element = reduce_mesh(make_component({"foot": "rigid", "line": "rigid!"}), mesh, modes=4)
     stiffness, _ = dense.pencil(mesh, make_component().material)
     center = mesh.points[nodes].mean(axis=0)
     across = np.linalg.svd(axis[None])[2][1:]
@@ -109,12 +98,7 @@ def test_a_mean_over_a_line_yields_finite_motions_softer_than_the_rigid_line(
 ) -> None:
     mesh, _, _ = line
     rigid, average = (
-        reduce_elastic(
-            make_component({"foot": "rigid", "line": f"{coupling}!"}),
-            mesh,
-            comm=COMM,
-            request=MODES,
-        )
+        reduce_mesh(make_component({"foot": "rigid", "line": f"{coupling}!"}), mesh, modes=4)
         for coupling in ("rigid", "average")
     )
     node = rigid.interface_maps["line"].node
@@ -134,4 +118,4 @@ def test_a_body_that_hangs_on_a_line_alone_is_named_as_free(
     with pytest.raises(
         ModelError, match="1 rigid motions of the component are fixed by no interface"
     ):
-        reduce_elastic(make_component({"line": "rigid!"}), mesh, comm=COMM, request=MODES)
+        reduce_mesh(make_component({"line": "rigid!"}), mesh, modes=4)

@@ -9,13 +9,11 @@ from mpi4py import MPI
 from common import approx, make_box, make_component
 from headstock.geometry.parts.components import Component, CouplingKind
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement
-from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.elastic.sturm_count import count_frequencies_below
 from headstock.validation.parts.component_models import full_model, full_modes
+from reduced_parts import reduce_mesh
 
 pytestmark = pytest.mark.hard("H24")
 
@@ -24,9 +22,7 @@ SIZE = (0.1, 0.13, 0.2)
 
 
 def reduced(mesh: ComponentMesh, component: Component, count: int) -> Superelement:
-    return reduce_elastic(
-        component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=count))
-    )
+    return reduce_mesh(component, mesh, modes=count)
 
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])

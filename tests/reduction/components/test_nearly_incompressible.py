@@ -6,22 +6,19 @@ import dataclasses
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import make_component, present, tag_patches
 from headstock.geometry.parts.components import Load, Patch, Support
 from headstock.meshing.component_mesh import CellKind, ComponentMesh
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.requests import ReductionRequest
 from headstock.validation.parts.structured_meshes import (
     integrate_over_cells,
     lattice_mesh,
     straight_lattice,
 )
+from reduced_parts import reduce_mesh
 
 pytestmark = pytest.mark.hard("H09")
 
-COMM = MPI.COMM_SELF
 INNER, OUTER, HEIGHT = 0.1, 0.2, 0.02
 PRESSURE = 1e6
 
@@ -74,9 +71,7 @@ def test_a_thick_cylinder_under_pressure_widens_as_lame_says(
         Support("high", "body", (Patch("z+"),), ("z",)),
     )
     load = Load("oil", "body", "pressure", (Patch("inner"),), magnitude=PRESSURE)
-    element = reduce_elastic(
-        component, mesh, supports, (load,), comm=COMM, request=ReductionRequest()
-    )
+    element = reduce_mesh(component, mesh, supports, (load,))
     moved = present(element.loads["oil"].particular).reshape(-1, 3)
     radii = np.linalg.norm(mesh.points[:, :2], axis=1)
     inside = np.abs(radii - INNER) < 1e-9

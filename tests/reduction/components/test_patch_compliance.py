@@ -6,48 +6,45 @@ import dataclasses
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from common import make_box
+from common import make_box, make_component
 from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.parts.components import (
     CellShape,
-    Component,
     CouplingKind,
     Interface,
-    Material,
     MeshSettings,
     Patch,
     Support,
 )
-from headstock.geometry.parts.solids import Box
+from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import mesh_component
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
+from reduced_parts import reduce_mesh
 
 pytestmark = pytest.mark.hard("H12")
 
-COMM = MPI.COMM_SELF
-STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 SIZE = (0.06, 0.06, 0.03)
 PAD = Patch("z+", "rect", (0.0, 0.0, 0.0), (0.04, 0.04))
 CLAMP = (Support("clamp", "block", (Patch("z-"),), ("x", "y", "z")),)
 
 
+def reduce_pad(mesh: ComponentMesh, coupling: str = "rigid", patch: Patch = PAD) -> Superelement:
+    component = make_component({"pad": coupling}, name="block", size=SIZE)
+    pad = dataclasses.replace(component.interfaces["pad"], patches=(patch,))
+    component = dataclasses.replace(component, interfaces={"pad": pad})
+    return reduce_mesh(component, mesh, CLAMP)
+
+
 def pad_compliance(coupling: CouplingKind, cells: CellShape, size: float) -> FloatArray:
-    component = Component(
-        "block",
-        Box(SIZE),
-        STEEL,
+    component = dataclasses.replace(
+        make_component(name="block", size=SIZE),
         interfaces={"pad": Interface("pad", (PAD,), coupling)},
         mesh=MeshSettings(size, 2, cells),
     )
     mesh = mesh_component(component, CLAMP)
-    element = reduce_elastic(
-        component, mesh, CLAMP, comm=COMM, request=ReductionRequest(recovery=False)
-    )
+    element = reduce_mesh(component, mesh, CLAMP, recovery=False)
     return np.asarray(np.linalg.inv(element.stiffness), dtype=np.float64)
 
 
@@ -78,37 +75,23 @@ def corner_facet(centers: FloatArray) -> BoolArray:
 
 
 @pytest.mark.parametrize("coupling", ["rigid", "average"])
-def test_a_patch_of_one_facet_is_refused_with_a_remedy(coupling: CouplingKind) -> None:
+def test_a_patch_of_one_facet_is_refused_with_a_remedy_and_kept_with_a_warning_when_forced(
+    coupling: str,
+) -> None:
     mesh = make_box((4, 4, 2), SIZE, {"pad": corner_facet, "support:clamp": "z-"})
     assert len(mesh.patches["pad"]) == 1
-    component = Component(
-        "block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), coupling)}
-    )
     with pytest.raises(
         ModelError, match=r"pad of component block is 1 facet\(s\).*allow_singular = true"
     ):
-        reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
-
-
-def test_a_patch_of_one_facet_is_kept_with_a_warning_when_forced() -> None:
-    mesh = make_box((4, 4, 2), SIZE, {"pad": corner_facet, "support:clamp": "z-"})
-    component = Component(
-        "block",
-        Box(SIZE),
-        STEEL,
-        interfaces={"pad": Interface("pad", (PAD,), "rigid", allow_singular=True)},
-    )
-    element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
-    assert any("allow_singular = true" in warning for warning in element.warnings)
+        reduce_pad(mesh, coupling)
+    warnings = reduce_pad(mesh, f"{coupling}!").warnings
+    assert any("allow_singular = true" in warning for warning in warnings)
 
 
 def test_a_whole_face_that_is_one_facet_is_an_area() -> None:
     mesh = make_box((1, 1, 2), SIZE, {"pad": "z+", "support:clamp": "z-"})
-    component = Component(
-        "block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (Patch("z+"),))}
-    )
-    element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
-    assert [warning for warning in element.warnings if "pad" in warning or "facet" in warning] == []
+    warnings = reduce_pad(mesh, patch=Patch("z+")).warnings
+    assert [warning for warning in warnings if "pad" in warning or "facet" in warning] == []
 
 
 def point_compliance(counts: tuple[int, int, int]) -> tuple[float, Superelement]:
@@ -119,13 +102,7 @@ def point_compliance(counts: tuple[int, int, int]) -> tuple[float, Superelement]
     mesh = dataclasses.replace(
         mesh, patches=mesh.patches | {"pad": np.repeat(middle[:, None], 4, axis=1)}
     )
-    component = Component(
-        "block",
-        Box(SIZE),
-        STEEL,
-        interfaces={"pad": Interface("pad", (PAD,), "rigid", allow_singular=True)},
-    )
-    element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
+    element = reduce_pad(mesh, "rigid!")
     return 1.0 / element.stiffness[2, 2], element
 
 
@@ -144,8 +121,5 @@ def test_a_point_is_refused_unless_forced() -> None:
     mesh = dataclasses.replace(
         mesh, patches=mesh.patches | {"pad": np.full((1, 9), len(mesh.points) - 1)}
     )
-    component = Component(
-        "block", Box(SIZE), STEEL, interfaces={"pad": Interface("pad", (PAD,), "rigid")}
-    )
     with pytest.raises(ModelError, match="a point or a line"):
-        reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
+        reduce_pad(mesh)

@@ -4,31 +4,25 @@ import dataclasses
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from common import approx
+from common import STEEL, approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import (
     Component,
     Interface,
     Load,
-    Material,
-    MeshSettings,
     Patch,
     RailSettings,
 )
 from headstock.geometry.parts.mass_properties import closed_form_properties
 from headstock.geometry.parts.solids import Box, HollowColumn, Solid, Tube
-from headstock.meshing.components.meshing import mesh_component
-from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.components.polynomial import reduce_polynomial
-from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.errors import ModelError
+from lumped_machines import reduce_shape
 
-STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 BOX, TUBE = Box((0.04, 0.1, 0.3)), Tube(0.12, 0.09, 0.6)
 SIX = ReductionRequest(modes=ModeTarget(count=6))
 
@@ -67,42 +61,6 @@ def test_a_pulled_and_a_twisted_tube_are_as_soft_as_in_closed_form() -> None:
     assert compliance[5, 5] == approx(0.6 / (shear * polar), rel=1e-9)
 
 
-@pytest.mark.trials
-@pytest.mark.fem
-@pytest.mark.parametrize(
-    ("coupling", "within"),
-    [("average", 2e-3), ("rigid", 1.2e-2)],
-)
-def test_a_block_has_the_frequencies_of_fine_finite_elements(coupling: str, within: float) -> None:
-    block = part(BOX, coupling)
-    fine = dataclasses.replace(block, fidelity="elastic", mesh=MeshSettings(size=0.01, cells="hex"))
-    element = reduce(block)
-    meshed = reduce_elastic(fine, mesh_component(fine), comm=MPI.COMM_SELF, request=SIX)
-    found, true = (
-        np.sqrt(np.linalg.eigvalsh(one.stiffness[12:, 12:])) for one in (element, meshed)
-    )
-    assert np.abs(found / true - 1.0).max() < within
-    assert np.abs(free_frequencies(element) / free_frequencies(meshed) - 1.0).max() < within
-    assert np.abs(np.diag(condensed(element)) / np.diag(condensed(meshed)) - 1.0).max() < 2 * within
-
-
-@pytest.mark.trials
-@pytest.mark.fem
-def test_the_estimate_covers_what_rigid_faces_leave_out() -> None:
-    block = part(BOX, "rigid")
-    fine = dataclasses.replace(
-        block, fidelity="elastic", mesh=MeshSettings(size=0.007, cells="hex")
-    )
-    element = reduce(block)
-    meshed = reduce_elastic(fine, mesh_component(fine), comm=MPI.COMM_SELF, request=SIX)
-    missing = element.errors.missing_energy
-    assert missing is not None
-    too_stiff = np.diag(element.stiffness - meshed.stiffness)[6:12]
-    stated = element.errors.mesh_safety * np.diag(missing)[6:12]
-    assert (stated >= too_stiff).all()
-    assert np.median(stated / too_stiff) < 4.0
-
-
 def test_a_slender_tube_on_a_rail_vibrates_as_a_row_of_segments() -> None:
     rail = Interface("rail", (Patch("outer"),), "average", rail=RailSettings("z", 10))
     long = Tube(0.06, 0.04, 1.5)
@@ -112,9 +70,7 @@ def test_a_slender_tube_on_a_rail_vibrates_as_a_row_of_segments() -> None:
         fidelity="segmented",
         segments=dataclasses.replace(polynomial.segments, count=40),
     )
-    properties = closed_form_properties(segmented)
-    assert properties is not None
-    element, row = reduce(polynomial), reduce_segmented(segmented, properties)
+    element, row = reduce(polynomial), reduce_shape(segmented)
     assert len(element.control_points) == 10
     moved = np.diag(row.mass) > 0.0
     # nodes at the ends have no mass and follow the segments

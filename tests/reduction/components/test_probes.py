@@ -19,6 +19,7 @@ from headstock.reduction.superelement import Superelement
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.elastic.stress_recovery import find_point_rows
 from headstock.solvers.errors import ModelError
+from reduced_parts import reduce_mesh
 
 SIZE = (0.1, 0.1, 0.5)
 COUNTS = (2, 2, 5)
@@ -173,7 +174,4 @@ def test_a_corner_that_turns_inwards_is_singular(kind: CellKind) -> None:
 def test_a_probe_outside_is_refused_by_name(mesh: ComponentMesh) -> None:
     lost = (Probe("lost", "body", (0.1, 0.05, 0.6)),)
     with pytest.raises(ModelError, match=r"probe 'lost'.*outside"):
-        reduce_elastic(
-            make_component(TOP), mesh, FOOT, (), comm=MPI.COMM_SELF, probes=lost,
-            request=ReductionRequest(),
-        )  # fmt: skip
+        reduce_mesh(make_component(TOP), mesh, FOOT, probes=lost)  # fmt: skip

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from common import approx
+from common import approx, make_faced
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.machine.machine import Machine, Pose
-from headstock.geometry.parts.components import Component, Interface, Load, Material, Patch
+from headstock.geometry.parts.components import Load, Patch
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.solids import Box
 from headstock.reduction.components.rigid import reduce_rigid
@@ -28,14 +28,7 @@ PROPERTIES = SolidProperties(
     {"top": 0.01, "load:push": 0.02},
     {"top": TOP, "load:push": TOP},
 )
-STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
-COMPONENT = Component(
-    "table",
-    Box(SIZE),
-    STEEL,
-    interfaces={"top": Interface("top", (Patch("z+"),))},
-    fidelity="rigid",
-)
+COMPONENT = make_faced("table", Box(SIZE), {"top": "z+"}, fidelity="rigid")
 
 
 def test_mass_and_inertia_are_density_times_volume_properties() -> None:

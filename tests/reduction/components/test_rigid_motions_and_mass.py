@@ -5,20 +5,16 @@ import math
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx, make_box, make_component, present
 from headstock.geometry.frames import BoolArray, FloatArray, Frame, rigid_transfer
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement
-from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.errors import AccuracyError
+from reduced_parts import reduce_mesh
 
 pytestmark = pytest.mark.hard("H23")
 
-COMM = MPI.COMM_SELF
 SIZE = (0.2, 0.3, 0.7)
 DENSITY = 7850.0
 KINDS = [("rigid", "rigid"), ("average", "average"), ("rigid", "average")]
@@ -31,7 +27,7 @@ def element(request: pytest.FixtureRequest) -> Superelement:
 
     mesh = make_box((2, 2, 4), SIZE, {"foot": "z-", "side": corner}, kind="tet10")
     component = make_component(dict(zip(("foot", "side"), request.param, strict=True)), size=SIZE)
-    return reduce_elastic(component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=9)))
+    return reduce_mesh(component, mesh, modes=9)
 
 
 def motions_about(

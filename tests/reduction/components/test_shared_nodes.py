@@ -7,20 +7,16 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import Choice, Dense, approx, make_box, make_component, present
 from headstock.geometry.frames import BoolArray, FloatArray, rigid_transfer
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.components.interface_patches import measure_patch
-from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.elastic.eigenpairs import ModeTarget
+from reduced_parts import reduce_mesh
 
 pytestmark = pytest.mark.hard("H13")
 
-COMM = MPI.COMM_SELF
 SIZE = (0.2, 0.3, 0.4)
 
 
@@ -48,9 +44,7 @@ def reduced(block: ComponentMesh) -> Callable[..., Superelement]:
     def reduce_with(couplings: dict[str, str], count: int = 6) -> Superelement:
         mesh = dataclasses.replace(block, patches={name: block.patches[name] for name in couplings})
         component = make_component(couplings, size=SIZE)
-        return reduce_elastic(
-            component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=count))
-        )
+        return reduce_mesh(component, mesh, modes=count)
 
     return reduce_with
 
@@ -109,33 +103,14 @@ def test_overlapping_rigid_patches_move_as_one(reduced: Callable[..., Supereleme
     np.testing.assert_allclose(frequencies(two)[6:12], frequencies(one)[6:12], rtol=1e-9)
 
 
-def test_identical_rigid_patches_are_merged(reduced: Callable[..., Superelement]) -> None:
-    two = reduced({"foot": "rigid", "all": "rigid", "again": "rigid"})
-    one = reduced({"foot": "rigid", "all": "rigid"})
+@pytest.mark.parametrize("coupling", ["rigid", "average"])
+def test_identical_patches_are_merged(reduced: Callable[..., Superelement], coupling: str) -> None:
+    two = reduced({"foot": "rigid", "all": coupling, "again": coupling})
+    one = reduced({"foot": "rigid", "all": coupling})
     assert two.stiffness.shape == one.stiffness.shape
     assert two.interface_maps["all"].node == two.interface_maps["again"].node
     assert_same(compliance(two, "again"), compliance(one, "all"))
     assert any("merged" in warning for warning in two.warnings)
-
-
-def test_identical_averaging_patches_are_merged(reduced: Callable[..., Superelement]) -> None:
-    two = reduced({"foot": "rigid", "all": "average", "again": "average"})
-    one = reduced({"foot": "rigid", "all": "average"})
-    assert two.stiffness.shape == one.stiffness.shape
-    assert_same(compliance(two, "again"), compliance(one, "all"))
-
-
-def test_a_mean_over_a_rigid_patch_is_the_patchs_own_motion(
-    reduced: Callable[..., Superelement],
-) -> None:
-    two = reduced({"foot": "rigid", "left": "average", "all": "rigid"})
-    one = reduced({"foot": "rigid", "all": "rigid"})
-    exact = moved(
-        compliance(one, "all"),
-        one.interface_maps["all"].frame.origin,
-        two.interface_maps["left"].frame.origin,
-    )
-    assert_same(compliance(two, "left"), exact)
 
 
 def test_rigid_patches_that_meet_in_an_edge_keep_the_hinge_between_them(
@@ -230,11 +205,19 @@ def test_a_mean_that_overlaps_a_rigid_patch_is_still_the_mean(
     )
 
 
-@pytest.mark.parametrize("order", [("all", "left"), ("left", "all")])
-def test_a_face_of_the_whole_and_a_part_of_it_both_rigid_are_one(
-    reduced: Callable[..., Superelement], order: tuple[str, str]
+@pytest.mark.parametrize(
+    "couplings",
+    [
+        {"left": "average", "all": "rigid"},
+        {"all": "rigid", "left": "rigid"},
+        {"left": "rigid", "all": "rigid"},
+    ],
+    ids=["a mean of a part", "whole and part", "part and whole"],
+)
+def test_a_part_of_a_rigid_face_moves_as_the_face(
+    reduced: Callable[..., Superelement], couplings: dict[str, str]
 ) -> None:
-    two = reduced({"foot": "rigid"} | dict.fromkeys(order, "rigid"))
+    two = reduced({"foot": "rigid"} | couplings)
     one = reduced({"foot": "rigid", "all": "rigid"})
     exact = moved(
         compliance(one, "all"),

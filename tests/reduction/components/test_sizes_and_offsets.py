@@ -8,32 +8,27 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import Dense, make_box, make_component
+from common import STEEL, Dense, make_box, make_component, make_faced
 from headstock.geometry.parts.components import (
     CellShape,
     Component,
     CouplingKind,
     Interface,
-    Material,
     MeshSettings,
     Patch,
 )
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.components.meshing import mesh_component
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement
-from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.validation.parts.component_models import full_model, full_modes
+from reduced_parts import reduce_mesh
 
 pytestmark = pytest.mark.hard("H19")
 
 COMM = MPI.COMM_SELF
-STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 SIZE = np.array([0.4, 0.7, 1.0])
 SIZES = [1e-6, pytest.param(1e-3, marks=pytest.mark.trials), 1e4]
-WANTED = ReductionRequest(ModeTarget(count=8), recovery=False)
 # a body of any length, and that of 1 m
 ReduceAt = tuple[Callable[[float], Superelement], Superelement]
 
@@ -42,16 +37,11 @@ def meshed(length: float, coupling: CouplingKind, cells: CellShape) -> Component
     width, depth, height = (float(f"{side * length:.12g}") for side in SIZE)
     pad = Patch("z+", "rect", (0.0, 0.0, 0.0), (0.2 * length, 0.2 * length))
     interfaces = {
-        "foot": Interface("foot", (Patch("z-"),), coupling),
-        "pad": Interface("pad", (pad,), coupling),
+        name: Interface(name, (patch,), coupling)
+        for name, patch in (("foot", Patch("z-")), ("pad", pad))
     }
-    return Component(
-        "body",
-        Box((width, depth, height)),
-        STEEL,
-        interfaces=interfaces,
-        mesh=MeshSettings(0.25 * length, 2, cells),
-    )
+    settings = {"interfaces": interfaces, "mesh": MeshSettings(0.25 * length, 2, cells)}
+    return make_faced("body", Box((width, depth, height)), {}, **settings)
 
 
 @pytest.fixture(
@@ -61,7 +51,7 @@ def reduce_at(request: pytest.FixtureRequest) -> ReduceAt:
     @functools.cache
     def reduce_size(length: float) -> Superelement:
         component = meshed(length, *request.param)
-        return reduce_elastic(component, mesh_component(component), comm=COMM, request=WANTED)
+        return reduce_mesh(component, mesh_component(component), modes=8, recovery=False)
 
     return reduce_size, reduce_size(1.0)
 
@@ -102,7 +92,7 @@ def test_an_offset_of_ten_kilometres_changes_frequencies_by_less_than_a_milliont
     far = dataclasses.replace(mesh, points=mesh.points + np.array([shift, -shift, 0.5 * shift]))
     component = make_component({"foot": coupling, "tip": coupling}, size=tuple(SIZE))
     near_element, far_element = (
-        reduce_elastic(component, m, comm=COMM, request=WANTED) for m in (mesh, far)
+        reduce_mesh(component, m, modes=8, recovery=False) for m in (mesh, far)
     )
     np.testing.assert_allclose(
         far_element.modal_frequencies_hz, near_element.modal_frequencies_hz, rtol=1e-6
@@ -121,7 +111,7 @@ def test_mass_and_inertia_do_not_cancel_ten_kilometres_away(coupling: CouplingKi
     far = dataclasses.replace(mesh, points=mesh.points + np.array([1e4, -1e4, 5e3]))
     component = make_component({"foot": coupling, "tip": coupling}, size=tuple(SIZE))
     near_element, far_element = (
-        reduce_elastic(component, m, comm=COMM, request=WANTED) for m in (mesh, far)
+        reduce_mesh(component, m, modes=8, recovery=False) for m in (mesh, far)
     )
     check_superelement(far_element)
     np.testing.assert_allclose(

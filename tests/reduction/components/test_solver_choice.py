@@ -1,7 +1,6 @@
 """Predicted factors against those that were measured, and the choice they lead to."""
 
-import pytest
-
+from cases import cases
 from common import approx
 from headstock.geometry.parts.components import LinearSolver, ReductionSettings
 from headstock.reduction.components.solver_choice import choose_method, predict_factor_entries
@@ -9,17 +8,7 @@ from headstock.reduction.components.solver_choice import choose_method, predict_
 COLUMN, BLOCK, ROD = (0.1, 0.038, 0.5), (0.2, 0.2, 0.2), (0.05, 0.05, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("extents", "dofs", "measured"),
-    [
-        (COLUMN, 17_340, 3.887e6),
-        (COLUMN, 228_243, 1.638e8),
-        (COLUMN, 968_000, 1.27e9),
-        (BLOCK, 14_928, 5.033e6),
-        (BLOCK, 136_674, 1.313e8),
-        (ROD, 164_892, 7.863e7),
-    ],
-)
+@cases
 def test_predicted_entries_are_near_those_of_metis(
     extents: tuple[float, ...], dofs: int, measured: float
 ) -> None:
@@ -32,16 +21,7 @@ def test_an_unknown_shape_counts_as_a_cube() -> None:
     assert predict_factor_entries(10**6, ROD) < 0.6 * predict_factor_entries(10**6, None)
 
 
-@pytest.mark.parametrize(
-    ("solver", "entries", "memory_mb", "method"),
-    [
-        ("auto", 1.3e9, 24e3, "direct"),
-        ("auto", 1.3e9, 12e3, "iterative"),
-        ("auto", 2.2e9, 1e6, "iterative"),
-        ("direct", 2.2e9, 12e3, "direct"),
-        ("iterative", 1e6, 24e3, "iterative"),
-    ],
-)
+@cases
 def test_factors_are_left_where_they_cannot_be_numbered_or_do_not_fit(
     solver: LinearSolver, entries: float, memory_mb: float, method: str
 ) -> None:

@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import make_box, make_component
 from headstock.geometry.frames import FloatArray, rotate_dofs, rotation_about
@@ -14,17 +13,13 @@ from headstock.geometry.parts.components import FixedDirection, Patch, Support
 from headstock.geometry.parts.solids import Tube
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.reduction.components import supports as supports_module
-from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.components.supports import hold_points
-from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.errors import ModelError
+from reduced_parts import reduce_mesh
 
-COMM = MPI.COMM_SELF
 SIZE = (0.1, 0.13, 0.3)
 TURN = rotation_about(np.array([1.0, -2.0, 0.5]) / np.sqrt(5.25), 0.7)
-REQUEST = ReductionRequest(ModeTarget(count=5), gravity=True)
 GROUPS = {"foot": "z-", "tip": "z+", "support:plane": "x-", "support:base": "z-"}
 
 
@@ -48,9 +43,7 @@ def turned(direction: str) -> tuple[float, float, float]:
 
 
 def reduce(turn: FloatArray | None, interfaces: dict[str, str], *supports: Support) -> Superelement:
-    return reduce_elastic(
-        make_component(interfaces), mesh_of(turn), supports, comm=COMM, request=REQUEST
-    )
+    return reduce_mesh(make_component(interfaces), mesh_of(turn), supports, modes=5, gravity=True)
 
 
 def allow(constraints: FloatArray) -> FloatArray:

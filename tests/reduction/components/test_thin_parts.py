@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from common import approx, make_box, make_component
+from common import STEEL, approx, make_box, make_component
 from headstock.geometry.parts.components import Material, Patch, Support
 from headstock.meshing.component_mesh import CellKind, ComponentMesh
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.requests import ReductionRequest
+from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.errors import AccuracyError, ModelError
@@ -22,6 +23,7 @@ from headstock.validation.parts.component_models import (
     full_model,
     full_modes,
 )
+from reduced_parts import reduce_mesh
 
 pytestmark = pytest.mark.hard("H08")
 
@@ -31,10 +33,19 @@ ELEMENTS = (40, 1, 1)
 CLAMP = (Support("clamp", "body", (Patch("x-"),), ("x", "y", "z")),)
 
 
+def reduce_tip(
+    mesh: ComponentMesh, *, clamped: bool = True, allow_locking: bool = False
+) -> Superelement:
+    component = make_component({"tip": "rigid"})
+    settings = dataclasses.replace(component.mesh, allow_locking=allow_locking)
+    component = dataclasses.replace(component, mesh=settings)
+    supports = CLAMP if clamped else ()
+    return reduce_mesh(component, mesh, supports)
+
+
 def strip(kind: CellKind, poisson: float = 0.0) -> tuple[ComponentMesh, Material, FullModel]:
     """A strip clamped at x = 0; with nu = 0 beam theory is the exact answer."""
-    material = make_component().material
-    material = type(material)("strip", material.youngs_modulus, poisson, material.density)
+    material = dataclasses.replace(STEEL, poisson_ratio=poisson)
     mesh = make_box(
         ELEMENTS, (LENGTH, WIDTH, THICKNESS), {"support:clamp": "x-", "tip": "x+"}, kind=kind
     )
@@ -73,18 +84,12 @@ def test_first_order_elements_lock_and_are_refused_by_order_and_aspect_ratio(
     mesh, material, model = strip(kind)
     assert full_modes(model, 1).frequencies_hz[0] > 5.0 * bending_frequency(material, 0)
     with pytest.raises(ModelError, match=r"body.*order 1.*\d\d times.*0.001 times.*order = 2"):
-        reduce_elastic(
-            make_component({"tip": "rigid"}), mesh, CLAMP, comm=COMM, request=ReductionRequest()
-        )
+        reduce_tip(mesh)
 
 
 def test_a_scene_may_insist_on_elements_that_lock_and_is_told_what_they_do() -> None:
     mesh, _, _ = strip("hex8")
-    component = make_component({"tip": "rigid"})
-    component = dataclasses.replace(
-        component, mesh=dataclasses.replace(component.mesh, allow_locking=True)
-    )
-    element = reduce_elastic(component, mesh, CLAMP, comm=COMM, request=ReductionRequest())
+    element = reduce_tip(mesh, allow_locking=True)
     assert any("many times too stiff" in warning for warning in element.warnings)
 
 
@@ -94,26 +99,20 @@ def test_a_thin_part_of_well_shaped_first_order_elements_is_refused_too(kind: Ce
         (150, 2, 1), (0.15, 0.002, 0.001), {"support:clamp": "x-", "tip": "x+"}, kind=kind
     )
     with pytest.raises(ModelError, match="order 1"):
-        reduce_elastic(
-            make_component({"tip": "rigid"}), mesh, CLAMP, comm=COMM, request=ReductionRequest()
-        )
+        reduce_tip(mesh)
 
 
 @pytest.mark.parametrize("kind", ["tet4", "hex8"])
 def test_compact_first_order_elements_nobody_asked_for_are_spoken_of(kind: CellKind) -> None:
     mesh = make_box((4, 2, 2), (0.4, 0.2, 0.2), {"support:clamp": "x-", "tip": "x+"}, kind=kind)
-    element = reduce_elastic(
-        make_component({"tip": "rigid"}), mesh, CLAMP, comm=COMM, request=ReductionRequest()
-    )
-    assert any("order 1" in warning and "lock" in warning for warning in element.warnings)
+    warnings = reduce_tip(mesh).warnings
+    assert any("order 1" in warning and "lock" in warning for warning in warnings)
 
 
 @pytest.mark.parametrize("kind", ["tet10", "hex27"])
 def test_second_order_elements_need_no_warning_of_locking(kind: CellKind) -> None:
     mesh = make_box((4, 1, 1), (0.4, 0.1, 0.1), {"tip": "x+"}, kind=kind)
-    found = reduce_elastic(
-        make_component({"tip": "rigid"}), mesh, comm=COMM, request=ReductionRequest()
-    ).warnings
+    found = reduce_tip(mesh, clamped=False).warnings
     assert [warning for warning in found if "lock" in warning or "order" in warning] == []
 
 
@@ -147,13 +146,9 @@ def test_the_tip_of_a_thin_strip_between_two_interfaces_gives_way_as_beam_theory
     kind: CellKind,
 ) -> None:
     mesh = make_box((60, 2, 1), (LENGTH, WIDTH, THICKNESS), {"foot": "x-", "tip": "x+"}, kind=kind)
-    material = make_component().material
-    material = type(material)("strip", material.youngs_modulus, 0.0, material.density)
-    element = reduce_elastic(
-        make_component({"foot": "rigid", "tip": "rigid"}, material=material),
-        mesh,
-        comm=COMM,
-        request=ReductionRequest(),
+    material = dataclasses.replace(STEEL, poisson_ratio=0.0)
+    element = reduce_mesh(
+        make_component({"foot": "rigid", "tip": "rigid"}, material=material), mesh
     )
     tip = slice(6 * element.interface_maps["tip"].node, 6 * element.interface_maps["tip"].node + 6)
     compliance = np.linalg.inv(element.stiffness[tip, tip])

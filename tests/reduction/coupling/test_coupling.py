@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from cases import cases
 from common import approx, present
 from headstock.geometry.frames import (
     DOF_NAMES,
@@ -149,16 +150,6 @@ def test_fixed_dofs_equal_lagrange_multipliers(fixed: tuple[int, ...]) -> None:
     assert len(coupled.system.labels) == 18 - len(fixed)
 
 
-def test_a_very_stiff_joint_approaches_the_rigid_one() -> None:
-    rigid = solve_modal(
-        couple(*chain(tuple(range(6)), (0.0,) * 6), HOME).system, count=6
-    ).frequencies_hz
-    stiff = solve_modal(
-        couple(*chain(stiffness=np.array(SPRING) * 1e9), HOME).system, count=6
-    ).frequencies_hz
-    np.testing.assert_allclose(stiff, rigid, rtol=1e-7)
-
-
 def test_motions_fixed_twice_are_counted_and_change_nothing() -> None:
     superelements, machine = chain(tuple(range(6)), (0.0,) * 6)
     twin = dataclasses.replace(machine.joints["neck"], name="twin")
@@ -296,14 +287,7 @@ def test_a_component_that_is_fixed_but_not_marked_so_is_refused() -> None:
         couple(superelements | {"column": grounded}, machine, HOME)
 
 
-@pytest.mark.parametrize(
-    ("end", "text"),
-    [
-        ("nobody.seat", "no component 'nobody'"),
-        ("head.nothing", "no interface 'nothing'"),
-        ("ground", "both of its ends"),
-    ],
-)
+@cases
 def test_a_joint_to_what_does_not_exist_is_named(end: str, text: str) -> None:
     superelements, machine = chain()
     with pytest.raises(ModelError, match=text):

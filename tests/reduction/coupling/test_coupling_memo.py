@@ -9,13 +9,11 @@ import pytest
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose
-from headstock.meshing.components.meshing import describe_component
-from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.coupling import elimination
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.elimination import CouplingMemo
 from headstock.scene.building.loader import load_scene
+from scene_runs import reduce_parts
 
 SCENE = Path(__file__).parents[2] / "data" / "slide.toml"
 MACHINE = Path(__file__).parents[3] / "machines" / "three_axis.toml"
@@ -29,12 +27,7 @@ def test_every_matrix_is_that_of_a_coupling_without_a_memo(fixed: bool) -> None:
         else []
     )
     machine = load_scene(SCENE, overrides=overrides).machine
-    parts = {
-        name: (reduce_rigid if part.fidelity == "rigid" else reduce_segmented)(
-            part, describe_component(part)
-        )
-        for name, part in machine.components.items()
-    }
+    parts = reduce_parts(machine.components)
     memo = CouplingMemo({"tcp"})
     assert machine.axes.keys() == {"X"}
     for place in (0.0, 0.1, 0.1, -0.2, 0.0):
@@ -54,12 +47,7 @@ def test_what_components_alone_decide_is_split_once_for_all_poses(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     machine = load_scene(MACHINE, variant="segmented").machine
-    parts = {
-        name: (reduce_rigid if part.fidelity == "rigid" else reduce_segmented)(
-            part, describe_component(part)
-        )
-        for name, part in machine.components.items()
-    }
+    parts = reduce_parts(machine.components)
     memo, sizes = CouplingMemo({"tcp"}), list[list[int]]()
     original = elimination._split_space
 

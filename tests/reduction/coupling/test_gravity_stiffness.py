@@ -6,56 +6,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
-from mpi4py import MPI
 
 from common import approx
+from fixture_machines import stored_scene, write_scene
 from headstock.geometry.frames import FloatArray
-from headstock.meshing.components.meshing import describe_component
-from headstock.pipeline.runner import run_scene
-from headstock.pipeline.storage.store import Store
-from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.components.segmented import reduce_segmented
-from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.drives import place_drives, release_motors
 from headstock.reduction.motions.compliance_budget import WEIGHT, find_weakest_link, point_budget
 from headstock.reduction.motions.tool_deviation import FORCES, solve_deviation
 from headstock.scene.building.loader import load_scene
-from headstock.scene.scene import keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import solve_modal
+from scene_runs import couple_parts
 
 G = 9.80665
-HEAD = """
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[effects]
-gravity = true
-gravity_stiffening = true
-[analyses.modal]
-[components.bar]
-solid = { box = ["40 mm", "60 mm", "500 mm"] }
-material = "steel"
-fidelity = "rigid"
-interfaces = { top = { face = "z+" }, low = { face = "z-" } }
-"""
+HEAD = stored_scene("gravity_stiffness_head")
 PIN = '[joints.pin]\nbetween = ["bar.top", "ground"]\nkind = "revolute"\naxis = "y"\n'
-LOWER = """
-[components.second]
-solid = { box = ["40 mm", "60 mm", "300 mm"] }
-material = "steel"
-at = ["0 mm", "0 mm", "-300 mm"]
-fidelity = "rigid"
-interfaces = { top = { face = "z+" }, low = { face = "z-" } }
-[joints.elbow]
-between = ENDS
-kind = "revolute"
-axis = "y"
-"""
+LOWER = stored_scene("gravity_stiffness_lower")
 POST = """
 [joints.foot]
 between = ["ground", "bar.low"]
@@ -70,14 +40,8 @@ kind = "rigid"
 
 
 def couple_text(folder: Path, text: str) -> CoupledMachine:
-    path = folder / "scene.toml"
-    path.write_text(text)
-    scene = load_scene(path)
-    parts = {}
-    for name, part in scene.machine.components.items():
-        reduce = reduce_segmented if part.fidelity == "segmented" else reduce_rigid
-        parts[name] = reduce(part, describe_component(part))
-    return couple(parts, scene.machine, next(iter(scene.poses.values())))
+    scene = load_scene(write_scene(folder, text))
+    return couple_parts(scene.machine, next(iter(scene.poses.values())))
 
 
 def bar(length: float) -> tuple[float, float]:
@@ -139,64 +103,13 @@ def test_a_column_buckles_at_greenhills_weight(tmp_path: Path) -> None:
     assert abs(misses[0] + 2e-4) == approx(4.0 * abs(misses[1] + 2e-4), rel=0.25)
 
 
-def test_components_on_springs_stiffen_as_the_lumped_mechanism_does(tmp_path: Path) -> None:
-    """There by the complex step through the loop closure, here by joint forces in balance."""
-    scene = Path(__file__).parents[3] / "machines" / "tripteor.toml"
-    shifts = []
-    for variant in ("lumped", "components"):
-        plain, stiffened = (
-            np.array(
-                run_scene(
-                    keep_analyses(
-                        load_scene(
-                            scene,
-                            variant=variant,
-                            overrides=[
-                                f"effects.gravity_stiffening={switch}",
-                                'analyses.modal={ count = 6, poses = ["config_2"] }',
-                            ],
-                        ),
-                        ["modal"],
-                    ),
-                    tmp_path / variant / switch,
-                    comm=MPI.COMM_SELF,
-                    store=Store(tmp_path / "store"),
-                )
-                .modal[0]
-                .frequencies_hz
-            )
-            for switch in ("false", "true")
-        )
-        shifts.append(stiffened - plain)
-    assert np.abs(shifts[0]).min() > 1e-4
-    np.testing.assert_allclose(shifts[1], shifts[0], rtol=1e-4)
-
-
 def test_a_machine_that_falls_has_no_balance(tmp_path: Path) -> None:
     text = HEAD + PIN.replace('"revolute"', '"prismatic"').replace('"y"', '"z"')
     with pytest.raises(ModelError, match="gravity moves what no joint holds"):
         couple_text(tmp_path, text)
 
 
-DRIVEN = """
-[joints.way]
-between = CARRIED
-kind = WAY
-axis = "x"
-[joints.screw]
-between = CARRIED
-kind = "ball_screw"
-axis = "x"
-stiffness = { axial = "2 N/um" }
-[axes.X]
-joints = ["way", "screw"]
-direction = "x"
-[drives.X]
-inertia = "2e-4 kg m^2"
-lead = "10 mm"
-kv = "20 1/s"
-velocity_gain = "500 N s/m"
-"""
+DRIVEN = stored_scene("gravity_stiffness_driven")
 CART = """
 [components.cart]
 solid = { box = ["200 mm", "200 mm", "100 mm"] }

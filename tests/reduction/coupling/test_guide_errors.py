@@ -9,13 +9,12 @@ from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.guide_errors import average_profile
 from headstock.geometry.machine.machine import Machine, Pose
-from headstock.meshing.components.meshing import describe_component
-from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.reduction.motions.tool_deviation import GEOMETRY, solve_deviation
 from headstock.scene.building.loader import load_scene
 from headstock.solvers.errors import ModelError
+from scene_runs import couple_parts
 
 SCENE = Path(__file__).parents[2] / "data" / "three_rigid_axes.toml"
 POSES = (
@@ -26,11 +25,7 @@ POSES = (
 
 
 def couple_rigid(machine: Machine, pose: Pose) -> CoupledMachine:
-    parts = {
-        name: reduce_rigid(component, describe_component(component))
-        for name, component in machine.components.items()
-    }
-    return couple(parts, machine, pose, gravity=np.array([0.0, 0.0, -9.81]))
+    return couple_parts(machine, pose, gravity=np.array([0.0, 0.0, -9.81]))
 
 
 def body_motion(machine: Machine, axis: str, position: float, *, full: bool) -> FloatArray:

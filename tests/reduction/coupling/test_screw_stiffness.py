@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from common import approx
-from headstock.geometry.frames import FloatArray, Frame, rotation_about
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import Axis, JointEnd, ScrewShaft
-from headstock.geometry.machine.machine import Machine, Pose, orient_machine
+from headstock.geometry.machine.machine import Machine, Pose
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.errors import ModelError
@@ -153,16 +153,6 @@ def test_the_nut_s_own_torsion_is_in_series_with_the_shaft_s() -> None:
     assert moment @ solve_static(system, moment).displacements == approx(
         1.0 / 4e4 + 0.4 / TORSIONAL, rel=1e-10
     )
-
-
-def test_a_turned_machine_has_the_same_screw() -> None:
-    parts, machine = screw_machine(FIXED_AT_BOTH_ENDS)
-    frame = Frame(np.array([0.3, 1.0, -2.0]), rotation_about(np.array([1.0, -2.0, 0.4]), 0.7))
-    system = couple(parts, orient_machine(machine, frame), Pose("p", {"X": 0.25})).system
-    channels = np.column_stack([system.inputs["tcp", dof] for dof in "xyz"])
-    along = frame.rotation[:, 0]
-    found = along @ (channels.T @ solve_static(system, channels).displacements) @ along
-    assert found == approx(axial_compliance(parts, machine, 0.35)[0, 0], rel=1e-9)
 
 
 def test_a_nut_that_leaves_its_screw_is_named() -> None:

@@ -5,16 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from common import approx, make_box, make_component
+from common import approx
+from elastic_columns import COLUMN, reduce_column
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.joints import Joint, JointEnd
-from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.meshing.component_mesh import CellKind
 from headstock.pipeline.storage.superelements import read_superelement, write_superelement
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.estimates.corrected_elements import correct_mesh
 from headstock.reduction.estimates.mesh_errors import (
     compliance_mesh_errors,
@@ -27,34 +23,18 @@ from headstock.reduction.estimates.response_errors import (
     project_response,
 )
 from headstock.reduction.motions.compliance_budget import point_budget
-from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import ErrorEstimates, Superelement
-from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import Channel, input_columns, output_rows
+from lumped_machines import couple_clamped
 
-SIZE = (0.04, 0.1, 0.4)
 COUNT = 5
-COLUMN = make_component({"foot": "rigid", "tip": "average"}, size=SIZE)
-CLAMP = Joint("clamp", (JointEnd(), JointEnd("body", "foot")), "rigid", fixed=tuple(range(6)))
-MACHINE = Machine(
-    "column",
-    {"body": COLUMN},
-    {"clamp": CLAMP},
-    points={"tcp": Point("tcp", JointEnd("body", "tip"), JointEnd())},
-)
 Counts = tuple[int, int, int]
-
-
-def reduce_column(kind: CellKind, counts: Counts) -> Superelement:
-    mesh = make_box(counts, SIZE, {"foot": "z-", "tip": "z+"}, kind=kind)
-    request = ReductionRequest(ModeTarget(count=16))
-    return reduce_elastic(COLUMN, mesh, comm=MPI.COMM_SELF, request=request)
 
 
 def numbers(element: Superelement) -> tuple[FloatArray, FloatArray]:
     """Frequencies and compliances of the clamped column, and their ±."""
-    coupled = couple({"body": element}, MACHINE, Pose("reference"))
+    coupled = couple_clamped(COLUMN, element)
     modes, budget = solve_modal(coupled.system, count=COUNT), point_budget(coupled, "tcp")
     energies = compliance_mesh_errors(coupled, budget.displacements)["body"]
     return np.r_[modes.frequencies_hz, np.diag(budget.compliance)[:3]], np.r_[
@@ -86,12 +66,12 @@ def test_a_corrected_mesh_is_several_times_closer_and_says_so(
 @pytest.mark.fem
 def test_the_compliance_grows_by_the_energy_that_is_missed() -> None:
     plain = reduce_column("tet10", (1, 2, 6))
-    coupled = couple({"body": plain}, MACHINE, Pose("reference"))
+    coupled = couple_clamped(COLUMN, plain)
     budget = point_budget(coupled, "tcp")
     missed = (
         compliance_mesh_errors(coupled, budget.displacements)["body"] / plain.errors.mesh_safety
     )
-    again = point_budget(couple({"body": correct_mesh(plain)}, MACHINE, Pose("reference")), "tcp")
+    again = point_budget(couple_clamped(COLUMN, correct_mesh(plain)), "tcp")
     # clamped, the compliance of the machine is a block of that of its body
     assert again.compliance == approx(
         budget.compliance + missed, rel=1e-6, abs=1e-9 * np.abs(budget.compliance).max()
@@ -143,7 +123,7 @@ def test_a_corrected_superelement_is_written_and_read(tmp_path: Path) -> None:
 @pytest.mark.fem
 def test_lines_beside_a_peak_count_with_the_peak_on_either_side() -> None:
     corrected = correct_mesh(reduce_column("tet10", (1, 2, 6)))
-    coupled = couple({"body": corrected}, MACHINE, Pose("reference"))
+    coupled = couple_clamped(COLUMN, corrected)
     modes = solve_modal(coupled.system)
     channels: list[Channel] = [("tcp", direction) for direction in "xyz"]
     lossy = dataclasses.replace(coupled.system, hysteretic=0.02 * coupled.system.stiffness)

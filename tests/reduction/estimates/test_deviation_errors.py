@@ -5,8 +5,7 @@ import pytest
 from mpi4py import MPI
 
 from common import approx, make_box, make_component
-from headstock.geometry.machine.joints import Joint, JointEnd
-from headstock.geometry.machine.machine import Machine, Point, Pose
+from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Load
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.channels import GRAVITY
@@ -24,18 +23,12 @@ from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
+from lumped_machines import clamped_machine
 
 SIZE = (0.1, 0.4, 0.06)  # a plate that hangs over
 BEAM = make_component({"foot": "average", "tip": "average"}, size=SIZE)
-CLAMP = Joint("clamp", (JointEnd(), JointEnd("body", "foot")), "rigid", fixed=tuple(range(6)))
 PUSH = Load("push", "body", "force", interface="tip", vector=(30.0, 0.0, 200.0, 0.0, 0.0, 0.0))
-MACHINE = Machine(
-    "beam",
-    {"body": BEAM},
-    {"clamp": CLAMP},
-    points={"tcp": Point("tcp", JointEnd("body", "tip"), JointEnd())},
-    loads={"push": PUSH},
-)
+MACHINE = clamped_machine(BEAM, loads={"push": PUSH})
 DOWN = np.array([0.0, 0.0, -9.81])
 
 

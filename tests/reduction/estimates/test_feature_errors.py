@@ -5,28 +5,24 @@ from pathlib import Path
 import gmsh
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from built_parts import built_part
-from headstock.geometry.machine.joints import Joint, JointEnd
-from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
+from common import make_faced
+from headstock.geometry.parts.components import MeshSettings
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.components.meshing import mesh_component
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.estimates.mesh_errors import (
     compliance_feature_errors,
     frequency_feature_errors,
 )
 from headstock.reduction.motions.compliance_budget import point_budget
-from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
+from lumped_machines import couple_clamped
+from reduced_parts import reduce_mesh
 
 pytestmark = pytest.mark.process
 
-STEEL = Material("steel", 210e9, 0.3, 7850.0)
 LENGTH, WIDTH, HEIGHT, RADIUS = 160.0, 30.0, 10.0, 2.0
 
 
@@ -45,30 +41,10 @@ def part_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def couple_strip(path: Path, settings: MeshSettings) -> CoupledMachine:
-    part = Component(
-        "strip",
-        StepFile(path),
-        STEEL,
-        interfaces={
-            "foot": Interface("foot", (Patch("x-"),), "average"),
-            "tip": Interface("tip", (Patch("x+"),), "average"),
-        },
-        mesh=settings,
-    )
-    element = reduce_elastic(
-        part,
-        mesh_component(part),
-        comm=MPI.COMM_SELF,
-        request=ReductionRequest(ModeTarget(count=8)),
-    )
-    clamp = Joint("clamp", (JointEnd(), JointEnd("strip", "foot")), "rigid", fixed=tuple(range(6)))
-    machine = Machine(
-        "strip",
-        {"strip": part},
-        {"clamp": clamp},
-        points={"tcp": Point("tcp", JointEnd("strip", "tip"), JointEnd())},
-    )
-    return couple({"strip": element}, machine, Pose("reference"))
+    faces = {"foot": "average x-", "tip": "average x+"}
+    part = make_faced("strip", StepFile(path), faces, mesh=settings)
+    element = reduce_mesh(part, mesh_component(part), modes=8)
+    return couple_clamped(part, element)
 
 
 def test_holes_left_out_stand_behind_compliances_and_frequencies_as_large_as_they_matter(

@@ -1,20 +1,17 @@
 """Estimates of what a mesh does to frequencies and compliances, against finer meshes."""
 
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
-import pytest
 from mpi4py import MPI
 from scipy.stats import spearmanr
 
-from common import make_box, make_component, present
+from common import make_box, present
+from elastic_columns import COLUMN, SIZE, couple_column
 from headstock.geometry.frames import FloatArray, rigid_transfer
-from headstock.geometry.machine.joints import Joint, JointEnd
-from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.meshing.component_mesh import CellKind
 from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.coupling.coupling import CoupledMachine, couple
+from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.estimates.mesh_errors import (
     compliance_mesh_errors,
     frequency_mesh_errors,
@@ -24,8 +21,8 @@ from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.requests import ReductionRequest
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
+from reduced_parts import reduce_mesh
 
-SIZE = (0.04, 0.1, 0.4)
 COUNT = 5
 Mesh = tuple[CellKind, tuple[int, int, int]]
 FINE: Mesh = ("hex27", (3, 8, 26))
@@ -36,35 +33,6 @@ COARSE: list[Mesh] = [
     ("tet10", (2, 4, 12)),
     ("hex8", (2, 4, 12)),
 ]
-Column = Callable[[CellKind, tuple[int, int, int]], CoupledMachine]
-
-
-@pytest.fixture(scope="module")
-def column() -> Column:
-    """Reduce and couple a column that is clamped at its foot, on a structured mesh."""
-    component = make_component({"foot": "rigid", "tip": "average"}, size=SIZE)
-    machine = Machine(
-        "column",
-        {"body": component},
-        {
-            "clamp": Joint(
-                "clamp",
-                (JointEnd(None, None), JointEnd("body", "foot")),
-                "rigid",
-                fixed=tuple(range(6)),
-            )
-        },
-        points={"tcp": Point("tcp", JointEnd("body", "tip"), JointEnd(None, None))},
-    )
-
-    def coupled(kind: CellKind, counts: tuple[int, int, int]) -> CoupledMachine:
-        mesh = make_box(counts, SIZE, {"foot": "z-", "tip": "z+"}, kind=kind)
-        element = reduce_elastic(
-            component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=16))
-        )
-        return couple({"body": element}, machine, Pose("reference"))
-
-    return coupled
 
 
 def numbers(coupled: CoupledMachine) -> tuple[FloatArray, FloatArray]:
@@ -80,13 +48,13 @@ def numbers(coupled: CoupledMachine) -> tuple[FloatArray, FloatArray]:
     ].errors.mesh_safety
 
 
-def test_estimates_are_within_a_factor_of_three_and_rank_meshes_and_modes_as_the_true_errors_do(
-    column: Column,
-) -> None:
-    exact, _ = numbers(column(*FINE))
+def test_estimates_are_within_a_factor_of_three_and_rank_meshes_and_modes_as_the_true_errors_do() -> (
+    None
+):
+    exact, _ = numbers(couple_column(*FINE))
     true, found = [], []
     for kind, counts in COARSE:
-        values, errors = numbers(column(kind, counts))
+        values, errors = numbers(couple_column(kind, counts))
         # frequencies come out too high, compliances too small
         true.append(
             np.r_[values[:COUNT] / exact[:COUNT] - 1.0, exact[COUNT:] / values[COUNT:] - 1.0]
@@ -98,8 +66,8 @@ def test_estimates_are_within_a_factor_of_three_and_rank_meshes_and_modes_as_the
     assert spearmanr(np.concatenate(found), np.concatenate(true)).statistic > 0.9
 
 
-def test_modes_near_the_cut_off_have_an_estimate_like_all_others(column: Column) -> None:
-    coupled, exact = column("tet10", (1, 2, 6)), column(*FINE)
+def test_modes_near_the_cut_off_have_an_estimate_like_all_others() -> None:
+    coupled, exact = couple_column("tet10", (1, 2, 6)), couple_column(*FINE)
     element, count = coupled.layout.superelements["body"], 18
     assert (np.diag(present(element.errors.missing_energy))[element.boundary_size :] > 0.0).all()
     modes, right = (
@@ -110,8 +78,8 @@ def test_modes_near_the_cut_off_have_an_estimate_like_all_others(column: Column)
     assert (errors > 0.2 * (modes - right)).all()
 
 
-def test_what_a_file_does_not_estimate_is_unknown_not_zero(column: Column) -> None:
-    coupled = column("tet10", (1, 2, 6))
+def test_what_a_file_does_not_estimate_is_unknown_not_zero() -> None:
+    coupled = couple_column("tet10", (1, 2, 6))
     element = coupled.layout.superelements["body"]
     missing = present(element.errors.missing_energy).copy()
     missing[-6:] = missing[:, -6:] = 0.0
@@ -129,11 +97,8 @@ def test_what_a_file_does_not_estimate_is_unknown_not_zero(column: Column) -> No
 
 
 def test_rigid_motions_of_a_free_component_miss_no_energy() -> None:
-    component = make_component({"foot": "rigid", "tip": "average"}, size=SIZE)
     mesh = make_box((1, 2, 6), SIZE, {"foot": "z-", "tip": "z+"}, kind="tet10")
-    element = reduce_elastic(
-        component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=4))
-    )
+    element = reduce_mesh(COLUMN, mesh, modes=4)
     motions = np.zeros((len(element.labels), 6))
     for node, frame in enumerate(element.frames):
         motions[6 * node : 6 * node + 6] = rigid_transfer(np.array([3.0, -2.0, 1.0]), frame.origin)
@@ -145,10 +110,9 @@ def test_rigid_motions_of_a_free_component_miss_no_energy() -> None:
 
 
 def test_what_is_not_asked_for_is_not_estimated() -> None:
-    component = make_component({"foot": "rigid", "tip": "average"}, size=SIZE)
     mesh = make_box((1, 1, 2), SIZE, {"foot": "z-", "tip": "z+"})
     request = ReductionRequest(ModeTarget(count=2), errors=False)
     assert (
-        reduce_elastic(component, mesh, comm=MPI.COMM_SELF, request=request).errors.missing_energy
+        reduce_elastic(COLUMN, mesh, comm=MPI.COMM_SELF, request=request).errors.missing_energy
         is None
     )

@@ -21,10 +21,9 @@ from headstock.reduction.estimates.static_errors import (
     bound_von_mises,
     estimate_at_rest,
 )
-from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.stresses import largest_von_mises
+from reduced_parts import reduce_mesh
 
 SIZE = (0.1, 0.15, 0.4)
 GROUPS = {"support:foot": "z-", "top": "z+", "load:oil": "x+"}
@@ -117,14 +116,8 @@ def test_modes_that_are_kept_change_no_error_at_rest() -> None:
     mesh = make_box((2, 3, 6), SIZE, GROUPS, kind="tet10")
     found, inner = [], []
     for count in (0, 5):
-        element = reduce_elastic(
-            COMPONENT,
-            mesh,
-            FOOT,
-            (OIL,),
-            comm=MPI.COMM_SELF,
-            request=ReductionRequest(ModeTarget(count=count)),
-            probes=tuple(PROBES.values()),
+        element = reduce_mesh(
+            COMPONENT, mesh, FOOT, (OIL,), modes=count, probes=tuple(PROBES.values())
         )
         coupled = couple({"body": element}, MACHINE, Pose("reference"))
         inside = missing_of_loads(coupled, MACHINE, None)

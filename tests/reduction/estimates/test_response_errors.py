@@ -7,14 +7,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
 from common import approx, make_box, make_component, present
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.meshing.component_mesh import ComponentMesh
-from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
 from headstock.reduction.estimates.response_errors import (
@@ -23,9 +21,7 @@ from headstock.reduction.estimates.response_errors import (
     bound_response_errors,
     project_response,
 )
-from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Superelement, most_participation
-from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.second_order import input_columns, output_rows
 from headstock.validation.coverage.coverage_case import CHANNELS
@@ -45,6 +41,7 @@ from headstock.validation.machines.response_estimate_cases import (
     LINES,
     _compare_responses,
 )
+from reduced_parts import reduce_mesh
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +96,6 @@ def test_frequencies_of_a_beam_lie_within_their_bounds_whatever_modes_are_kept()
     assert np.median(pairs.estimated[pairs.clear] / pairs.true[pairs.clear]) < 1.1
 
 
-COMM = MPI.COMM_SELF
 SIZE = (0.1, 0.13, 0.4)
 EVERY = 10**6
 COUPLINGS = [("rigid", "rigid"), ("average", "rigid"), ("average", "average")]
@@ -121,9 +117,7 @@ def reduce(mesh: ComponentMesh) -> Reduce:
             component = make_component(
                 dict(zip(("foot", "tip"), couplings, strict=True)), size=SIZE
             )
-            made[key] = reduce_elastic(
-                component, mesh, comm=COMM, request=ReductionRequest(ModeTarget(count=count))
-            )
+            made[key] = reduce_mesh(component, mesh, modes=count)
         return made[key]
 
     return reduced

@@ -10,17 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from common import approx, make_box, make_component, present
-from headstock.geometry.machine.joints import Joint, JointEnd
-from headstock.geometry.machine.machine import Machine, Point, Pose
-from headstock.geometry.parts.components import Component, Interface, Material, MeshSettings, Patch
+from common import STEEL, approx, make_box, make_component, make_faced, present
+from headstock.geometry.machine.machine import Machine, Pose
+from headstock.geometry.parts.components import Material, MeshSettings
 from headstock.geometry.parts.solids import StepFile, Tube
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.elements.surface import extract_surface
-from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.frequency_errors import bound_frequency_errors, truncated_parts
 from headstock.reduction.estimates.mesh_errors import (
@@ -31,8 +28,6 @@ from headstock.reduction.estimates.mesh_errors import (
     meshed_parts,
 )
 from headstock.reduction.motions.compliance_budget import point_budget
-from headstock.reduction.requests import ReductionRequest
-from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.recovery.discretisation_error import (
     SAFETY,
@@ -40,38 +35,23 @@ from headstock.solvers.recovery.discretisation_error import (
     detects_errors,
     mesh_safety,
 )
+from lumped_machines import couple_clamped
+from reduced_parts import reduce_mesh
 
 OUTER, INNER, LENGTH = 0.1, 0.06, 0.2
 LIMP = Material("limp", 200e9, 0.0, 7800.0)  # no lateral contraction: the closed form is exact
-RADIUS, STEEL = 0.5, Material("steel", 210e9, 0.3, 7850.0)
-FACES = {
-    "foot": Interface("foot", (Patch("z-"),), "average"),
-    "tip": Interface("tip", (Patch("z+"),), "average"),
-}
+RADIUS = 0.5
+FACES = {"foot": "average z-", "tip": "average z+"}
 
 
 @pytest.fixture(scope="module")
 def tube() -> tuple[ComponentMesh, CoupledMachine]:
     """A tube whose round faces are meshed with chords, pulled at its tip."""
-    part = Component(
-        "tube",
-        Tube(OUTER, INNER, LENGTH),
-        LIMP,
-        interfaces=FACES,
-        mesh=MeshSettings(size=0.02, order=1, allow_locking=True),
-    )
+    chords = MeshSettings(size=0.02, order=1, allow_locking=True)
+    part = make_faced("tube", Tube(OUTER, INNER, LENGTH), FACES, material=LIMP, mesh=chords)
     mesh = mesh_component(part)
-    element = reduce_elastic(
-        part, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=12))
-    )
-    clamp = Joint("clamp", (JointEnd(), JointEnd("tube", "foot")), "rigid", fixed=tuple(range(6)))
-    machine = Machine(
-        "tube",
-        {"tube": part},
-        {"clamp": clamp},
-        points={"tcp": Point("tcp", JointEnd("tube", "tip"), JointEnd())},
-    )
-    return mesh, couple({"tube": element}, machine, Pose("reference"))
+    element = reduce_mesh(part, mesh, modes=12)
+    return mesh, couple_clamped(part, element)
 
 
 def test_gaps_between_facets_and_faces_add_up_to_the_volume_that_the_mesh_misses(
@@ -135,17 +115,9 @@ def test_a_bar_of_single_thick_elements_says_that_nothing_is_known() -> None:
         mesh_safety(mesh, extract_surface(mesh.cells, mesh.kind)) for mesh in (double, sheet)
     ]
     assert factors == [SAFETY["hex", 2], SINGLE_SAFETY] and factors[0] < factors[1]
-    element = reduce_elastic(
-        component, single, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=6))
-    )
+    element = reduce_mesh(component, single, modes=6)
     assert "single elements" in " ".join(element.warnings)
-    clamp = Joint("clamp", (JointEnd(), JointEnd("body", "foot")), "rigid", fixed=tuple(range(6)))
-    points = {"tcp": Point("tcp", JointEnd("body", "tip"), JointEnd())}
-    coupled = couple(
-        {"body": element},
-        Machine("bar", {"body": component}, {"clamp": clamp}, points=points),
-        Pose("reference"),
-    )
+    coupled = couple_clamped(component, element)
     assert meshed_parts(coupled)["body"].reach_hz == 0.0
     assert np.isnan(
         compliance_mesh_errors(coupled, point_budget(coupled, "tcp").displacements)["body"]
@@ -169,20 +141,10 @@ def test_modes_of_a_ball_above_two_thirds_of_the_cut_off_are_covered_or_unknown(
         check=True,
         capture_output=True,
     )
-    part = Component(
-        "ball",
-        StepFile(tmp_path / "ball.step"),
-        STEEL,
-        interfaces={"skin": Interface("skin", (Patch("face:1"),), "average")},
-        mesh=MeshSettings(size=0.5 * RADIUS),
-        free=True,
-    )
-    element = reduce_elastic(
-        part,
-        mesh_component(part),
-        comm=MPI.COMM_SELF,
-        request=ReductionRequest(ModeTarget(count=kept)),
-    )
+    settings = {"mesh": MeshSettings(size=0.5 * RADIUS), "free": True}
+    skin = {"skin": "average face:1"}
+    part = make_faced("ball", StepFile(tmp_path / "ball.step"), skin, **settings)
+    element = reduce_mesh(part, mesh_component(part), modes=kept)
     coupled = couple({"ball": element}, Machine("ball", {"ball": part}), Pose("reference"))
     modes = solve_modal(coupled.system, count=11)
     assert modes.rigid_count == 6

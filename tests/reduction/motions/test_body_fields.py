@@ -3,72 +3,30 @@
 import dataclasses
 
 import numpy as np
-from mpi4py import MPI
 
-from common import approx, make_box, make_component
+from common import approx, make_box, make_component, make_faced
 from headstock.geometry.frames import FloatArray, rigid_map
-from headstock.geometry.machine.joints import Joint, JointEnd
-from headstock.geometry.machine.machine import Machine, Point, Pose
 from headstock.geometry.parts.components import (
     Component,
-    Interface,
-    Material,
-    Patch,
     SegmentSettings,
 )
-from headstock.geometry.parts.mass_properties import closed_form_properties
 from headstock.geometry.parts.solids import Box
-from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.components.segmented import reduce_segmented
-from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.motions.body_fields import choose_places, machine_field, place_motion
-from headstock.reduction.requests import ReductionRequest
 from headstock.reduction.superelement import Recovery, Superelement
-from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
+from lumped_machines import couple_clamped, reduce_shape
+from reduced_parts import reduce_mesh
 
-STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 SIZE = (0.04, 0.06, 0.4)
 
 
 def bar() -> Component:
-    faces = {
-        name: Interface(name, (Patch(face),)) for name, face in (("foot", "z-"), ("tip", "z+"))
-    }
-    return Component(
-        "bar",
-        Box(SIZE),
-        STEEL,
-        interfaces=faces,
-        fidelity="segmented",
-        segments=SegmentSettings(20),
-    )
+    settings = {"fidelity": "segmented", "segments": SegmentSettings(20)}
+    return make_faced("bar", Box(SIZE), {"foot": "z-", "tip": "z+"}, **settings)
 
 
 def rigid_bar() -> Superelement:
-    component = bar()
-    properties = closed_form_properties(component)
-    assert properties is not None
-    return reduce_rigid(component, properties)
-
-
-def segmented_bar() -> Superelement:
-    component = bar()
-    properties = closed_form_properties(component)
-    assert properties is not None
-    return reduce_segmented(component, properties)
-
-
-def clamped(part: Superelement) -> CoupledMachine:
-    clamp = Joint("clamp", (JointEnd(), JointEnd("bar", "foot")), "rigid", fixed=tuple(range(6)))
-    machine = Machine(
-        "m",
-        {"bar": bar()},
-        {"clamp": clamp},
-        {"tcp": Point("tcp", JointEnd("bar", "tip"), JointEnd())},
-    )
-    return couple({"bar": part}, machine, Pose("home"))
+    return reduce_shape(dataclasses.replace(bar(), fidelity="rigid"))
 
 
 def test_the_places_have_the_mass_the_centre_and_the_inertia_of_the_body() -> None:
@@ -112,14 +70,12 @@ def test_modes_of_segments_and_of_finite_elements_are_the_same_motions() -> None
         mesh, points=mesh.points - np.array([0.5 * SIZE[0], 0.5 * SIZE[1], 0.0])
     )
     component = dataclasses.replace(make_component({"foot": "rigid", "tip": "rigid"}), name="bar")
-    solid = reduce_elastic(
-        component, mesh, comm=MPI.COMM_SELF, request=ReductionRequest(ModeTarget(count=12))
-    )
-    segments = segmented_bar()
+    solid = reduce_mesh(component, mesh, modes=12)
+    segments = reduce_shape(bar())
     places = {"bar": choose_places(solid)}
     fields: list[FloatArray] = []
     for part in (solid, segments):
-        coupled = clamped(part)
+        coupled = couple_clamped(bar(), part)
         fields.append(machine_field(coupled, places, solve_modal(coupled.system, count=5).shapes))
     np.testing.assert_allclose(fields[0].T @ fields[0], np.eye(5), atol=0.04)
     units = [field / np.linalg.norm(field, axis=0) for field in fields]
@@ -127,7 +83,7 @@ def test_modes_of_segments_and_of_finite_elements_are_the_same_motions() -> None
 
 
 def test_a_body_that_only_its_nodes_carry_is_met_in_its_nodes() -> None:
-    part = dataclasses.replace(segmented_bar(), recovery=None)
+    part = dataclasses.replace(reduce_shape(bar()), recovery=None)
     center = np.array([[0.0, 0.0, 0.19]])  # of segment 10
     found = place_motion(part, center)
     assert found[:, 54:57] == approx(np.eye(3), abs=1e-9)

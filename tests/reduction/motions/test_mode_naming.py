@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from cases import cases
 from common import make_box, make_component, present
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Machine, Pose
@@ -154,14 +155,7 @@ def test_a_tube_is_named_by_the_waves_around_its_axis(expected: str) -> None:
     assert (str(named) if named is None else " ".join(named).strip()) == expected
 
 
-@pytest.mark.parametrize(
-    ("waves", "expected"),
-    [
-        (0, "bend like an umbrella"),
-        (2, "bend with 2 nodal diameters"),
-        (3, "bend with 3 nodal diameters"),
-    ],
-)
+@cases
 def test_a_disc_is_named_by_its_nodal_diameters(waves: int, expected: str) -> None:
     places, angles, radii = ring_points(0.1, 0.005)
     field = np.column_stack([np.zeros((600, 2)), (radii / 0.1) ** 2 * np.cos(waves * angles + 0.3)])

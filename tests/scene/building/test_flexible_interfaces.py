@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from cases import cases
 from common import approx
-from fixture_machines import machine, write_scene
+from fixture_machines import machine, stored_scene, write_scene
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 
@@ -37,23 +38,7 @@ def test_the_strong_form_fixes_points_and_the_weak_one_means(
     assert (top.coupling, top.flexible) == (coupling, 12)
 
 
-@pytest.mark.parametrize(
-    ("entry", "key", "message"),
-    [
-        ('face = "z+", coupling = { flexible = 2 }', "coupling", "3"),
-        ('face = "z+", coupling = { flexible = 301 }', "coupling", "300"),
-        ('face = "z+", coupling = { flexibel = 12 }', "coupling", "flexible"),
-        ('face = "z+", coupling = { flexible = 12, form = "soft" }', "coupling", "weak"),
-        ('face = "z+", coupling = "soft"', "coupling", "average"),
-        (f'face = "outer", {FLEXIBLE}', "coupling", "one flat patch"),
-        (
-            f'patches = [{{ face = "z+" }}, {{ face = "z-" }}], {FLEXIBLE}',
-            "coupling",
-            "one interface for each patch",
-        ),
-        (f'face = "z+", rail = {{ along = "x" }}, {FLEXIBLE}', "", "is a rail"),
-    ],
-)
+@cases
 def test_a_flexible_interface_that_cannot_be_is_named_with_its_remedy(
     tmp_path: Path, entry: str, key: str, message: str
 ) -> None:
@@ -64,18 +49,7 @@ def test_a_flexible_interface_that_cannot_be_is_named_with_its_remedy(
     assert any(message in item.message for item in found), str(caught.value)
 
 
-GLUED = machine("""
-machine = "halves"
-names = { lower = "base", upper = "post" }
-without = ["components.base.mesh", "components.post.mesh", "joints.glue.kind"]
-components.base.solid = { box = ["200 mm", "100 mm", "50 mm"] }
-components.base.interfaces = { foot = { face = "z-" }, top = "BASE" }
-components.post.solid = { box = ["100 mm", "80 mm", "300 mm"] }
-components.post.at = ["0 mm", "0 mm", "50 mm"]
-components.post.interfaces = { foot = "POST" }
-joints.glue.kind = "JOINT"
-analyses.modal = { count = 3 }
-""")
+GLUED = stored_scene("flexible_interfaces_glued")
 RECT = 'face = "z+", rect = { size = ["100 mm", "80 mm"] }'
 LAYER = 'kind = "bolted"\nstiffness_per_area = { normal = "3 N/um/mm^2", shear = "1 N/um/mm^2" }'
 
@@ -100,22 +74,9 @@ def test_a_contact_layer_is_read_in_its_units(tmp_path: Path) -> None:
 
 WIDE, RIGHT, FOOT = f'face = "z+", {FLEXIBLE}', f"{RECT}, {FLEXIBLE}", f'face = "z-", {FLEXIBLE}'
 DISK = f'face = "z+", disk = {{ diameter = "80 mm" }}, {FLEXIBLE}'
-PER_AREA = "stiffness_per_area"
-BESIDE = LAYER + '\nstiffness = { normal = "100 N/um" }'
 
 
-@pytest.mark.parametrize(
-    ("base", "post", "joint", "key", "message"),
-    [
-        (WIDE, FOOT, 'kind = "rigid"', "between", "200 x 100 mm and post.foot is 100 x 80 mm"),
-        (WIDE, FOOT, LAYER, "between", "200 x 100 mm"),
-        (RECT, FOOT, LAYER, PER_AREA, "deformation shapes of base.top"),
-        (DISK, FOOT, LAYER, "between", "base.top is a disk of 80 mm and post.foot is 100 x 80 mm"),
-        (RIGHT, FOOT, LAYER.replace("bolted", "rigid"), PER_AREA, 'write kind = "bolted"'),
-        (RIGHT, FOOT, BESIDE, "stiffness", "remove it or stiffness_per_area"),
-        (RIGHT, FOOT, LAYER.replace("1 N/um/mm^2", "1 N/um"), f"{PER_AREA}.shear", "3 N/um/mm^2"),
-    ],
-)
+@cases
 def test_what_does_not_fit_between_two_faces_is_named(
     tmp_path: Path, base: str, post: str, joint: str, key: str, message: str
 ) -> None:

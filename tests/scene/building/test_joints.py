@@ -5,87 +5,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cases import cases
 from common import approx
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.pipeline.preview.doubts import free_motion_warnings
 from headstock.scene.building.joints import KINDS, _joint_rotation, build_joint, find_joint_faults
 from headstock.scene.building.loader import load_scene
 from headstock.scene.schema.joints import JointTable
 
 K = "1 N/um"
-R = "5 N m/rad"
 
 
 def make_table(kind: str, **keys: object) -> JointTable:
     return JointTable.model_validate({"between": ["a.b", "ground"], "kind": kind, **keys})
 
 
-@pytest.mark.parametrize(
-    ("kind", "keys", "fixed", "diagonal"),
-    [
-        ("rigid", {}, (0, 1, 2, 3, 4, 5), [0, 0, 0, 0, 0, 0]),
-        ("spring", {"stiffness": {"x": K, "rz": R}}, (), [1e6, 0, 0, 0, 0, 5]),
-        ("spring", {"stiffness": {"x": "rigid", "z": K}}, (0,), [0, 0, 1e6, 0, 0, 0]),
-        (
-            "linear_guide",
-            {"axis": "y", "stiffness": {"lateral": K, "normal": "2 N/um", "yaw": R}},
-            (),
-            [0, 1e6, 2e6, 0, 0, 5],
-        ),
-        (
-            "linear_guide",
-            {
-                "axis": "y",
-                "stiffness": {"lateral": K, "normal": K, "roll": R, "pitch": "6 N m/rad"},
-            },
-            (),
-            [0, 1e6, 1e6, 5, 6, 0],
-        ),
-        (
-            "ball_screw",
-            {"axis": "z", "stiffness": {"axial": K, "torsion": R}},
-            (),
-            [1e6, 0, 0, 5, 0, 0],
-        ),
-        (
-            "bearing",
-            {"axis": "z", "stiffness": {"radial": K, "axial": "3 N/um", "tilt": R}},
-            (),
-            [3e6, 1e6, 1e6, 0, 5, 5],
-        ),
-        (
-            "bearing",
-            {"axis": "z", "stiffness": {"radial": K, "torsion": "rigid"}},
-            (3,),
-            [0, 1e6, 1e6, 0, 0, 0],
-        ),
-        (
-            "bearing",
-            {"axis": "z", "stiffness": {"radial": K, "torsion": R}},
-            (),
-            [0, 1e6, 1e6, 5, 0, 0],
-        ),
-        (
-            "bolted",
-            {"stiffness": {"normal": K, "shear": "2 N/um", "torsion": R}},
-            (),
-            [2e6, 2e6, 1e6, 0, 0, 5],
-        ),
-        (
-            "mount",
-            {"stiffness": {"vertical": K, "horizontal": "2 N/um", "tilt": R}},
-            (),
-            [2e6, 2e6, 1e6, 5, 5, 0],
-        ),
-        ("revolute", {"axis": "z"}, (0, 1, 2, 4, 5), [0, 0, 0, 0, 0, 0]),
-        ("revolute", {"axis": "z", "stiffness": {"rx": R}}, (0, 1, 2, 4, 5), [0, 0, 0, 5, 0, 0]),
-        ("universal", {"axis": "x", "normal": "y"}, (0, 1, 2, 4), [0, 0, 0, 0, 0, 0]),
-        ("spherical", {}, (0, 1, 2), [0, 0, 0, 0, 0, 0]),
-        ("prismatic", {"axis": "y"}, (1, 2, 3, 4, 5), [0, 0, 0, 0, 0, 0]),
-    ],
-)
+@cases
 def test_a_kind_holds_and_springs_its_dofs(
-    kind: str, keys: dict[str, object], fixed: tuple[int, ...], diagonal: list[float]
+    kind: str, keys: dict[str, object], fixed: tuple[int, ...], diagonal: tuple[float, ...]
 ) -> None:
     table = make_table(kind, **keys)
     assert find_joint_faults(table) == []
@@ -137,45 +74,17 @@ def test_damping_of_a_fixed_dof_is_refused() -> None:
     assert "damping" in find_joint_faults(table)[0].message
 
 
-SPINDLE = machine("""
-machine = "bar"
-names = { bar = "shaft", clamp = "front" }
-name = "spindle"
-components.shaft.at = ["0 mm", "0 mm", "0 mm"]
-components.shaft.interfaces = { nose = { face = "z-" }, rear = { face = "z+" } }
-points.tcp.tool = "shaft.nose"
-joints.front.between = ["ground", "shaft.rear"]
-joints.front.kind = "bearing"
-joints.front.axis = "z"
-joints.front.at = ["0 mm", "0 mm", "60 mm"]
-joints.front.stiffness = { radial = "300 N/um", axial = "200 N/um", REST = "REST" }
-[joints.back]
-between = ["ground", "shaft.rear"]
-kind = "bearing"
-axis = "z"
-at = ["%s mm", "0 mm", "180 mm"]
-stiffness = { radial = "200 N/um" }
-[analyses.static]
-""")
+SPINDLE = stored_scene("joints_spindle")
 
 
-@pytest.mark.parametrize(
-    ("fixed", "offset", "free"),
-    [
-        ('tilt = "1 N m/rad"', 0, "C rotation of shaft"),
-        ('torsion = "rigid"', 0, None),
-        ('torsion = "1 N m/rad"', 0, None),
-        # bearings that do not lie on one axis hold each other's turn
-        ('tilt = "1 N m/rad"', 5, None),
-    ],
-)
+@cases
 def test_a_spindle_that_may_turn_is_known_before_any_mesh(
-    fixed: str, offset: int, free: str | None, tmp_path: Path
+    fixed: str, offset: int, free: str, tmp_path: Path
 ) -> None:
     path = write_scene(
         tmp_path, SPINDLE.replace('REST = "REST"', "%s") % (fixed, offset), name="spindle"
     )
     found = free_motion_warnings(load_scene(path))
-    assert len(found) == (0 if free is None else 1)
-    if free is not None:
+    assert len(found) == bool(free)
+    if free:
         assert free in found[0] and "static" in found[0]

@@ -9,19 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fixture_machines import write_scene
+from cases import cases
+from fixture_machines import stored_scene, write_scene
 from headstock.app.actions.schemas import scene_schema
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine, place_components
+from headstock.geometry.parts import solids
 from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.solids import (
     Box,
-    HollowColumn,
     MeshFile,
-    Plate,
     SuperelementFile,
-    Tube,
 )
 from headstock.scene.analyses.contouring import ContouringRequest
 from headstock.scene.analyses.modal import ModalRequest
@@ -33,56 +32,8 @@ from headstock.scene.reading.findings import SceneError
 MACHINES = Path(__file__).resolve().parents[3] / "machines"
 STEEL = '[materials.steel]\nE = "210 GPa"\nnu = 0.3\nrho = "7850 kg/m^3"\n'
 
-SI = """\
-[materials.steel]
-E = "210e9 Pa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bar]
-solid = { box = ["0.038 m", "0.1 m", "0.5 m"] }
-material = "steel"
-at = ["0.01 m", "0 m", "0.7 m"]
-rotate = { axis = "z", angle = "0.5235987755982988 rad" }
-mass = "12 kg"
-mesh = { size = "0.019 m" }
-[components.bar.interfaces]
-foot = { face = "z-", rect = { center = ["0.001 m", "0.002 m"], size = ["0.03 m", "0.07 m"] } }
-[joints.base]
-between = ["bar.foot", "ground"]
-kind = "bolted"
-at = ["0.01 m", "0 m", "0.7 m"]
-stiffness = { normal = "3e8 N/m", shear = "2e8 N/m", tilt = "1e6 N m/rad" }
-damping = { normal = "20000 N s/m" }
-[loads.push]
-at = "bar.foot"
-force = ["1000 N", "0 N", "0 N"]
-moment = ["0 N m", "5 N m", "0 N m"]
-"""
-MM_T_S = """\
-[materials.steel]
-E = "210000 MPa"
-nu = 0.3
-rho = "7.85e-9 t/mm^3"
-[components.bar]
-solid = { box = ["38 mm", "100 mm", "500 mm"] }
-material = "steel"
-at = ["10 mm", "0 mm", "700 mm"]
-rotate = { axis = "z", angle = "30 deg" }
-mass = "0.012 t"
-mesh = { size = "19 mm" }
-[components.bar.interfaces]
-foot = { face = "z-", rect = { center = ["1 mm", "2 mm"], size = ["30 mm", "70 mm"] } }
-[joints.base]
-between = ["bar.foot", "ground"]
-kind = "bolted"
-at = ["10 mm", "0 mm", "700 mm"]
-stiffness = { normal = "300000 N/mm", shear = "200000 N/mm", tilt = "1e9 N mm/rad" }
-damping = { normal = "20 N s/mm" }
-[loads.push]
-at = "bar.foot"
-force = ["1000 t mm/s^2", "0 N", "0 N"]
-moment = ["0 N mm", "5000 N mm", "0 N mm"]
-"""
+SI = stored_scene("loader_si")
+MM_T_S = stored_scene("loader_mm_t_s")
 
 
 def load(folder: Path, text: str, **options: Any) -> Machine:
@@ -126,29 +77,15 @@ def test_lengths_are_the_same_floats_in_every_unit(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("text", "solid"),
-    [
-        ('box = ["1 m", "2 m", "3 m"]', Box((1.0, 2.0, 3.0))),
-        ('tube = { outer = "60 mm", inner = "40 mm", length = "300 mm" }', Tube(0.06, 0.04, 0.3)),
-        ('tube = { outer = "60 mm", length = "300 mm" }', Tube(0.06, 0.0, 0.3)),
-        (
-            'plate = { size = ["1 m", "0.5 m", "20 mm"], rib_height = "50 mm", rib = "10 mm", ribs_x = 2, ribs_y = 3 }',
-            Plate((1.0, 0.5, 0.02), 0.05, 0.01, 2, 3),
-        ),
-        (
-            'column = { size = ["0.2 m", "0.3 m", "1 m"], wall = "12 mm", cap = "20 mm", '
-            'rib = "10 mm", ribs_z = 3, core_hole = "40 mm" }',
-            HollowColumn((0.2, 0.3, 1.0), 0.012, 0.02, 0.01, 3, 0, 0, 0.04),
-        ),
-    ],
-)
-def test_a_solid_is_what_the_scene_says(tmp_path: Path, text: str, solid: object) -> None:
+@cases
+def test_a_solid_is_what_the_scene_says(
+    tmp_path: Path, text: str, kind: str, sizes: tuple[Any, ...]
+) -> None:
     machine = load(
         tmp_path,
         f'free = true\n{STEEL}[components.part]\nsolid = {{ {text} }}\nmaterial = "steel"\n',
     )
-    assert machine.components["part"].solid == solid
+    assert machine.components["part"].solid == getattr(solids, kind)(*sizes)
 
 
 def test_files_beside_the_scene_become_solids(tmp_path: Path) -> None:
@@ -165,34 +102,17 @@ def test_files_beside_the_scene_become_solids(tmp_path: Path) -> None:
     assert machine.points["p"].tool == JointEnd("black_box", "anything")
 
 
-@pytest.mark.parametrize(
-    ("text", "patches"),
-    [
-        ('face = "z+"', (Patch("z+"),)),
-        (
-            'face = "x-", disk = { diameter = "20 mm", center = ["10 mm", "30 mm"] }',
-            (Patch("x-", "disk", (0.0, 0.01, 0.03), (0.02,)),),
-        ),
-        (
-            'face = "y+", rect = { size = ["20 mm", "30 mm"] }',
-            (Patch("y+", "rect", (0.0, 0.0, 0.25), (0.02, 0.03)),),
-        ),
-        (
-            'face = "z-", strip = { width = "20 mm", along = "x" }',
-            (Patch("z-", "strip", (0.0, 0.0, 0.0), (0.02,), "x"),),
-        ),
-        ('patches = [{ face = "z-" }, { face = "z+" }]', (Patch("z-"), Patch("z+"))),
-    ],
-)
+@cases
 def test_an_interface_s_patches_are_what_the_scene_says(
-    tmp_path: Path, text: str, patches: tuple[Patch, ...]
+    tmp_path: Path, text: str, patches: tuple[Any, ...]
 ) -> None:
     solid = 'solid = { box = ["100 mm", "100 mm", "500 mm"] }'
     machine = load(
         tmp_path,
         f'free = true\n{STEEL}[components.p]\n{solid}\nmaterial = "steel"\ninterfaces.i = {{ {text} }}\n',
     )
-    assert machine.components["p"].interfaces["i"].patches == patches
+    expected = tuple(Patch(*patch) for patch in patches)
+    assert machine.components["p"].interfaces["i"].patches == expected
 
 
 def test_rotations_are_applied_in_the_order_they_are_written(tmp_path: Path) -> None:
@@ -218,31 +138,14 @@ def test_the_orientation_turns_the_machine_and_leaves_gravity(tmp_path: Path) ->
     assert turned.gravity == (0.0, 0.0, -9.80665)
 
 
-@pytest.mark.parametrize(
-    ("text", "gravity", "effects"),
-    [
-        ("", (0.0, 0.0, -9.80665), frozenset()),
-        ("[effects]\ngravity = false\n", (0.0, 0.0, -9.80665), frozenset()),
-        (
-            'effects = ["gravity", "damping"]\n',
-            (0.0, 0.0, -9.80665),
-            frozenset({"gravity", "damping"}),
-        ),
-        ('effects = { gravity = "9.81 m/s^2" }\n', (0.0, 0.0, -9.81), frozenset({"gravity"})),
-        (
-            'effects = { gravity = ["9.81 m/s^2", "0 m/s^2", "0 m/s^2"] }\n',
-            (9.81, 0.0, 0.0),
-            frozenset({"gravity"}),
-        ),
-    ],
-)
+@cases
 def test_effects_are_off_unless_named(
-    tmp_path: Path, text: str, gravity: tuple[float, ...], effects: frozenset[str]
+    tmp_path: Path, text: str, gravity: tuple[float, ...], effects: tuple[str, ...]
 ) -> None:
     path = write_scene(tmp_path, text + SI)
     scene = load_scene(path)
     assert scene.machine.gravity == gravity
-    assert scene.effects == effects
+    assert scene.effects == frozenset(effects)
 
 
 def test_supports_and_loads_carry_their_patches(tmp_path: Path) -> None:
@@ -272,26 +175,16 @@ def test_the_axes_of_the_three_axis_machine_carry_what_lies_beyond_their_joints(
     assert all(axis.limits == (-0.1, 0.1) for axis in machine.axes.values())
 
 
-@pytest.mark.parametrize(
-    ("variant", "elastic"),
-    [
-        (None, {"column_left", "column_right", "y_base"}),
-        ("R", set()),
-        ("BE", set()),
-        ("CE", {"column_left", "column_right"}),
-        ("YE", {"y_base"}),
-        ("YCE", {"column_left", "column_right", "y_base"}),
-    ],
-)
+@cases
 def test_the_three_axis_machine_has_the_paper_s_variants(
-    variant: str | None, elastic: set[str]
+    variant: str, elastic: tuple[str, ...]
 ) -> None:
-    scene = load_scene(MACHINES / "three_axis.toml", variant=variant)
+    scene = load_scene(MACHINES / "three_axis.toml", variant=variant or None)
     assert {
         name
         for name, component in scene.machine.components.items()
         if component.fidelity == "elastic"
-    } == elastic
+    } == set(elastic)
     assert scene.warnings == ()
     assert scene.machine.joints["left_foot_bolts"].fixed == (
         (0, 1, 5) if variant == "BE" else (0, 1, 2, 3, 4, 5)

@@ -5,31 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from cases import cases
 from common import approx
-from fixture_machines import machine, write_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
 
-GOOD = machine("""
-machine = "axis"
-names = { slider = "slide", feet = "clamp", bottom = "foot", top = "rail", foot = "block" }
-without = ["components.bed.fidelity", "axes.X.limits"]
-components.bed.solid = { box = ["600 mm", "200 mm", "80 mm"] }
-components.bed.interfaces = { foot = { face = "z-" }, rail = { face = "z+", strip = { along = "x", width = "20 mm" }, rail = { along = "x" } } }
-components.slide.solid = { box = ["100 mm", "100 mm", "40 mm"] }
-components.slide.at = ["0 mm", "0 mm", "90 mm"]
-components.slide.interfaces = { block = { face = "z-" }, top = { face = "z+" } }
-joints.clamp.between = ["ground", "bed.foot"]
-joints.guide.between = ["bed.rail", "slide.block"]
-joints.guide.length = "60 mm"
-joints.guide.stiffness = { lateral = "300 N/um", normal = "400 N/um", roll = "1 kN m/mrad", pitch = "2 kN m/mrad", yaw = "2 kN m/mrad" }
-joints.screw.between = ["bed.foot", "slide.block"]
-points.tcp.tool = "slide.top"
-poses.home = {}
-poses.far = { X = "270 mm" }
-analyses.static = { at = "tcp" }
-""")
+GOOD = stored_scene("rails_good")
 
 
 def load(folder: Path, *changes: tuple[str, str]) -> Scene:
@@ -55,36 +38,19 @@ def test_a_rail_without_stations_gets_them_from_its_length_and_the_shortest_carr
     assert machine.joints["guide"].length == approx(0.06) and machine.joints["screw"].length is None
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "key", "message"),
-    [
-        ('X = "270 mm"', 'X = "280 mm"', "poses.far", "guide (60 mm long) hangs 10 mm over the end of rail bed.rail"),
-        ('at = ["0 mm", "0 mm", "90 mm"]', 'at = ["-290 mm", "0 mm", "90 mm"]', "joints.guide", "hangs 20 mm over the end"),
-        ('length = "60 mm"', 'length = "700 mm"', "joints.guide.length", "the carriage (700 mm) is longer than rail bed.rail (600 mm)"),
-        ('length = "60 mm"\n', "", "joints.guide", 'needs its length; write length = "80 mm"'),
-        (
-            'rail = { along = "x" }', 'rail = { along = "x", control_points = 12 }', "components.bed.interfaces.rail.rail.control_points",
-            "write at least 18, better 28",
-        ),
-        ('rail = { along = "x" }', 'rail = { along = "x", control_points = 3 }', "components.bed.interfaces.rail.rail.control_points", "4"),
-        ('rail = { along = "x" }', 'rail = { along = "z" }', "components.bed.interfaces.rail.rail", "face z+ is square to z"),
-        ('rail = { along = "x" }', 'rail = { along = "x" }, coupling = "rigid"', "components.bed.interfaces.rail", "coupling"),
-        ('axis = "x"\nstiffness = { axial', 'axis = "x"\nlength = "10 mm"\nstiffness = { axial', "joints.screw.length", "only a carriage"),
-        ('"bed.rail", "slide.block"', '"bed.rail", "ground"', "joints.guide", "ground has no place of its own"),
-        ('block = { face = "z-" }', 'block = { face = "z-", rail = { along = "x" } }', "joints.guide.between", "both ends are rails"),
-    ],
-)  # fmt: skip
+def refusals(path: Path, key: str) -> str:
+    """What is said of a key of a scene that is refused."""
+    with pytest.raises(SceneError) as caught:
+        load_scene(path)
+    return " ".join(problem.message for problem in caught.value.problems if problem.key == key)
+
+
+@cases
 def test_a_carriage_that_cannot_be_is_named_with_its_remedy(
     tmp_path: Path, old: str, new: str, key: str, message: str
 ) -> None:
-    with pytest.raises(SceneError) as caught:
-        load(tmp_path, (old, new))
-    matching = [
-        problem
-        for problem in caught.value.problems
-        if problem.key == key and message in problem.message
-    ]
-    assert matching, str(caught.value)
+    assert GOOD.count(old) == 1
+    assert message in refusals(write_scene(tmp_path, GOOD, (old, new)), key)
 
 
 def test_segments_longer_than_the_carriage_are_warned_of(tmp_path: Path) -> None:
@@ -124,61 +90,7 @@ def test_a_screw_with_a_shaft_is_built_of_steel_and_ties_its_bearings_only_on_el
     assert "screw_shaft" not in load(tmp_path, (ENDS, nut_first + far), rigid).machine.joints
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "key", "message"),
-    [
-        (
-            SHAFT,
-            SHAFT.replace('"20 mm"', '"20 mm", bore = "25 mm"'),
-            "joints.screw.screw",
-            "bore of 25 mm",
-        ),
-        (
-            SHAFT,
-            SHAFT.replace('lead = "5 mm", ', ""),
-            "joints.screw.screw",
-            "a coupling deflects along the thread only",
-        ),
-        (
-            SHAFT,
-            SHAFT.replace(" }", ', second_end = "bed.foot" }'),
-            "joints.screw.screw",
-            "needs the shaft's length",
-        ),
-        (
-            SHAFT,
-            SHAFT.replace(" }", ', second_end = "bed.end", length = "1 m" }'),
-            "joints.screw.screw.second_end",
-            "no interface 'end'",
-        ),
-        (
-            SHAFT,
-            SHAFT.replace(" }", ', second_end = "slide.top", length = "1 m" }'),
-            "joints.screw.screw.second_end",
-            "which is the nut's",
-        ),
-        (SHAFT, SHAFT + 'length = "20 mm"\n', "joints.screw.length", "slides on no rail"),
-        (
-            SHAFT,
-            SHAFT.replace('"400 N/um"', '"400 N/um", nu = 0.7'),
-            "joints.screw.screw.nu",
-            "is 0.7 but a Poisson ratio",
-        ),
-        (
-            'axial = "100 N/um"',
-            'axial = "rigid"',
-            "joints.screw.stiffness.axial",
-            "the nut of a screw with a shaft has a compliance of its own",
-        ),
-        (
-            '"slide.block", "bed.foot"',
-            '"slide.block", "ground"',
-            "joints.screw.between",
-            "not ground",
-        ),
-        (SHAFT, "", "joints.guide.screw", "a linear_guide has no screw"),
-    ],
-)
+@cases
 def test_a_screw_that_cannot_be_is_named_with_its_remedy(
     tmp_path: Path, old: str, new: str, key: str, message: str
 ) -> None:
@@ -190,12 +102,4 @@ def test_a_screw_that_cannot_be_is_named_with_its_remedy(
         text = text.replace('length = "60 mm"\n', 'length = "60 mm"\n' + SHAFT)
     else:
         assert text.count(old) == 1
-    path = write_scene(tmp_path, text.replace(old, new))
-    with pytest.raises(SceneError) as caught:
-        load_scene(path)
-    matching = [
-        problem
-        for problem in caught.value.problems
-        if problem.key == key and message in problem.message
-    ]
-    assert matching, str(caught.value)
+    assert message in refusals(write_scene(tmp_path, text.replace(old, new)), key)

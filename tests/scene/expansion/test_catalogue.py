@@ -9,7 +9,9 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
+from cases import cases
 from common import approx
+from fixture_machines import stored_scene
 from headstock.scene.building.joints import KINDS
 from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.catalogue import CatalogueEntry, read_catalogue
@@ -17,52 +19,7 @@ from headstock.scene.reading.findings import SceneError
 from headstock.scene.reading.units import LENGTH, ROTATIONAL_STIFFNESS, STIFFNESS, parse_quantity
 from headstock.scene.scene import Scene
 
-SCENE = """\
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.slide]
-solid = { box = ["300 mm", "200 mm", "100 mm"] }
-material = "steel"
-fidelity = "rigid"
-[components.slide.interfaces]
-bottom = { face = "z-" }
-top = { face = "z+" }
-[components.bed]
-solid = { box = ["900 mm", "300 mm", "100 mm"] }
-material = "steel"
-fidelity = "rigid"
-at = ["0 mm", "0 mm", "-100 mm"]
-[components.bed.interfaces]
-top = { face = "z+" }
-far = { face = "x-" }
-floor = { face = "z-" }
-[joints.feet]
-between = ["bed.floor", "ground"]
-kind = "rigid"
-[joints.pad]
-from = "catalogue:guide_35"
-between = ["slide.bottom", "bed.top"]
-axis = "x"
-normal = "z"
-places = [["100 mm", "80 mm", "-50 mm"], ["-100 mm", "80 mm", "-50 mm"]]
-stiffness.lateral = "200 N/um"
-[joints.drive]
-from = "catalogue:ball_screw_40x10"
-between = ["slide.bottom", "bed.far"]
-axis = "x"
-screw = { bearing = "catalogue:screw_bearing_30" }
-[points.tcp]
-tool = "slide.top"
-work = "bed.top"
-[variants.larger]
-"joints.pad.from" = "catalogue:guide_45"
-[variants.one]
-"joints.pad_2.from" = "catalogue:roller_guide_35"
-[analyses.static]
-at = "tcp"
-"""
+SCENE = stored_scene("catalogue")
 ENTRIES = read_catalogue()
 Load = Callable[..., Scene]
 
@@ -197,23 +154,7 @@ def test_a_scene_says_once_what_it_leaves_to_the_catalogue(load: Load) -> None:
     assert drive.startswith("joints.drive: catalogue:ball_screw_40x10")
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "expected"),
-    [
-        (
-            "guide_35",
-            "guide_53",
-            ("slide.toml:25: joints.pad_1.from", "the nearest names: guide_55, guide_45, guide_65"),
-        ),
-        ("guide_35", "nonsense", ("joints.pad_1.from", "names: guide_..., roller_guide_...")),
-        ('"catalogue:guide_35"', '"guide_35"', ('write for example from = "catalogue:guide_35"',)),
-        ('"catalogue:guide_35"', "35", ("slide.toml:25: joints.pad_1.from", "35 is no element")),
-        ("[joints.pad]", '[joints.pad]\nkind = "mount"', ("joints.pad_1.kind", "remove kind")),
-        ("screw_bearing_30", "guide_30", ("joints.drive.screw.bearing", "screw_bearing_30")),
-        ("screw_bearing_30", "screw_bearing_31", ("joints.drive.screw.bearing", "screw_bearing_3")),
-        ("stiffness.lateral", "stiffness.latral", ("'linear_guide' has no stiffness 'latral'",)),
-    ],
-)
+@cases
 def test_what_is_wrong_is_said_once_with_place_and_remedy(
     load: Load, old: str, new: str, expected: tuple[str, ...]
 ) -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cases import cases
+from fixture_machines import stored_scene
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.joints import Joint
 from headstock.scene.building.loader import load_scene
@@ -16,113 +18,8 @@ from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.reading.keys import read_entries
 from headstock.scene.scene import Scene
 
-SHORT = """
-[parameters]
-wall = "38 mm"
-height = "500 mm"
-half = "= height / 2"
-pad = "54 N/um"
-count = 4
-kind = "segmented"
-bolt = { center = ["0 mm", "= half"], size = ["20 mm", "= wall / 2"] }
-[materials]
-steel = { E = "210 GPa", nu = 0.3, rho = "7850 kg/m^3" }
-[components.column]
-solid = { box = ["= wall", "100 mm", "= 2 * half"] }
-material = "steel"
-fidelity = "= kind"
-segments = { count = "= 5 * count" }
-interfaces.foot = { face = "z-" }
-interfaces.bolt = { face = "x-", rect = "= bolt" }
-[components.column.interfaces.pad]
-face = "x+"
-rect = { size = ["20 mm", "30 mm"] }
-places = [["20 mm", "100 mm"], ["-20 mm", "100 mm"]]
-[components.column.interfaces.feet]
-patches = [{ face = "z-", disk = { diameter = "5 mm" }, places = [["9 mm", "0 mm"], ["-9 mm", "0 mm"]] }]
-[components.slide]
-solid = { box = ["50 mm", "100 mm", "100 mm"] }
-material = "steel"
-places = { near = ["= wall / 2 + 25 mm", "0 mm", "50 mm"], far = ["1 m", "0 mm", "50 mm"] }
-fidelity = "rigid"
-interfaces = { back = { face = "x-" } }
-[joints.clamp]
-between = ["ground", "column.foot"]
-kind = "rigid"
-[joints.stand]
-between = ["ground", "slide_far.back"]
-kind = "rigid"
-[joints.block]
-between = ["slide_near.back", "column.pad_{n}"]
-kind = "spring"
-stiffness = { x = "= pad", y = "= pad", z = "= 2 * pad" }
-places = [["= wall / 2", "20 mm", "100 mm"], ["= wall / 2", "-20 mm", "100 mm"]]
-each.2 = { "stiffness.y" = "7 N/um" }
-[points]
-tcp = { tool = "column.foot", work = "ground" }
-[variants.soft]
-"joints.block.stiffness.x" = "10 N/um"
-"joints.block_2.stiffness.z" = "20 N/um"
-[variants.thick]
-"parameters.wall" = "45 mm"
-[variants.even]
-"joints.block.stiffness" = { x = "1 N/um", y = "1 N/um", z = "1 N/um" }
-[variants.three]
-"joints.block.places" = [["0 mm", "0 mm", "0 mm"], ["0 mm", "0 mm", "1 mm"], ["0 mm", "0 mm", "2 mm"]]
-"joints.block.between" = ["slide_near.back", "column.bolt"]
-[analyses.modal]
-count = 6
-"""
-LONG = """
-[materials]
-steel = { E = "210 GPa", nu = 0.3, rho = "7850 kg/m^3" }
-[components.column]
-solid = { box = ["38 mm", "100 mm", "500 mm"] }
-material = "steel"
-fidelity = "segmented"
-segments = { count = 20 }
-[components.column.interfaces]
-foot = { face = "z-" }
-bolt = { face = "x-", rect = { center = ["0 mm", "250 mm"], size = ["20 mm", "19 mm"] } }
-pad_1 = { face = "x+", rect = { center = ["20 mm", "100 mm"], size = ["20 mm", "30 mm"] } }
-pad_2 = { face = "x+", rect = { center = ["-20 mm", "100 mm"], size = ["20 mm", "30 mm"] } }
-feet.patches = [
-    { face = "z-", disk = { diameter = "5 mm", center = ["9 mm", "0 mm"] } },
-    { face = "z-", disk = { diameter = "5 mm", center = ["-9 mm", "0 mm"] } },
-]
-[components.slide_near]
-solid = { box = ["50 mm", "100 mm", "100 mm"] }
-material = "steel"
-at = ["44 mm", "0 mm", "50 mm"]
-fidelity = "rigid"
-interfaces = { back = { face = "x-" } }
-[components.slide_far]
-solid = { box = ["50 mm", "100 mm", "100 mm"] }
-material = "steel"
-at = ["1 m", "0 mm", "50 mm"]
-fidelity = "rigid"
-interfaces = { back = { face = "x-" } }
-[joints.clamp]
-between = ["ground", "column.foot"]
-kind = "rigid"
-[joints.stand]
-between = ["ground", "slide_far.back"]
-kind = "rigid"
-[joints.block_1]
-between = ["slide_near.back", "column.pad_1"]
-kind = "spring"
-at = ["19 mm", "20 mm", "100 mm"]
-stiffness = { x = "54 N/um", y = "54 N/um", z = "108 N/um" }
-[joints.block_2]
-between = ["slide_near.back", "column.pad_2"]
-kind = "spring"
-at = ["19 mm", "-20 mm", "100 mm"]
-stiffness = { x = "54 N/um", y = "7 N/um", z = "108 N/um" }
-[points]
-tcp = { tool = "column.foot", work = "ground" }
-[analyses.modal]
-count = 6
-"""
+SHORT = stored_scene("expansion_short")
+LONG = stored_scene("expansion_long")
 Load = Callable[..., Scene]
 
 
@@ -199,28 +96,7 @@ def test_parameters_are_set_by_variants_and_on_the_command_line(load: Load) -> N
     )
 
 
-@pytest.mark.parametrize(
-    ("setting", "expected"),
-    [
-        ("parameters.hight=3", ("did you mean 'height'",)),
-        (
-            'parameters.wall="3 kg"',
-            ("short.toml:13", "is a mass, not a length", "adds a value in m"),
-        ),
-        ('parameters.half="= half"', ("calculated from itself: half -> half",)),
-        ('parameters.height="= half"', ("calculated from itself", "half -> height -> half")),
-        ('parameters.half="= high / 2"', ("unknown parameter 'high'", "did you mean 'height'")),
-        ("parameters.pad=true", ("no number",)),
-        ("joints.block_3.stiffness.x=3", ("cannot set joints.block_3.stiffness.x",)),
-        ("joints.block_1.stiffnes.x=3", ("did you mean 'stiffness'",)),
-        ("joints.block.places=[]", ("1 to 200 places",)),
-        ('joints.block.at=["0 m", "0 m", "0 m"]', ("with places", "write one")),
-        ('joints.block.each.7={ kind = "rigid" }', ("places: 1, 2",)),
-        ('joints.block.stiffness.x="3 kg"', ("joints.block_1.stiffness.x", "is a mass")),
-        ('joints.block_2.between=["a.b", "ground"]', ("joints.block_2.between", "component 'a'")),
-        ("components.column.interfaces.pad.rect.center=[]", ("with places", "write one")),
-    ],
-)
+@cases
 def test_a_fault_is_told_where_it_is_written(
     load: Load, setting: str, expected: tuple[str, ...]
 ) -> None:

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from cases import cases
+from fixture_machines import stored_scene
 from headstock.machine import Machine
 from headstock.pipeline.storage.provenance import SceneChoice, trace_content
 from headstock.scene.building.loader import load_scene, read_tables
@@ -15,65 +17,7 @@ from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings, SceneError
 from headstock.studies.parameters.runs import hash_scene
 
-PART = """
-[parameters]
-t = "20 mm"
-long = "= 3 * t + @gap"
-stack = ["= t", { inner = "= 2 * long" }]
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.$body]
-solid = { box = ["= t", "100 mm", "= long"] }
-material = "steel"
-interfaces = { foot = { face = "z-" }, head = { face = "z+" } }
-[components.$slide]
-solid = { box = ["= t", "= t", "= t"] }
-material = "@iron"
-fidelity = "rigid"
-places = { near = ["0 mm", "0 mm", "100 mm"], far = ["0 mm", "0 mm", "300 mm"] }
-interfaces = { back = { face = "x-" }, nut = { face = "x+" } }
-[joints.guide]
-between = ["$slide_{n}.back", "$body.head"]
-kind = "spring"
-stiffness = { x = "9 N/um", y = "= 9 N/um * t / [1 mm]", z = "9 N/um" }
-places = { near = ["0 mm", "0 mm", "0 mm"], far = ["0 mm", "1 mm", "0 mm"] }
-each.far = { "between.1" = "$body.foot", "stiffness.x" = "= 7 N/um" }
-[joints.feed]
-between = ["$slide_near.nut", "@base.top"]
-kind = "ball_screw"
-axis = "z"
-screw = { diameter = "= t", floating_end = "$body.head" }
-[joints.hold]
-between = ["ground", "$body.foot"]
-kind = "rigid"
-[points.tip]
-tool = "$slide_far.nut"
-work = "ground"
-[axes.Z]
-joints = ["guide", "feed"]
-moves = "$slide_near"
-[supports.rest]
-face = "$body.z-"
-fix = ["z"]
-[loads.push]
-at = "$slide_near.nut"
-force = ["1 N", "0 N", "0 N"]
-[loads.weight]
-component = "$body"
-body = ["0 m/s^2", "0 m/s^2", "= 1 m/s^2"]
-[probes.mid]
-component = "$body"
-at = ["0 mm", "0 mm", "= t"]
-[drives.Z]
-axis = "Z"
-joint = "feed"
-scale = "tip"
-inertia = "1e-3 kg m^2"
-kv = "20 1/s"
-velocity_gain = "2e4 N s/m"
-"""
+PART = stored_scene("includes_part")  # with $ for its own names and @ for those of others
 # what the same reads where all is written in one file
 RENAMED = (
     ("[parameters]\nt =", "[parameters]\nA_t ="),
@@ -100,22 +44,7 @@ RENAMED = (
     ("drives.", "drives.A_"),
     ("@", ""),
 )
-BLOCK = """
-[components.block]
-solid = { box = ["40 mm", "40 mm", "100 mm"] }
-mass = "1 kg"
-fidelity = "rigid"
-material = "steel"
-interfaces = { foot = { face = "z-" } }
-[joints.hold]
-between = ["ground", "block.foot"]
-kind = "spring"
-stiffness = { x = "9 N/um", y = "9 N/um", z = "9 N/um", rx = "9e3 N m/rad", ry = "9e3 N m/rad", rz = "9e3 N m/rad" }
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-"""
+BLOCK = stored_scene("includes_block")
 REST = '[points.tip]\ntool = "block.foot"\nwork = "ground"\n[analyses.static]\n'
 
 
@@ -183,54 +112,14 @@ def test_prefixes_and_folders_of_files_in_files_add_up(tmp_path: Path) -> None:
     assert components == {"out_in_body": {"solid": {"step": "a/../b/body.step"}}}
 
 
-@pytest.mark.parametrize(
-    ("files", "expected"),
-    [
-        ({"s": 'include = "p.toml"', "p": "\n[analyses.modal]\n"}, ["DIR/p.toml:2: analyses"]),
-        ({"s": 'include = "p.toml"', "p": "\n\na = = 1"}, ["DIR/p.toml:3", "not valid TOML"]),
-        ({"s": 'include = "p.toml"', "p": "materials = 3"}, ["p.toml:1", "[materials.name]"]),
-        ({"s": '\ninclude = "../p.toml"'}, ["DIR/s.toml:2", "lies outside the scene's folder"]),
-        ({"s": 'include = ["q.toml"]'}, ["DIR/s.toml:1", "'q.toml' does not exist"]),
-        ({"s": 'include = "p.step"'}, ["does not end in .toml"]),
-        ({"s": 'include = [{ file = "p.toml", prefix = "1 " }]'}, ['"1 " is no prefix of names']),
-        ({"s": 'include = [{ name = "p.toml" }]'}, ["unknown key 'name'", "known keys: file"]),
-        (
-            {"s": 'include = "p.toml"', "p": '\ninclude = "q.toml"', "q": 'include = "p.toml"'},
-            ["DIR/q.toml:1", "includes itself: p.toml -> q.toml -> p.toml"],
-        ),
-        (
-            {"s": f'include = "p.toml"\n{BLOCK}', "p": f"\n\n{BLOCK}"},
-            [
-                "DIR/p.toml:4: components.block",
-                "DIR/s.toml:3 already has",
-                "DIR/p.toml:10: joints.hold",
-            ],
-        ),
-        (
-            {"s": f'include = "p.toml"\n{REST}', "p": BLOCK.replace("block.foot", "block.fot")},
-            ["DIR/p.toml:9: joints.hold.between[1]", "    | between = [", "foot"],
-        ),
-        (
-            {"s": 'include = { file = "p.toml", prefix = "a" }', "p": '[parameters]\nm = 1\nb = "= 2 N/m"'},
-            ["DIR/p.toml:3", "can be read in two ways at 2 N/m"],
-        ),
-        (
-            {"s": 'include = "a.toml"', **{a: f'include = "{b}.toml"' for a, b in zip("abcdef", "bcdefg", strict=True)}, "g": ""},
-            ["DIR/e.toml:1", "more than 5 deep"],
-        ),
-        (
-            {"s": f"include = [{', '.join(['"p.toml"'] * 10)}]", "p": f"include = [{', '.join(['"q.toml"'] * 10)}]", "q": ""},
-            ["DIR/p.toml:1", "more than 50 included files"],
-        ),
-        (
-            {"s": f"include = [{', '.join(['"p.toml"'] * 5)}]", "p": "#" * 1_000_000},
-            ["DIR/s.toml:1", "larger than 4 MiB"],
-        ),
-    ],
-)  # fmt: skip
+@cases
 def test_what_cannot_be_included_is_named_with_its_file_and_line(
     tmp_path: Path, files: dict[str, str], expected: list[str]
 ) -> None:
+    texts = {"BLOCK": BLOCK, "REST": REST, "MEGABYTE": "#" * 1_000_000}
+    texts["MISSPELT"] = BLOCK.replace("block.foot", "block.fot")
+    for word, text in texts.items():
+        files = {name: content.replace(word, text) for name, content in files.items()}
     said = problems(write(tmp_path, **files))
     assert [text for text in expected if text not in said] == [], said
 

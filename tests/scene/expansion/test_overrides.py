@@ -4,37 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from cases import cases
+from fixture_machines import stored_scene
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 
-TEXT = """\
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bar]
-solid = { box = ["10 mm", "20 mm", "300 mm"] }
-material = "steel"
-[components.bar.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.clamp]
-between = ["bar.foot", "ground"]
-kind = "rigid"
-[points]
-tcp = { tool = "bar.tip", work = "ground" }
-[variants.stiff]
-"components.bar.fidelity" = "rigid"
-[variants.sprung]
-"joints.clamp.kind" = "mount"
-"joints.clamp.stiffness" = { vertical = "1 N/um", horizontal = "2 N/um", tilt = "1 N m/rad" }
-[variants.nested]
-components.bar.mesh.size = "5 mm"
-[variants.wrong]
-"materials.steel.nu" = 0.7
-[analyses.modal]
-count = 3
-"""
+TEXT = stored_scene("overrides")
 
 
 @pytest.fixture
@@ -85,15 +60,7 @@ def test_every_unknown_part_of_a_joined_variant_is_named(scene_file: Path) -> No
     assert "unknown variant 'spring'" in message
 
 
-@pytest.mark.parametrize(
-    ("setting", "value"),
-    [
-        ("components.bar.mesh.size=5 mm", 0.005),
-        ('components.bar.mesh.size="5 mm"', 0.005),
-        ("components.bar.mesh = { size = '7 mm' }", 0.007),
-        ("components.bar.mesh.size = 0.5 cm", 0.005),
-    ],
-)
+@cases
 def test_a_setting_is_toml_or_else_text(scene_file: Path, setting: str, value: float) -> None:
     assert load_scene(scene_file, overrides=[setting]).machine.components["bar"].mesh.size == value
 
@@ -109,22 +76,7 @@ def test_settings_come_after_the_variant_and_in_order(scene_file: Path) -> None:
     assert bar.solid.size == (0.01, 0.02, 0.4)  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize(
-    ("setting", "fragment"),
-    [
-        ("components.baar.fidelity=rigid", "did you mean 'bar'?"),
-        ("component.bar.fidelity=rigid", "did you mean 'components'?"),
-        ("components.bar.fidelty=rigid", "did you mean 'fidelity'?"),
-        ("components.bar.fidelity=rigit", "did you mean 'rigid'?"),
-        ("components.bar.mesh.size=5", 'such as "5 m"'),
-        ("components.bar.mesh.size=5 N", "is a force, not a length"),
-        ("components.bar.solid.box.3=5 mm", "entries 0 to 2"),
-        ("components.bar.material.E=5 Pa", "holds a value, not a table"),
-        ("components.bar.mesh.size", "key=value"),
-        ("..=1", "key=value"),
-        ("name=1\nfree=true", "printable"),
-    ],
-)
+@cases
 def test_a_wrong_setting_is_named_in_its_problem(
     scene_file: Path, setting: str, fragment: str
 ) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from cases import cases
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -52,17 +53,7 @@ def test_a_bad_scene_is_refused_at_its_line(tmp_path: Path, row: dict[str, Any])
     assert matching[0].source == text.split("\n")[line - 1].strip()
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "wrong unit",
-        "unknown section",
-        "missing interface",
-        "patch outside",
-        "unknown material",
-        "negative stiffness",
-    ],
-)
+@cases
 def test_one_mistake_is_one_problem(tmp_path: Path, name: str) -> None:
     row = BAD[name]
     with pytest.raises(SceneError) as caught:
@@ -132,18 +123,7 @@ def test_a_machine_declared_free_may_float(tmp_path: Path) -> None:
         load_scene(write_scene(tmp_path, text.removeprefix("free = true\n")))
 
 
-@pytest.mark.parametrize(
-    ("text", "line", "fragment"),
-    [
-        ('[a]\nx = 1\nx = 2\n', 3, "duplicate key: already written in line 2"),
-        ('[materials.steel]\nnu = 0.3\n[components.a]\n[materials.steel]\nE = 1\n', 4, "duplicate key: already written in line 1"),
-        ('solid = { box = 1, box = 2 }\n', 1, "duplicate key"),
-        ('name = "a\nb = 1\n', 1, "not valid TOML"),
-        ("a = 1\nb = [1, 2\n", 3, "not valid TOML"),
-        ("a = 1\nb = NO\n", 2, "not valid TOML"),
-        ("a = 1\nb = 1e3x\n", 2, "not valid TOML"),
-    ],
-)  # fmt: skip
+@cases
 def test_text_that_is_not_toml_is_refused_at_its_line(
     tmp_path: Path, text: str, line: int, fragment: str
 ) -> None:
@@ -155,30 +135,7 @@ def test_text_that_is_not_toml_is_refused_at_its_line(
     assert fragment in problem.message
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "fragment"),
-    [
-        ('"210 GPa"', '"210000 Pa"', "mm-t-s"),
-        ('"7850 kg/m^3"', '"7.85e-9 kg/m^3"', "mm-t-s"),
-        ('"7850 kg/m^3"', '"78500 kg/m^3"', "outside 100 to 25000"),
-        ('["1 m", "0.5 m", "0.3 m"]', '["1 km", "0.5 m", "0.3 m"]', "a machine part is"),
-        (
-            'mesh = { size = "40 mm" }',
-            'mesh = { size = "40 mm", order = 1 }',
-            "linear elements lock",
-        ),
-        (
-            'mesh = { size = "40 mm" }',
-            'mesh = { size = "40 mm" }\nmass = "15 g"',
-            "0.015 kg for a solid that weighs",
-        ),
-        (
-            "nose =",
-            'back = { face = "y+" }\nnose =',
-            'nothing refers to "slider.back", which yet holds its area rigid',
-        ),
-    ],
-)
+@cases
 def test_numbers_that_look_wrong_are_warned_of_with_their_line(
     tmp_path: Path, old: str, new: str, fragment: str
 ) -> None:

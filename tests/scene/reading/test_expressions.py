@@ -2,6 +2,7 @@
 
 import pytest
 
+from cases import cases
 from common import approx
 from headstock.scene.reading.expressions import ExpressionError, calculate, is_expression, sole_name
 from headstock.scene.reading.units import DIMENSIONS, Measure, parse_quantity, read_measure
@@ -20,24 +21,7 @@ def look_up(name: str) -> Measure:
     return NAMES[name]
 
 
-@pytest.mark.parametrize(
-    ("text", "value", "unit"),
-    [
-        ("= wall", 0.012, "m"),
-        ("=2*wall+3 mm", 0.027, "m"),
-        ("= -(wall / 2) + wall", 0.006, "m"),
-        ("= wall / n", 0.004, "m"),
-        ("= 30 N/um * 2", 6e7, "N/m"),
-        ("= load / (n * wall)", 2000.0 / 0.036, "N/m"),
-        ("= [10 N m] / wall", 10.0 / 0.012, "N"),
-        ("= 7850 kg/m^3 * wall * wall * wall", 7850.0 * 0.012**3, "kg"),
-        ("= 1 m / t", 1000.0, ""),
-        ("= 50 %", 0.5, ""),
-        ("= 10 - 4 - 3", 3.0, ""),
-        ("= 24 / 4 / 3", 2.0, ""),
-        ("= 2 + 3 * 4", 14.0, ""),
-    ],
-)
+@cases
 def test_values_are_calculated_with_their_units(text: str, value: float, unit: str) -> None:
     found = calculate(text, look_up, NAMES)
     assert float(found.value) == approx(value, rel=1e-15)
@@ -56,32 +40,7 @@ def test_decimal_numbers_stay_what_they_are() -> None:
     assert calculate("= 4 * 5", look_up, NAMES).written() == 20
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("= wall + 3", "adds a plain number"),
-        ("= wall + load", "adds a value in"),
-        ("= wall / 0", "divides by zero"),
-        ("= 1 / (n - 3)", "divides by zero"),
-        ("= 0 / 0", "divides by zero"),
-        ("= (wall", "closing parenthesis"),
-        ("= wall)", "cannot be read from"),
-        ("= wall wall", "cannot be read from"),
-        ("= 2 *", "lacks a value"),
-        ("=", "lacks a value"),
-        ("= wall ** 2", "lacks a value"),
-        ("= foo", "unknown parameter 'foo'"),
-        ("= 3 zz", "unit"),
-        ("= [wall]", "no number with a unit"),
-        ("= 10 N/t", "two ways"),
-        ("= __import__('os')", "unknown parameter"),
-        ("= wall.real", "cannot be read"),
-        ("= 1e9999", "cannot be read"),
-        ("= " + "(" * 50 + "1" + ")" * 50, "nested"),
-        ("= " + "-" * 60 + "1", "nested"),
-        ("= " + "1 + " * 80 + "1", "longer than"),
-    ],
-)
+@cases
 def test_what_is_no_arithmetic_is_refused(text: str, reason: str) -> None:
     with pytest.raises(ExpressionError, match=reason.replace("(", r"\(")):
         calculate(text, look_up, NAMES)

@@ -4,34 +4,19 @@ from pathlib import Path
 
 import pytest
 
-from fixture_machines import write_scene
+from cases import cases
+from fixture_machines import stored_scene, write_scene
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.reading.names import SCENE_KEYS
 from headstock.scene.schema.validation import known_keys, unknown_key
 
-SCENE = """\
-[materials.steel]
-E = "210 GPa"
-nu = 0.3
-rho = "7850 kg/m^3"
-[components.bar]
-solid = { box = ["10 mm", "20 mm", "300 mm"] }
-material = "steel"
-[components.bar.interfaces]
-foot = { face = "z-" }
-tip = { face = "z+" }
-[joints.clamp]
-between = ["bar.foot", "ground"]
-kind = "rigid"
-[points]
-tcp = { tool = "bar.tip", work = "ground" }
-[analyses.modal]
-count = 3
-"""
+SCENE = stored_scene("overrides").partition("[variants.stiff]")[0]
 TABLES = {
+    "Frf": ("analyses", "frf"),
     "Interface": ("components", "bar", "interfaces", "tip"),
     "Mesh": ("components", "bar", "mesh"),
+    "Modal": ("analyses", "modal"),
     "Path": ("analyses", "path"),
     "Rail": ("components", "bar", "interfaces", "tip", "rail"),
     "Screw": ("joints", "clamp", "screw"),
@@ -49,19 +34,7 @@ def test_every_old_key_names_one_that_the_schema_has(old: str) -> None:
     assert f"write {new}" in unknown_key((*path, key))
 
 
-@pytest.mark.parametrize(
-    ("added", "line", "new"),
-    [
-        ("[components.bar.mesh]\nforce = true\n", 19, "allow_locking"),
-        ('[variants.old]\n"components.bar.interfaces.tip.force" = true\n', 19, "allow_singular"),
-        (
-            '[studies.size]\nvary = { "components.bar.mesh.force" = [true] }\nwatch = "seconds"\n',
-            19,
-            "allow_locking",
-        ),
-        ('[studies.size]\ntruth = {}\nvary = { "free" = [true] }\n', 19, "reference_run"),
-    ],
-)
+@cases
 def test_an_old_key_in_a_scene_is_refused_at_its_line(
     tmp_path: Path, added: str, line: int, new: str
 ) -> None:

@@ -6,32 +6,11 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fixture_machines import stored_scene
 from headstock.scene.reading.findings import KeyPath
 from headstock.scene.reading.positions import find_lines
 
-TEXT = '''name = "a # b"  # [no.table]
-
-[materials.steel]
-E = "210 GPa"
-"quoted.key" = 1
-a.b.c = [1, 2,
-  3, { x = 1, "y" = [4] }]
-when = 1979-05-27 07:32:00
-note = """several
-lines = 5
-"""
-literal = \'\'\'
-[trap]
-\'\'\'
-last = -1e5
-
-[[parts]]
-k = 1
-[[parts]]
-k = 2
-[parts.sub]
-m = true
-'''
+TEXT = stored_scene("positions")
 
 
 def test_every_key_has_the_line_it_is_written_in() -> None:

@@ -5,10 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cases import cases
 from common import approx
 from headstock.scene.reading.csv_files import CsvError, read_receptances
-
-HEAD = "frequency,tip_re,tip_im,cross_re,cross_im,base_re,base_im\n"
 
 
 def test_columns_become_complex_and_their_order_is_free(tmp_path: Path) -> None:
@@ -24,16 +23,7 @@ def test_columns_become_complex_and_their_order_is_free(tmp_path: Path) -> None:
     assert tip[0] == approx(1 + 1.5j)
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("frequency,tip_re\n1,2\n", "csv:1 has no column tip_im"),
-        (HEAD + "1,1,1,1,1,1,1\n", "at least two"),
-        (HEAD + "2,1,1,1,1,1,1\n1,1,1,1,1,1,1\n", "csv:3: frequencies must rise"),
-        (HEAD + "1,1,1,1,1,1,1\n2,1,1,x,1,1,1\n", "csv:3 is no row of numbers"),
-        (HEAD + "1,1,1,1,1,1,nan\n2,1,1,1,1,1,1\n", "csv:2 holds a value that is not finite"),
-    ],
-)
+@cases
 def test_a_fault_is_named_with_its_line(tmp_path: Path, content: str, words: str) -> None:
     path = tmp_path / "tool.csv"
     path.write_text(content)

@@ -2,6 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cases import cases
 from headstock.scene.reading.watch_paths import WatchError, parse_watch, read_watch
 
 SUMMARY = {
@@ -17,33 +18,7 @@ SUMMARY = {
 }
 
 
-@pytest.mark.parametrize(
-    ("path", "found"),
-    [
-        ("status", {"status": "done"}),
-        ("static.tcp.compliance_um_per_kN[0][1]", {"static.tcp.compliance_um_per_kN[0][1]": 2.0}),
-        ('static."far end".text', {"static.far end.text": "soft"}),
-        ('static."far end".sentence', {"static.far end.text": "soft"}),  # its name in format 1
-        ("modal.frequencies_hz[-1]", {"modal.frequencies_hz[-1]": 30.0}),
-        (
-            "modal.frequencies_hz[0:2]",
-            {"modal.frequencies_hz[0]": 10.0, "modal.frequencies_hz[1]": 20.0},
-        ),
-        (
-            "modal.frequencies_hz[1:9]",
-            {"modal.frequencies_hz[1]": 20.0, "modal.frequencies_hz[2]": 30.0},
-        ),
-        ("modal.right.frequencies_hz[:1]", {"modal.right.frequencies_hz[0]": 11.0}),
-        ("modal[1].frequencies_hz[0]", {"modal[1].frequencies_hz[0]": 11.0}),
-        (
-            "static.tcp.compliance_um_per_kN[1]",
-            {
-                "static.tcp.compliance_um_per_kN[1][0]": 3.0,
-                "static.tcp.compliance_um_per_kN[1][1]": 4.0,
-            },
-        ),
-    ],
-)
+@cases
 def test_a_path_leads_to_its_values_each_under_a_path_of_its_own(
     path: str, found: dict[str, float | str]
 ) -> None:
@@ -60,15 +35,7 @@ def test_what_is_no_path_is_refused(path: str) -> None:
         parse_watch(path)
 
 
-@pytest.mark.parametrize(
-    ("path", "words"),
-    [
-        ("static.tpc.compliance_um_per_kN[0][0]", "has no 'tpc'; there are: tcp, far end"),
-        ("modal.frequencies_hz[3]", "has 3 entries, so there is no [3]"),
-        ("static.tcp", "is a table; name one of compliance_um_per_kN"),
-        ("status[0]", "is no list"),
-    ],
-)
+@cases
 def test_a_path_that_leads_nowhere_says_where_it_ends(path: str, words: str) -> None:
     with pytest.raises(WatchError) as caught:
         read_watch(parse_watch(path), SUMMARY)

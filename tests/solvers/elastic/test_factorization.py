@@ -10,10 +10,10 @@ import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from common import make_box, make_component
+from common import STEEL, make_box, make_component
 from headstock.geometry.errors import OutOfMemoryError
 from headstock.geometry.frames import BoolArray, FloatArray
-from headstock.geometry.parts.components import Component, Material, MeshSettings
+from headstock.geometry.parts.components import Component, MeshSettings
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.components.meshing import mesh_component
@@ -135,9 +135,6 @@ def test_without_metis_there_is_no_order(monkeypatch: pytest.MonkeyPatch) -> Non
 
     monkeypatch.setattr(ctypes, "CDLL", refuse)
     assert _dissect_nodes(grid(3)) is None
-
-
-STEEL = Material("steel", 210e9, 0.3, 7850.0)
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ from headstock.solvers.linear import damper_sum, quadratic_poles
 from headstock.solvers.linear.damping import add_modal_damping, equivalent_viscous
 from headstock.solvers.linear.frequency_response import (
     PEAK_MARGIN,
+    FrequencyResponse,
     convert_receptance,
     evaluate_frf,
     find_peaks,
@@ -82,6 +83,11 @@ def cases() -> dict[str, tuple[SecondOrderSystem, str]]:
         "losses": (dataclasses.replace(bare, hysteretic=losses(bare)), "poles"),
         "both": (dataclasses.replace(bare, damping=dashpots(), hysteretic=losses(bare)), "poles"),
     }
+
+
+def respond(system: SecondOrderSystem, *hz: float) -> FrequencyResponse:
+    """Between the system's own channels."""
+    return solve_frf(system, np.array(hz), inputs=list(system.inputs), outputs=list(system.outputs))
 
 
 def few_dampers() -> dict[str, SecondOrderSystem]:
@@ -159,23 +165,38 @@ def test_a_mode_that_no_damper_reaches_is_singular_at_its_own_frequency_and_only
     whole = SecondOrderSystem(
         inputs=channels, outputs=channels, labels=tuple(map(str, range(62))), **grown
     )
-    found = solve_frf(whole, np.array([55.0]), inputs=tuple(channels), outputs=tuple(channels))
+    found = respond(whole, 55.0)
     assert found.method == "dampers"
     assert np.isnan(found.receptance[0]).tolist() == [[False, False], [False, True]]
+
+
+def test_where_poles_are_too_near_each_other_many_dampers_take_a_small_solve_per_frequency() -> (
+    None
+):
+    """A critically damped mass has one eigenvector for two poles; ten more dampers of sixty modes."""
+    size = 60
+    bare = make_system(size, seed=4)
+    lines = np.random.default_rng(7).standard_normal((size, 10))
+    lines[-1] = 0.0
+    mass, stiffness, damping = bare.mass.copy(), bare.stiffness.copy(), 80.0 * lines @ lines.T
+    for matrix, own in ((mass, 1.0), (stiffness, 1e6), (damping, 2e3)):
+        matrix[-1] = matrix[:, -1] = 0.0
+        matrix[-1, -1] = own
+    system = dataclasses.replace(bare, mass=mass, stiffness=stiffness, damping=damping)
+    model = prepare_frf(system, inputs=CHANNELS, outputs=CHANNELS)
+    frequencies = np.linspace(3.0, 900.0, 80)
+    found, expected = (
+        evaluate_frf(model, frequencies),
+        model.direct.evaluate(2.0 * np.pi * frequencies),
+    )
+    assert found.method == "dampers"
+    np.testing.assert_allclose(found.receptance, expected, atol=1e-9 * np.abs(expected).max())
 
 
 def test_many_dampers_that_differ_take_the_sum_over_poles() -> None:
     system = make_system(60, seed=4)
     damping = np.diag(np.random.default_rng(3).uniform(1.0, 90.0, 60))
-    assert (
-        solve_frf(
-            dataclasses.replace(system, damping=damping),
-            np.array([10.0]),
-            inputs=CHANNELS,
-            outputs=CHANNELS,
-        ).method
-        == "poles"
-    )
+    assert respond(dataclasses.replace(system, damping=damping), 10.0).method == "poles"
 
 
 @pytest.mark.parametrize("name", list(cases()))
@@ -196,9 +217,7 @@ def test_every_sum_equals_a_direct_solve_per_frequency(name: str) -> None:
 def test_one_mass_answers_as_the_textbook_says(zeta: float, eta: float) -> None:
     system = make_oscillator(zeta=zeta, eta=eta)
     ratio = np.array([0.1, 0.5, 0.99, 1.01, 2.0, 10.0, 1e4])
-    found = solve_frf(system, 80.0 * ratio, inputs=[("a", "x")], outputs=[("a", "x")]).receptance[
-        :, 0, 0
-    ]
+    found = respond(system, *(80.0 * ratio)).receptance[:, 0, 0]
     expected = 1.0 / (system.stiffness[0, 0] * (1.0 - ratio**2 + 1j * (2.0 * zeta * ratio + eta)))
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
@@ -231,7 +250,7 @@ def test_critical_damping_falls_back_to_direct_solves_or_stays_right() -> None:
     damping = np.array([[200.0, 50.0], [50.0, 200.0]])
     system = dataclasses.replace(bare, mass=mass, stiffness=stiffness, damping=damping)
     frequencies = np.linspace(1.0, 60.0, 30, dtype=np.float64)
-    found = solve_frf(system, frequencies, inputs=CHANNELS, outputs=CHANNELS).receptance
+    found = respond(system, *frequencies).receptance
     for hz, value in zip(frequencies, found, strict=True):
         omega = 2.0 * np.pi * hz
         np.testing.assert_allclose(
@@ -242,13 +261,8 @@ def test_critical_damping_falls_back_to_direct_solves_or_stays_right() -> None:
 def test_a_dashpot_on_a_dof_without_mass_takes_the_direct_road() -> None:
     mass, stiffness = np.diag([2.0, 0.0]), np.array([[3e4, -1e4], [-1e4, 1e4]])
     bare = dataclasses.replace(make_system(2), mass=mass, stiffness=stiffness)
-    undamped = solve_frf(bare, np.array([0.0, 7.0]), inputs=CHANNELS, outputs=CHANNELS)
-    damped = solve_frf(
-        dataclasses.replace(bare, damping=np.diag([0.0, 40.0])),
-        np.array([7.0]),
-        inputs=CHANNELS,
-        outputs=CHANNELS,
-    )
+    undamped = respond(bare, 0.0, 7.0)
+    damped = respond(dataclasses.replace(bare, damping=np.diag([0.0, 40.0])), 7.0)
     assert (undamped.method, damped.method) == ("modal", "direct")
     np.testing.assert_allclose(undamped.receptance[0], np.linalg.inv(stiffness), rtol=1e-12)
     omega = 14.0 * np.pi
@@ -264,7 +278,7 @@ def test_two_bodies_that_float_answer_elastically_between_them_and_rigidly_to_on
     stiffness = spring * np.array([[1.0, -1.0], [-1.0, 1.0]])
     channels = {("a", "x"): np.array([1.0, 0.0]), ("gap", "x"): np.array([1.0, -1.0])}
     system = SecondOrderSystem(np.diag(masses), None, stiffness, channels, channels, ("a", "b"))
-    found = solve_frf(system, np.array([0.0, 20.0]), inputs=list(channels), outputs=list(channels))
+    found = respond(system, 0.0, 20.0)
     assert found.free_body[0].tolist() == [[True, False], [False, False]]
     assert not found.free_body[1].any()
     omega = 40.0 * np.pi
@@ -280,7 +294,7 @@ def test_a_dashpot_alone_holds_a_body_at_every_frequency_but_zero() -> None:
     system = SecondOrderSystem(
         np.eye(1) * 4.0, np.eye(1) * 30.0, np.zeros((1, 1)), channel, channel, ("q",)
     )
-    found = solve_frf(system, np.array([0.0, 2.0]), inputs=list(channel), outputs=list(channel))
+    found = respond(system, 0.0, 2.0)
     omega = 4.0 * np.pi
     assert found.free_body[0, 0, 0]
     assert found.receptance[1, 0, 0] == approx(1.0 / (30j * omega - 4.0 * omega**2), rel=1e-12)
@@ -288,9 +302,7 @@ def test_a_dashpot_alone_holds_a_body_at_every_frequency_but_zero() -> None:
 
 def test_mobility_and_accelerance_are_derivatives() -> None:
     frequencies = np.array([10.0, 300.0])
-    found = solve_frf(
-        make_oscillator(zeta=0.02), frequencies, inputs=[("a", "x")], outputs=[("a", "x")]
-    )
+    found = respond(make_oscillator(zeta=0.02), *frequencies)
     rate = 2j * np.pi * frequencies
     powers: dict[Motion, int] = {"receptance": 0, "mobility": 1, "accelerance": 2}
     for motion, power in powers.items():
@@ -357,7 +369,7 @@ def test_the_worst_real_part_and_the_softest_frequency_are_those_of_one_mass() -
 @pytest.mark.parametrize("hz", [np.nan, np.inf])
 def test_a_frequency_that_is_no_number_is_refused(hz: float) -> None:
     with pytest.raises(ModelError, match="not finite"):
-        solve_frf(make_system(), np.array([1.0, hz]), inputs=CHANNELS, outputs=CHANNELS)
+        respond(make_system(), 1.0, hz)
 
 
 def test_an_unknown_port_is_refused_with_the_known_ones() -> None:

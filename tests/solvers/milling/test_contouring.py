@@ -140,25 +140,6 @@ def march_by_steps(motion: LinearMotion, force: FloatArray, start: FloatArray) -
     return np.array(stepped)
 
 
-def test_all_steps_at_once_are_the_steps_one_by_one() -> None:
-    model, (_, drive) = machine().model, path_drive()
-    motion, force = moving(200, 0.0)
-
-    def solve(extra: FloatArray, _: Tried | None) -> Tried:
-        return Tried(integrate_linear(motion, motion.load + extra + motion.tool_load(force)), force)
-
-    linear = solve(np.zeros_like(motion.load), None).history
-    whole = refine_motion(model, drive, motion, solve).history
-    stepped = march_by_steps(motion, force, whole.compliant[0])
-    assert np.abs(stepped - whole.compliant).max() < 1e-11
-    # the linear model follows within a hundredth of the motion
-    assert (
-        1e-9
-        < np.abs(linear.compliant - whole.compliant).max()
-        < 0.02 * np.abs(whole.compliant).max()
-    )
-
-
 def test_waves_of_the_teeth_before_meet_the_full_equations() -> None:
     """Under the force that was found the full equations march step by step to the same motion, and that
     force is the rigid one and cutting stiffness times what the tool has moved since the last tooth.

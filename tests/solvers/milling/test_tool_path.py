@@ -3,6 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from cases import cases
 from common import approx
 from headstock.solvers.milling.tool_path import (
     PolylineContour,
@@ -134,15 +135,7 @@ def test_arcs_around_the_corners_of_a_line_are_tangents() -> None:
     assert turned.sum() == approx(total, rel=2e-5)
 
 
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        ({"radius": 0.08}, "do not fit between points 3 and 4"),
-        ({"lead": 0.1}, "no more than the lead"),
-        ({"points": ((0.0, 0.0), (0.0, 0.1), (0.0, 0.1), (0.1, 0.1), (0.2, 0.1))}, "same place"),
-        ({"points": ((0.0, 0.0), (0.0, 0.1), (0.0, 0.02), (0.1, 0.1), (0.2, 0.1))}, "turns back"),
-    ],
-)
+@cases
 def test_a_line_that_is_no_contour_is_refused(change: dict[str, object], expected: str) -> None:
     with pytest.raises(ValueError, match=expected):
         plan_contour(dataclasses.replace(LINE, **change))  # type: ignore[arg-type]

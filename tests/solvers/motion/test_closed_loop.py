@@ -15,13 +15,11 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.motion.closed_loop import (
     ControlledPath,
     solve_controlled_path,
-    solve_path_with_friction,
 )
 from headstock.solvers.motion.exact import PathModel, solve_path
 from headstock.solvers.motion.friction_loop import friction_channels
-from headstock.solvers.motion.set_points import PathLoads, Ramp, SetPoint
+from headstock.solvers.motion.set_points import Ramp, SetPoint
 from headstock.solvers.second_order import SecondOrderSystem
-from headstock.solvers.watched_outputs import Watch
 from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_drive
 
 MASSES = _TwoMasses()
@@ -63,33 +61,6 @@ def test_a_motor_that_follows_perfectly_leaves_the_deviation_of_a_fixed_one() ->
     np.testing.assert_allclose(
         found.total, expected.total, atol=2e-5 * np.abs(expected.total).max()
     )
-
-
-def test_channels_may_stand_in_any_order() -> None:
-    """Loads and friction in front of set points, what is read in front of what is wanted."""
-    short, samples = SetPoint(0.01, 0.05, Ramp("linear", 0.1)), SAMPLES[:600:10]
-    own = dataclasses.replace(
-        path_with(law=GuideFriction(coulomb=30.0, smoothing=1e-4)),
-        loads=PathLoads((LOAD,), lambda times, speeds: 40.0 * speeds[:, None], step=1e-3),
-        watched=Watch((("X", "encoder"), ("X", "force"))),
-    )
-    system, trains = make_drive(MASSES, CONTROL, own.loop.trains[0].friction)
-    loop = close_loops(system, [trains], inputs=[LOAD, ("X", "slide")], outputs=[LOAD])
-    first = dataclasses.replace(own, loop=loop)
-    space = loop.space.select(loop.space.inputs[::-1], loop.space.outputs[::-1])
-    turned = dataclasses.replace(first, loop=dataclasses.replace(loop, space=space))
-    assert first.loop.space.inputs != space.inputs and own.watched.channels
-    for solve in (solve_controlled_path, lambda *given: solve_path_with_friction(*given)[0]):
-        ours, theirs = (solve(path, short, samples) for path in (first, turned))
-        for part in ("total", "quasi_static", "low_frequency", "dynamic"):
-            size = np.abs(getattr(ours, part)).max()
-            np.testing.assert_allclose(
-                getattr(theirs, part), getattr(ours, part), atol=1e-9 * size, err_msg=part
-            )
-        for channel in own.watched.channels:
-            values = ours.watched.of([channel])
-            off = np.abs(theirs.watched.of([channel]) - values).max()
-            assert off < 1e-9 * np.abs(values).max()
 
 
 def test_set_points_act_at_once_through_the_flexibility_of_modes_left_out() -> None:

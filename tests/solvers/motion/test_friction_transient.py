@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from common import approx
+from direct_integration import integrate_pieces
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
@@ -156,22 +156,17 @@ def integrate(law: GuideFriction, times: FloatArray) -> FloatArray:
             ]
         )
 
-    found, state = np.zeros((len(times), 5)), np.zeros(5)
-    for begin, end in ((0.0, 3e-3), (3e-3, 1e-2), (1e-2, float(times[-1]))):
-        if begin == 1e-2:
-            state[3] += 0.5 / MASSES.load
-        here = (times >= begin) & (times <= end)
-        late = np.nextafter(end, begin)
-        solved = solve_ivp(
-            lambda t, x, late=late: rate(min(t, late), x),
-            (begin, end),
-            state,
-            "LSODA",
-            np.append(np.minimum(times[here], late), end),
-            rtol=1e-9,
-            atol=1e-13,
-        )
-        found[here], state = solved.y[:, :-1].T, solved.y[:, -1]
+    kick = np.array([0.0, 0.0, 0.0, 0.5 / MASSES.load, 0.0])
+    found = integrate_pieces(
+        rate,
+        (0.0, 3e-3, 1e-2, float(times[-1])),
+        np.zeros(5),
+        times,
+        method="LSODA",
+        rtol=1e-9,
+        atol=1e-13,
+        kicks={1e-2: kick},
+    )
     return found[:, 1]
 
 

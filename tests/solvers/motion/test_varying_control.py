@@ -4,13 +4,12 @@ that of an integrator in absolute coordinates with controllers written by hand.
 
 import dataclasses
 import functools
-import itertools
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from common import approx
+from direct_integration import integrate_pieces
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
@@ -114,14 +113,10 @@ def place(case: Case, position: float) -> PosedModes:
     return PosedModes(system, modes, motions, heavy[:, None] * motions)
 
 
-def make_loop(case: Case, order: int = 1) -> VaryingLoop:
-    """The loop along the path; of order -1 with all channels the other way round."""
+def make_loop(case: Case) -> VaryingLoop:
     train = make_train(case)
     loads = (PUSH,) if case.loads else ()
     channels = loop_channels([train], path=PATH, loads=loads, outputs=(TIP,), up_to_hz=UP_TO_HZ)
-    channels = dataclasses.replace(
-        channels, inputs=channels.inputs[::order], outputs=channels.outputs[::order]
-    )
     plant = sample_plant(functools.partial(place, case), LENGTH, channels)
     return VaryingLoop(
         plant,
@@ -196,32 +191,13 @@ def integrate(case: Case, times: FloatArray) -> FloatArray:
         wanted = control.position_gain * (at - places[3]) + control.velocity_feed_forward * speed
         error = wanted - rates[3]
         asked = control.velocity_gain * error + total + control.acceleration_feed_forward * pull
-        return np.concatenate(
-            [
-                rates,
-                inverse @ force,
-                [
-                    control.velocity_gain / control.integral_time * error,
-                    (asked - current) / control.current_lag,
-                ],
-            ]
-        )
+        integrated = control.velocity_gain / control.integral_time * error
+        lagging = (asked - current) / control.current_lag
+        return np.array([*rates, *(inverse @ force), integrated, lagging])
 
-    state, found = np.zeros(12), np.zeros((len(times), 12))
-    edges = [*(edge for edge in (0.0, 0.02, 0.16, 0.18) if edge < times[-1]), times[-1]]
-    for begin, end in itertools.pairwise(edges):
-        inside = (times >= begin - 1e-12) & (times <= end + 1e-12)
-        late = np.nextafter(end, begin)
-        solved = solve_ivp(
-            lambda t, x, late=late: rate(min(t, late), x),
-            (begin, end),
-            state,
-            "DOP853" if case.friction is None else "Radau",
-            np.append(np.clip(times[inside], begin, late), end),
-            rtol=1e-8,
-            atol=1e-11,
-        )
-        found[inside], state = solved.y[:, :-1].T, solved.y[:, -1]
+    breaks = [*(edge for edge in (0.0, 0.02, 0.16, 0.18) if edge < times[-1]), float(times[-1])]
+    method = "DOP853" if case.friction is None else "Radau"
+    found = integrate_pieces(rate, breaks, np.zeros(12), times, method=method, atol=1e-11)
     positions = sample_move(MOVE, times).positions
     rows = np.array([springs_at(case, float(at))[2] for at in positions])
     return np.asarray(np.einsum("nm,nm->n", rows, found[:, :3]) - positions)
@@ -276,22 +252,6 @@ def test_with_friction_it_follows_that_integrator_too() -> None:
     assert energy.error < 1e-7
     without = dataclasses.replace(energy, pose=np.zeros_like(energy.pose))
     assert without.error > 100.0 * energy.error
-
-
-@pytest.mark.parametrize("friction", [None, LAW])
-def test_channels_may_stand_in_any_order(friction: GuideFriction | None) -> None:
-    case, times = Case(friction=friction, loads=LOADS), samples(1000.0)
-    times = times[times <= (0.02 if friction else 0.1)]
-    found = []
-    for order in (1, -1):
-        loop = dataclasses.replace(make_loop(case, order), watched=(("X", "force"),))
-        if friction is None:
-            found.append(solve_varying_control(loop, MOVE, times))
-        else:
-            found.append(solve_varying_friction(loop, MOVE, times)[0])
-    parts_agree(found[1], found[0], 1e-9)
-    forces = [each.watched.of([("X", "force")]) for each in found]
-    assert np.abs(forces[1] - forces[0]).max() < 1e-9 * np.abs(forces[0]).max()
 
 
 def test_parts_are_those_of_the_pose() -> None:

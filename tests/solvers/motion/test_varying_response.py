@@ -6,9 +6,9 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from common import approx
+from direct_integration import integrate_pieces
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import AccuracyError
 from headstock.solvers.linear.modal_analysis import solve_modal
@@ -75,8 +75,9 @@ def integrate(samples: FloatArray, push: float = 0.0) -> FloatArray:
     with a force that is so large at a speed of 1 m/s [N].
     """
 
-    def slope(time: float, state: FloatArray, acceleration: float) -> FloatArray:
+    def slope(time: float, state: FloatArray) -> FloatArray:
         system = place_bare(stand(time))
+        acceleration = 25.0 if time < 0.02 else -25.0 if 0.16 <= time < 0.18 else 0.0
         assert system.damping is not None
         force = (
             acceleration * system.inputs[SOURCE]
@@ -86,24 +87,8 @@ def integrate(samples: FloatArray, push: float = 0.0) -> FloatArray:
         )
         return np.concatenate([state[3:], force / MASSES.diagonal()])
 
-    state, found = np.zeros(6), np.zeros((len(samples), 3))
-    edges = [0.0, 0.02, 0.16, 0.18, samples[-1]]
-    for begin, end, acceleration in zip(
-        edges[:-1], edges[1:], (25.0, 0.0, -25.0, 0.0), strict=True
-    ):
-        inside = (samples >= begin - 1e-12) & (samples <= end + 1e-12)
-        wanted = np.append(np.clip(samples[inside], begin, end - 1e-12), end)
-        solved = solve_ivp(
-            slope,
-            (begin, end),
-            state,
-            "DOP853",
-            wanted,
-            args=(acceleration,),
-            rtol=1e-8,
-            atol=1e-13,
-        )
-        found[inside], state = solved.y[:3, :-1].T, solved.y[:, -1]
+    breaks = (0.0, 0.02, 0.16, 0.18, float(samples[-1]))
+    found = integrate_pieces(slope, breaks, np.zeros(6), samples, atol=1e-13)[:, :3]
     rows = np.array([place_bare(stand(time)).outputs[TIP] for time in samples])
     return np.asarray(np.einsum("nm,nm->n", rows, found))
 
