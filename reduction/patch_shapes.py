@@ -138,7 +138,7 @@ def shape_fields(shapes: PatchShapes, points: FloatArray) -> FloatArray:
     stretches = fields[:, :, [first, 3 + second]]
     shear = (b * fields[:, :, second] + a * fields[:, :, 3 + first]) / np.hypot(a, b)
     kept = np.concatenate([stretches, shear[:, :, None], fields[:, :, 6:]], axis=2)
-    return np.asarray(kept.reshape(3 * len(points), -1))
+    return kept.reshape(3 * len(points), -1)
 
 
 def _legendre(degrees: list[tuple[int, int]], places: FloatArray) -> FloatArray:
@@ -151,7 +151,7 @@ def _legendre(degrees: list[tuple[int, int]], places: FloatArray) -> FloatArray:
         np.polynomial.legendre.legvander(places[:, side], highest) * norms for side in (0, 1)
     )
     rows, columns = [pair[0] for pair in degrees], [pair[1] for pair in degrees]
-    return np.asarray(along[:, rows] * across[:, columns])
+    return along[:, rows] * across[:, columns]
 
 
 def _round_polynomials(
@@ -191,7 +191,7 @@ def _radial_polynomials(zeros: int, waves: int, hole: float, squares: FloatArray
     triangle = np.asarray(np.linalg.qr(weighted)[1])
     triangle = np.where(np.diag(triangle) < 0.0, -1.0, 1.0)[:, None] * triangle
     values_at = scipy.linalg.solve_triangular(triangle, powers(squares).T, trans="T")
-    return np.asarray(values_at.T)
+    return values_at.T
 
 
 def gauss_rule(shapes: PatchShapes) -> tuple[FloatArray, FloatArray]:

@@ -213,7 +213,7 @@ def _resting_amplitudes(element: Superelement, loads: FloatArray, kept: int) -> 
     """Return the static amplitudes ``(n - kept, ...)`` of the modes that go under loads
     ``(n, ...)``.
     """
-    return np.asarray((loads[kept:].T / element.stiffness.diagonal()[kept:]).T)
+    return (loads[kept:].T / element.stiffness.diagonal()[kept:]).T
 
 
 def _trim_probe(element: Superelement, probe: ProbeRows, kept: int) -> ProbeRows:

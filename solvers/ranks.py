@@ -120,7 +120,7 @@ def rows_from_root(
     """
     if comm.rank or values is None:
         comm.send(wanted, dest=0, tag=ROWS_TAG)
-        return np.asarray(comm.recv(source=0, tag=ROWS_TAG))
+        return comm.recv(source=0, tag=ROWS_TAG)
     for rank in range(1, comm.size):
         comm.send(values[comm.recv(source=rank, tag=ROWS_TAG)], dest=rank, tag=ROWS_TAG)
     return values[wanted]
@@ -199,7 +199,7 @@ def order_rows(
 
 
 def _block_ends(comm: MPI.Comm, total: int) -> NDArray[np.int64]:
-    return np.asarray(total * np.arange(comm.size + 1, dtype=np.int64) // comm.size)
+    return total * np.arange(comm.size + 1, dtype=np.int64) // comm.size
 
 
 def _column_slices(values: FloatArray) -> list[slice]:

@@ -189,9 +189,7 @@ def _joint_point(
     now = placements[other.component]
     if joint.point is not None:
         home = component.placement
-        return np.asarray(
-            now.origin + now.rotation @ (home.rotation.T @ (joint.point - home.origin))
-        )
+        return now.origin + now.rotation @ (home.rotation.T @ (joint.point - home.origin))
     interface = component.interfaces.get(other.interface or "")
     if interface is None or not isinstance(component.solid, PlanarSolid | Tube):
         return None

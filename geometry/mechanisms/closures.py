@@ -249,9 +249,7 @@ def _is_closed(placement: Placement, residual: FloatArray) -> BoolArray:
     are.
     """
     reach = np.maximum(1.0, np.abs(placement.positions).max(axis=(-2, -1), initial=0.0))
-    return np.asarray(
-        np.abs(residual).max(axis=-1, initial=0.0) <= ROUNDING * np.finfo(float).eps * reach
-    )
+    return np.abs(residual).max(axis=-1, initial=0.0) <= ROUNDING * np.finfo(float).eps * reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,9 +316,7 @@ def _axes_and_gap(layout: _ClosureLayout, placement: Placement) -> tuple[FloatAr
 
 def _relative(layout: _ClosureLayout, placement: Placement) -> FloatArray:
     first = placement.rotations.take(layout.align_first, axis=-3)
-    return np.asarray(
-        np.swapaxes(first, -1, -2) @ placement.rotations.take(layout.align_second, axis=-3)
-    )
+    return np.swapaxes(first, -1, -2) @ placement.rotations.take(layout.align_second, axis=-3)
 
 
 def _orientation_bias(layout: _ClosureLayout, placement: Placement, bias: Bias) -> FloatArray:
@@ -344,12 +340,12 @@ def _orientation_bias(layout: _ClosureLayout, placement: Placement, bias: Bias) 
 
 def _vee(matrix: FloatArray) -> FloatArray:
     flat = matrix.reshape(*matrix.shape[:-2], 9)
-    return np.asarray(0.5 * (flat[..., [7, 2, 3]] - flat[..., [5, 6, 1]]))
+    return 0.5 * (flat[..., [7, 2, 3]] - flat[..., [5, 6, 1]])
 
 
 def _vee_map(matrix: FloatArray) -> FloatArray:
     trace = matrix[..., 0, 0] + matrix[..., 1, 1] + matrix[..., 2, 2]
-    return np.asarray((0.5 * trace)[..., None, None] * _UNIT - 0.5 * matrix)
+    return (0.5 * trace)[..., None, None] * _UNIT - 0.5 * matrix
 
 
 def _pick(
@@ -366,4 +362,4 @@ def _pick(
     tail = met.shape[-1:] if columns else ()
     parts = [part.reshape(*shape, -1, *tail) for part in (met, aligned, balanced)]
     stacked = np.concatenate(parts, axis=-1 - keep)
-    return np.asarray(stacked.take(layout.rows, axis=-1 - keep))
+    return stacked.take(layout.rows, axis=-1 - keep)

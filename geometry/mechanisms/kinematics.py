@@ -233,12 +233,12 @@ def cross(first: FloatArray, second: FloatArray) -> FloatArray:
     """
     # written twice in a row, the three components of a cyclic product are slices
     a, b = np.concatenate([first, first], axis=-1), np.concatenate([second, second], axis=-1)
-    return np.asarray(a[..., 1:4] * b[..., 2:5] - a[..., 2:5] * b[..., 1:4])
+    return a[..., 1:4] * b[..., 2:5] - a[..., 2:5] * b[..., 1:4]
 
 
 def skew_matrices(vectors: FloatArray) -> FloatArray:
     """Return the matrices ``(..., 3, 3)`` whose product with a vector is the cross product."""
-    return np.asarray((vectors @ _SKEW).reshape(*vectors.shape, 3))
+    return (vectors @ _SKEW).reshape(*vectors.shape, 3)
 
 
 def _running_sum(terms: FloatArray) -> FloatArray:

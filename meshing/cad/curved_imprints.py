@@ -232,4 +232,4 @@ def _share_inside(face: int, cells: FloatArray, widths: FloatArray, *, corners: 
     places = places if corners else places[:1]
     samples = (cells[:, None] + places).reshape(-1, 2)
     inside = [gmsh.model.isInside(2, face, list(pair), True) > 0 for pair in samples]
-    return np.asarray(np.array(inside, dtype=float).reshape(-1, len(places)).mean(axis=1))
+    return np.array(inside, dtype=float).reshape(-1, len(places)).mean(axis=1)

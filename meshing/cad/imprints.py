@@ -266,7 +266,7 @@ def _outline(shape: OpenShape, patch: Patch, normal: FloatArray) -> FloatArray:
         angles = 2 * np.pi * (np.arange(count) + 0.5) / count
         # circumradius of the regular polygon with the disk's area
         radius = patch.size[0] / 2 * np.sqrt(2 * np.pi / (count * np.sin(2 * np.pi / count)))
-        return np.asarray(radius * np.column_stack([np.cos(angles), np.sin(angles)]) @ axes)
+        return radius * np.column_stack([np.cos(angles), np.sin(angles)]) @ axes
     half = np.array(patch.size) / 2
     if patch.shape == "strip":
         axes = strip_axes(patch, normal)

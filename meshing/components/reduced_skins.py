@@ -207,7 +207,7 @@ def _normals(points: FloatArray, triangles: IntArray) -> FloatArray:
     a, b, c = (points[triangles[:, corner]] for corner in range(3))
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(normals / np.where(lengths > 0.0, lengths, 1.0))
+    return normals / np.where(lengths > 0.0, lengths, 1.0)
 
 
 def _search(points: FloatArray, triangles: IntArray) -> _Surface:

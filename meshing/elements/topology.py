@@ -109,9 +109,9 @@ def _exponents(kind: CellKind) -> IntArray:
     order = cell_order(kind)
     powers = np.array(list(product(range(order + 1), repeat=3)))
     if cell_family(kind) == "tet":
-        return np.asarray(powers[powers.sum(axis=1) <= order])
+        return powers[powers.sum(axis=1) <= order]
     if kind == "hex20":  # serendipity: superlinear degree at most 2 (Arnold and Awanou 2011)
-        return np.asarray(powers[np.where(powers == 1, 0, powers).sum(axis=1) <= 2])
+        return powers[np.where(powers == 1, 0, powers).sum(axis=1) <= 2]
     return powers
 
 

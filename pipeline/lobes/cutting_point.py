@@ -159,13 +159,13 @@ def _spread_lines(request: LobesRequest, assembly: Assembly, poles: ComplexArray
     if isinstance(assembly, MeasuredAssembly):
         base = np.asarray(np.union1d(base, assembly.frequencies_hz), dtype=np.float64)
         base = base[(base > 0.0) & (base >= assembly.frequencies_hz[0])]
-    return np.asarray(2.0 * np.pi * refine_grid(base, np.concatenate([poles, of_tool])))
+    return 2.0 * np.pi * refine_grid(base, np.concatenate([poles, of_tool]))
 
 
 def turn_response(response: ComplexArray, frame: FloatArray) -> ComplexArray:
     """A receptance ``(f, 3, 3)`` in other axes, the rows of a frame ``(3, 3)``."""
     turned = response.reshape(-1, 9) @ np.kron(frame, frame).T
-    return np.asarray(turned.reshape(response.shape))
+    return turned.reshape(response.shape)
 
 
 def travel_frame(

@@ -165,7 +165,7 @@ class BodyTrajectory(Trajectory):
                 body = self.parts.superelements[end.component]
                 local = body.interface_position(end.interface) + offset
                 total += sign * moved.travel(end.component, local)
-        return np.asarray(total[:, DOF_NAMES.index(dof)])
+        return total[:, DOF_NAMES.index(dof)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,7 +305,7 @@ class MechanismTrajectory(BodyTrajectory):
 
         def rotation(name: str) -> FloatArray:
             home = self.parts.plan.components[name].placement.rotation
-            return np.asarray(turn @ moved.rotations[:, self._markers[name]] @ home)
+            return turn @ moved.rotations[:, self._markers[name]] @ home
 
         driven = np.arange(chains.driven_slice.start, chains.driven_slice.stop)[legs]
         return _DriveMotion(

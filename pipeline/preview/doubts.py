@@ -68,7 +68,7 @@ class _Area:
     @property
     def middle(self) -> FloatArray:
         """``(3,)`` in the machine frame [m]."""
-        return np.asarray(self.frame.origin + self.frame.rotation @ self.box.mean(axis=0))
+        return self.frame.origin + self.frame.rotation @ self.box.mean(axis=0)
 
     @property
     def places(self) -> FloatArray:
@@ -77,7 +77,7 @@ class _Area:
         local = np.array(
             [[levels[i][0], levels[j][1], levels[k][2]] for i, j, k in _GRID], dtype=float
         )
-        return np.asarray(self.frame.origin + local @ self.frame.rotation.T)
+        return self.frame.origin + local @ self.frame.rotation.T
 
     def distance(self, places: FloatArray) -> float:
         """Shortest distance of places ``(n, 3)`` in the machine frame from the box [m]."""

@@ -195,7 +195,7 @@ class LumpedPose:
 
     def body_loads(self, name: str) -> FloatArray:
         """Generalised loads ``(n, 6)`` per unit acceleration of a component as a rigid body."""
-        return np.asarray(-self.body_motions[name].T @ self.body_masses[name])
+        return -self.body_motions[name].T @ self.body_masses[name]
 
     @functools.cached_property
     def body_masses(self) -> dict[str, FloatArray]:

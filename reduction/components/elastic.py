@@ -342,7 +342,7 @@ def _estimate_errors(
     extra[:, :size] = extra[:, :size] @ strained
 
     def of_dofs(change: FloatArray) -> FloatArray:
-        return np.asarray(strained @ change[:size, :size] @ strained)
+        return strained @ change[:size, :size] @ strained
 
     return ErrorEstimates(
         missing_energy=of_dofs(estimates.missing_energy),

@@ -147,7 +147,7 @@ def _draw_numbers(nodes: IntArray, count: int, *, seed: int) -> FloatArray:
     state = (state ^ (state >> np.uint64(27))) * SPLIT_MIX[2]
     state ^= state >> np.uint64(31)
     # the upper 53 bits are as many as a double holds
-    return np.asarray((state >> np.uint64(11)) * 2.0**-52 - 1.0)
+    return (state >> np.uint64(11)) * 2.0**-52 - 1.0
 
 
 def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> EigenPairs:
@@ -194,7 +194,7 @@ def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> EigenPairs:
 
 def _congruence(basis: FloatArray, matrix: FloatArray) -> FloatArray:
     product = basis.T @ (0.5 * (matrix + matrix.T)) @ basis
-    return np.asarray(0.5 * (product + product.T))
+    return 0.5 * (product + product.T)
 
 
 class _Improved(NamedTuple):
@@ -257,7 +257,7 @@ def _fix_signs(solver: ConstrainedSolver, shapes: FloatArray) -> FloatArray:
     """Return the shapes with signs that do not depend on the number of ranks."""
     weights = _draw_numbers(solver.operators.nodes, 3, seed=SIGN_SEED).reshape(1, -1)
     signs = np.sign(sum_over_ranks(solver.comm, weights @ shapes))
-    return np.asarray(shapes * np.where(signs == 0.0, 1.0, signs))
+    return shapes * np.where(signs == 0.0, 1.0, signs)
 
 
 def measure_truncation(

@@ -55,7 +55,7 @@ class MeshPatch:
         gram = scale[:, None] * (rigid.T @ weighted) * scale
         total = float(self.weights.sum())
         inverse = np.linalg.pinv(gram / total, rcond=DEPENDENCE_TOLERANCE, hermitian=True) / total
-        return np.asarray(weighted @ (scale[:, None] * inverse * scale))
+        return weighted @ (scale[:, None] * inverse * scale)
 
     def undetermined_rotations(self) -> FloatArray:
         """Return the rotation axes ``(k, 3)`` about which the patch's own nodes do not move: none
@@ -66,7 +66,7 @@ class MeshPatch:
         inertia = np.trace(moments) * np.eye(3) - moments
         values, vectors = np.linalg.eigh(inertia)
         extent = max(float(values[-1]), np.finfo(float).tiny)
-        return np.asarray(vectors[:, values <= DEPENDENCE_TOLERANCE * extent].T)
+        return vectors[:, values <= DEPENDENCE_TOLERANCE * extent].T
 
     def _mean_square_radius(self) -> float:
         arms = self.points - self.centroid

@@ -45,7 +45,7 @@ class HeldPoints:
         point.
         """
         motions = rigid_map(self.points, center).reshape(-1, 3, 6)
-        return np.asarray(np.einsum("mi,mij->mj", self.directions, motions))
+        return np.einsum("mi,mij->mj", self.directions, motions)
 
 
 def hold_points(
@@ -126,7 +126,7 @@ def _find_normals(
     }:
         # those of the mesh are a little off, and would stop the tube from turning about its axis
         radial = mesh.points[nodes] * [1.0, 1.0, 0.0]
-        return np.asarray(radial / np.linalg.norm(radial, axis=1, keepdims=True))
+        return radial / np.linalg.norm(radial, axis=1, keepdims=True)
     mean = normals.mean(axis=0)
     if np.abs(normals - mean).max() <= FLAT:
         return np.tile(mean / np.linalg.norm(mean), (len(nodes), 1))

@@ -101,9 +101,7 @@ class CoupledMachine:
         """
         size = self.layout.size
         sources = [source for source in (self.errors, self.displaced) if source is not None]
-        return np.asarray(
-            np.sum([np.zeros(size), *(source.offset(size) for source in sources)], axis=0)
-        )
+        return np.sum([np.zeros(size), *(source.offset(size) for source in sources)], axis=0)
 
     @property
     def offsets(self) -> dict[str, slice]:

@@ -125,7 +125,7 @@ def find_gravity_stiffness(
         if machine.components[name].fidelity == "segmented":
             contacts += _segment_contacts(name, layout, inner[name])
     whole = extra + sum((_second_order(contact) for contact in contacts), np.zeros_like(extra))
-    return np.asarray(0.5 * (whole + whole.T))
+    return 0.5 * (whole + whole.T)
 
 
 def warn_of_stress(machine: Machine, layout: DofLayout) -> tuple[str, ...]:

@@ -75,11 +75,11 @@ class ErrorLoads:
     @property
     def load(self) -> FloatArray:
         """Of all sources ``(n,)``."""
-        return np.asarray(np.sum(list(self.loads.values()), axis=0))
+        return np.sum(list(self.loads.values()), axis=0)
 
     def offset(self, size: int) -> FloatArray:
         """Return the offsets of all sources ``(size,)``."""
-        return np.asarray(np.sum([*self.offsets.values(), np.zeros(size)], axis=0))
+        return np.sum([*self.offsets.values(), np.zeros(size)], axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,7 +299,7 @@ def follow_fixed(constraints: FloatArray, wanted: FloatArray, layout: DofLayout)
     scaled = np.linalg.lstsq(constraints * scale, wanted)[0]
     # no spline along a path could follow roundoff
     scaled[np.abs(scaled) < ROUNDOFF * np.abs(scaled).max(axis=0, initial=0.0)] = 0.0
-    return np.asarray(scale[:, None] * scaled)
+    return scale[:, None] * scaled
 
 
 def _check_fixed(

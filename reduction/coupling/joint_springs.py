@@ -476,7 +476,7 @@ def _stiff_deformations(
 
 def _turned_deformations(element: Superelement, placement: Frame) -> FloatArray:
     """Return the rows ``(n - 6, n)`` of a component in machine axes."""
-    return np.asarray(free_deformations(element) @ turn_dofs(element, placement))
+    return free_deformations(element) @ turn_dofs(element, placement)
 
 
 def _ratio_warnings(

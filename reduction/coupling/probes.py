@@ -99,7 +99,7 @@ def carry_probe(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> Flo
     )
     local = turn_dofs(superelement, placement) @ moved[coupled.offsets[probe.component]]
     to_machine = scipy.linalg.block_diag(placement.rotation, turn_stress(placement.rotation))
-    return np.asarray(to_machine @ superelement.probes[probe.name].values @ local)
+    return to_machine @ superelement.probes[probe.name].values @ local
 
 
 def travel_inertia(coupled: CoupledMachine, probe: Probe, direction: FloatArray) -> FloatArray:
@@ -119,7 +119,7 @@ def moved_inertia(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> F
     )
     local = (turn_dofs(superelement, placement) @ moved)[: superelement.boundary_size]
     to_machine = scipy.linalg.block_diag(placement.rotation, turn_stress(placement.rotation))
-    return np.asarray(to_machine @ superelement.probes[probe.name].inertia @ local)
+    return to_machine @ superelement.probes[probe.name].inertia @ local
 
 
 def component_factors(

@@ -163,7 +163,7 @@ class _Follower:
 
     def shape(self, mode: int) -> FloatArray:
         """Return the coordinates ``(m,)`` of a mode."""
-        return np.asarray(self._modes.field[:, mode])
+        return self._modes.field[:, mode]
 
 
 def _mode_set(model: FrfModel, count: int) -> ModeSet:

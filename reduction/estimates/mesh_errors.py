@@ -222,7 +222,7 @@ def _frequency_change(part: MeshedPart, change: _PartChange, modes: ModalResult)
         )
     )
     share = stiffer / squares - np.where(elastic, heavier, 0.0)
-    return np.asarray(0.5 * modes.frequencies_hz * np.abs(share))
+    return 0.5 * modes.frequencies_hz * np.abs(share)
 
 
 def compliance_shape_errors(
@@ -282,7 +282,7 @@ def _compliance_change(
     part: MeshedPart, change: _PartChange, displacements: FloatArray
 ) -> FloatArray:
     strains = part.strain(displacements)
-    return np.asarray(np.abs(np.einsum("im,ij,jm->m", strains, change.stiffness, strains)))
+    return np.abs(np.einsum("im,ij,jm->m", strains, change.stiffness, strains))
 
 
 def compliance_mesh_errors(

@@ -56,9 +56,7 @@ class BodyMotion:
 def center_of_mass(coupled: CoupledMachine, name: str) -> FloatArray:
     """Return the centre of mass ``(3,)`` of a component in the machine frame [m]."""
     placement = coupled.placements[name]
-    return np.asarray(
-        placement.origin + placement.rotation @ coupled.layout.superelements[name].center_of_mass
-    )
+    return placement.origin + placement.rotation @ coupled.layout.superelements[name].center_of_mass
 
 
 def rigid_dofs(coupled: CoupledMachine, name: str, point: FloatArray) -> FloatArray:
@@ -68,9 +66,7 @@ def rigid_dofs(coupled: CoupledMachine, name: str, point: FloatArray) -> FloatAr
     Args:
         point: ``(3,)`` point about which it rotates, machine frame [m].
     """
-    return np.asarray(
-        coupled.matrices.rigid[name] @ rigid_transfer(point, coupled.placements[name].origin)
-    )
+    return coupled.matrices.rigid[name] @ rigid_transfer(point, coupled.placements[name].origin)
 
 
 def _body_motion(coupled: CoupledMachine, name: str, stacked: FloatArray) -> BodyMotion:

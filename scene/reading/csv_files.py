@@ -209,7 +209,7 @@ def _impulse(record: ForceRecord, times: FloatArray, axis: int) -> FloatArray:
     left = np.clip(np.searchsorted(record.times, times, side="right") - 1, 0, len(spans) - 1)
     part = times - record.times[left]
     slope = (force[left + 1] - force[left]) / spans[left]
-    return np.asarray(whole[left] + part * (force[left] + 0.5 * slope * part))
+    return whole[left] + part * (force[left] + 0.5 * slope * part)
 
 
 def _read_columns(

@@ -182,7 +182,7 @@ def thread_stiffness(train: DriveTrain) -> float:
 def _join(row: FloatArray, coordinate: FloatArray, stiffness: float) -> FloatArray:
     """What ``k (row q)^2`` lacks of ``k (row q - x)^2``."""
     cross = np.outer(row, coordinate)
-    return np.asarray(stiffness * (np.outer(coordinate, coordinate) - cross - cross.T))
+    return stiffness * (np.outer(coordinate, coordinate) - cross - cross.T)
 
 
 def _pad(values: FloatArray, total: int) -> FloatArray:

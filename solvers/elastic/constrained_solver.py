@@ -237,7 +237,7 @@ class ConstrainedSolver:
             saddle.factors, saddle.scale[:, None] * right
         )
         count = self.constraints.shape[1]
-        return np.asarray(plain + saddle.lifted @ small[:count] + self.motions @ small[count:])
+        return plain + saddle.lifted @ small[:count] + self.motions @ small[count:]
 
     def _make_saddle(self, lifted: FloatArray) -> "_Saddle":
         count, rigid = self.constraints.shape[1], self.motions.shape[1]

@@ -42,7 +42,7 @@ def gmsh_cell_order(shape: str, nodes: int) -> NDArray[np.int32]:
     Args:
         shape: ``tetrahedron`` or ``hexahedron``.
     """
-    return np.asarray(_GMSH.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), nodes))
+    return _GMSH.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), nodes)
 
 
 def _create_mesh(
@@ -145,9 +145,7 @@ class ElasticOperators:
         """Return what rounding can make of ``x^T K x`` for each column of ``(3 n_owned, k)``: at
         most ``eps |x|^T |K| |x|`` (Gershgorin).
         """
-        return np.asarray(
-            np.finfo(float).eps * sum_over_ranks(self.comm, self.row_sizes @ vectors**2)
-        )
+        return np.finfo(float).eps * sum_over_ranks(self.comm, self.row_sizes @ vectors**2)
 
     def apply_mass(self, vectors: FloatArray) -> FloatArray:
         """Return ``M x`` for a block of owned vectors ``(3 n_owned, k)``; the mass acts alike in x,

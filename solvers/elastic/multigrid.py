@@ -253,7 +253,7 @@ def _inverse_blocks(operators: ElasticOperators, fixed: BoolArray) -> FloatArray
     blocks *= free[:, :, None] & free[:, None, :]
     blocks[~free[:, :, None] & np.eye(3, dtype=bool)] = operators.stiffness_scale
     inverse = np.linalg.inv(blocks)
-    return np.asarray(inverse * (free[:, :, None] & free[:, None, :]))
+    return inverse * (free[:, :, None] & free[:, None, :])
 
 
 class IterativeInverse:

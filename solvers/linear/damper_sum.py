@@ -86,7 +86,7 @@ class DamperSum:
         wanted = len(omega) if below is None else int(np.count_nonzero(omega <= below))
         few = find_lowest_poles(self.eigenvalues, damping, wanted, tolerance=PEAK_TOLERANCE)
         poles, _ = state_eigenpairs(self.eigenvalues, damping) if few is None else few
-        return np.asarray(poles[poles.imag >= 0.0])
+        return poles[poles.imag >= 0.0]
 
     def _evaluate_block(self, omega: FloatArray) -> ComplexArray:
         """Eliminate the modes far from each frequency, and solve for those near it."""
@@ -228,9 +228,7 @@ def _weighed(weights: ComplexArray, matrix: FloatArray) -> ComplexArray:
 
 
 def _whole(dampers: _CoupledDampers) -> FloatArray:
-    return np.asarray(
-        np.diag(dampers.diagonal) + (dampers.factors * dampers.strengths) @ dampers.factors.T
-    )
+    return np.diag(dampers.diagonal) + (dampers.factors * dampers.strengths) @ dampers.factors.T
 
 
 def _split(

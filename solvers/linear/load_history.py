@@ -231,7 +231,7 @@ def _linear_part(load: LoadHistory, times: FloatArray) -> FloatArray:
     piece, acts = _active(load, times)
     since = np.stack([times[:-1], times[1:]], axis=1) - load.begins[piece][:, None]
     values = load.values[piece][:, None] + load.slopes[piece][:, None] * since
-    return np.asarray(np.where(acts[:, None], values, ends))
+    return np.where(acts[:, None], values, ends)
 
 
 def _sines(loads: Sequence[LoadHistory], times: FloatArray) -> tuple[_Sine, ...]:

@@ -43,7 +43,7 @@ class _SparseFactor:
         scale = self.scale if loads.ndim == 1 else self.scale[:, None]
         right = scale * loads
         solution = self.factor.solve(right)
-        return np.asarray(scale * (solution + self.factor.solve(right - self.scaled @ solution)))
+        return scale * (solution + self.factor.solve(right - self.scaled @ solution))
 
     def reciprocal_condition(self) -> float:
         """Return the reciprocal condition of the scaled matrix in the 1-norm, estimated (Higham and

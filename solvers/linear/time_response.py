@@ -52,13 +52,11 @@ class _Propagator:
     def advance(self, state: FloatArray) -> FloatArray:
         """Return the free motion after one step."""
         if self.transition.ndim == 2:
-            return np.asarray(self.transition @ state)
+            return self.transition @ state
         pairs = state.reshape(-1, 2)
-        return np.asarray(
-            (
-                self.transition[:, :, 0] * pairs[:, :1] + self.transition[:, :, 1] * pairs[:, 1:]
-            ).ravel()
-        )
+        return (
+            self.transition[:, :, 0] * pairs[:, :1] + self.transition[:, :, 1] * pairs[:, 1:]
+        ).ravel()
 
 
 def solve_time_response(space: StateSpace, loads: FloatArray, step: float) -> TimeResponse:
@@ -271,6 +269,6 @@ def _pair_exponentials(
         grow * np.sin(angle) / safe,
         np.where(angle > 1e-8, 0.5 * (grow - fall) / safe, grow * step),
     )
-    return np.asarray(
-        even[:, None, None] * np.eye(2) + odd[:, None, None] * (a - mean[:, None, None] * np.eye(2))
+    return even[:, None, None] * np.eye(2) + odd[:, None, None] * (
+        a - mean[:, None, None] * np.eye(2)
     )

@@ -320,7 +320,7 @@ def _linear_forces(motion: LinearMotion, moved: CompliantHistory, part: slice) -
     total = sum(
         (motion.between(matrix, part) @ values[..., None])[..., 0] for matrix, values in terms
     )
-    return np.asarray(total - motion.load[part])
+    return total - motion.load[part]
 
 
 def thin_history(history: CompliantHistory, some: slice | NDArray[np.intp]) -> CompliantHistory:

@@ -247,4 +247,4 @@ def _matters(model: FrfModel, sizes: FloatArray) -> BoolArray:
         if channel in model.inputs:
             column = model.inputs.index(channel)
             rows[row] = columns[column] = sizes[row, column]
-    return np.asarray((sizes > 0.0) & (sizes >= COUNTED * np.sqrt(np.outer(rows, columns))))
+    return (sizes > 0.0) & (sizes >= COUNTED * np.sqrt(np.outer(rows, columns)))

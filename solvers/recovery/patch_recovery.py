@@ -269,7 +269,7 @@ def _exponents(kind: CellKind) -> IntArray:
     """
     order = cell_order(kind)
     powers = np.array(sorted(product(range(order + 1), repeat=3), key=sum))
-    return np.asarray(powers[powers.sum(axis=1) <= order] if cell_family(kind) == "tet" else powers)
+    return powers[powers.sum(axis=1) <= order] if cell_family(kind) == "tet" else powers
 
 
 def _fit_operators(

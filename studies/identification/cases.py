@@ -96,12 +96,12 @@ class CaseState:
     @cached_property
     def frequencies_hz(self) -> FloatArray:
         """Natural frequencies above the floor ``(m,)``."""
-        return np.asarray(np.sqrt(self.eigenvalues) / (2.0 * np.pi))
+        return np.sqrt(self.eigenvalues) / (2.0 * np.pi)
 
     @cached_property
     def motions(self) -> FloatArray:
         """Mode shapes in stacked dofs ``(n_all, m)``."""
-        return np.asarray(self.coupled.basis @ self.shapes)
+        return self.coupled.basis @ self.shapes
 
     @cached_property
     def compliances(self) -> FloatArray:
@@ -113,7 +113,7 @@ class CaseState:
     @cached_property
     def answers(self) -> FloatArray:
         """The static motions in stacked dofs ``(n_all, 2 c)``."""
-        return np.asarray(self.coupled.basis @ self.displacements)
+        return self.coupled.basis @ self.displacements
 
     @cached_property
     def by_parameter(self) -> dict[int, CaseSlope]:
@@ -216,9 +216,8 @@ def slope_motions(state: CaseState, index: int, slopes: list[CaseSlope]) -> Floa
         forces=forces,
         mass_terms=terms,
     )
-    return np.asarray(
-        state.coupled.basis @ turned
-        + np.column_stack([slope.modes.carried[:, index] for slope in slopes])
+    return state.coupled.basis @ turned + np.column_stack(
+        [slope.modes.carried[:, index] for slope in slopes]
     )
 
 

@@ -129,7 +129,7 @@ def _places(problem: FitProblem, point: FitPoint) -> FloatArray:
     low = np.maximum(problem.lower - point.coordinates, -REACH)
     high = np.minimum(problem.upper - point.coordinates, REACH)
     shares = qmc.Sobol(len(low), rng=np.random.default_rng(SEED)).random(PLACES)
-    return np.asarray(low + shares * (high - low))
+    return low + shares * (high - low)
 
 
 def _pair(case: _LinearCase, move: FloatArray) -> Pairing:

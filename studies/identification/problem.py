@@ -94,7 +94,7 @@ def compare_shape(state: CaseState, shape: ShapeTarget) -> FloatArray:
     """
     observed, wanted = _seen_shapes(state, shape)
     sizes = np.maximum(np.einsum("ij,ij->j", observed, observed), np.finfo(float).tiny)
-    return np.asarray((wanted @ observed) ** 2 / sizes)
+    return (wanted @ observed) ** 2 / sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +198,7 @@ def _shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
     """Part of the target at right angles to the mode ``(k,)``: its square is ``1 - MAC``."""
     observed, wanted = _seen_shapes(state, shape)
     unit = observed[:, mode] / max(float(np.linalg.norm(observed[:, mode])), np.finfo(float).tiny)
-    return np.asarray((wanted - (wanted @ unit) * unit) / shape.tolerance)
+    return (wanted - (wanted @ unit) * unit) / shape.tolerance
 
 
 def _shape_gap_slopes(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
@@ -364,14 +364,14 @@ def prior_residuals(problem: FitProblem, coordinates: FloatArray) -> FloatArray:
     """Distances from the priors in standard deviations, for parameters that have one."""
     means, sigmas = problem.priors
     with_prior = np.isfinite(sigmas)
-    return np.asarray((coordinates[with_prior] - means[with_prior]) / sigmas[with_prior])
+    return (coordinates[with_prior] - means[with_prior]) / sigmas[with_prior]
 
 
 def prior_jacobian(problem: FitProblem) -> FloatArray:
     """Derivatives of ``prior_residuals``."""
     _, sigmas = problem.priors
     with_prior = np.isfinite(sigmas)
-    return np.asarray(np.eye(len(sigmas))[with_prior] / sigmas[with_prior][:, None])
+    return np.eye(len(sigmas))[with_prior] / sigmas[with_prior][:, None]
 
 
 def _make_point(

@@ -127,7 +127,7 @@ def _invert(information: FloatArray, allowed: FloatArray) -> FloatArray:
     inverse = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
     lost = np.einsum("ij,ij->i", vectors[:, ~determined], vectors[:, ~determined]) > 1e-9
     inverse[lost, lost] = np.inf
-    return np.asarray(inverse * np.outer(allowed, allowed))
+    return inverse * np.outer(allowed, allowed)
 
 
 def _name_direction(names: Sequence[str], direction: FloatArray) -> tuple[tuple[str, float], ...]:

@@ -346,9 +346,7 @@ def _point_motion(shared: _LumpedPoses, motions: SmallMotions, point: Point) -> 
     marker_index = shared.model.mechanism.markers.index(marker)
     arm = motions.kinematics.placement.rotations[:, marker_index] @ local
     motion = marker_motion(shared.model, motions, marker)
-    return np.asarray(
-        motion[:, :3] + np.cross(motion[:, 3:], arm[:, :, None], axisa=1, axisb=1, axisc=1)
-    )
+    return motion[:, :3] + np.cross(motion[:, 3:], arm[:, :, None], axisa=1, axisb=1, axisc=1)
 
 
 def _weakest_parts(

@@ -270,7 +270,7 @@ def _number_motions(coupled: CoupledMachine, modes: ModalResult, budget: PointBu
         modes.shapes[:, elastic] * np.sqrt(0.5) / (2.0 * np.pi * modes.frequencies_hz[elastic])
     )
     pushed = budget.displacements[:, :3] / np.sqrt(np.diag(budget.compliance)[:3])
-    return np.asarray(coupled.basis @ np.hstack([strained, pushed]))
+    return coupled.basis @ np.hstack([strained, pushed])
 
 
 def _follow_errors(solved: _Solved, step: float) -> MeshSettings:

@@ -335,9 +335,7 @@ def _place_section(solid: Tube | tuple[str, dict[str, float]], places: FloatArra
     radial = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     tangent = np.column_stack([-np.sin(angle), np.cos(angle), 0.0 * angle])
     upright = np.array([0.0, 0.0, 1.0])
-    return np.asarray(
-        (bend + out)[:, None] * radial + straight[:, None] * tangent + up[:, None] * upright
-    )
+    return (bend + out)[:, None] * radial + straight[:, None] * tangent + up[:, None] * upright
 
 
 def _find_walls(

@@ -222,9 +222,7 @@ def _measure_compliance(coupled: CoupledMachine, machine: Machine) -> FloatArray
     if not {"tcp", "push"} <= set(machine.points):
         raise ValueError("the scene has no points tcp and push")
     forces = np.column_stack([coupled.system.inputs["push", axis] for axis in "xyz"])
-    return np.asarray(
-        coupled.system.outputs["tcp", "z"] @ solve_static(coupled.system, forces).displacements
-    )
+    return coupled.system.outputs["tcp", "z"] @ solve_static(coupled.system, forces).displacements
 
 
 KitModels = Mapping[tuple[str, KitFidelity], _KitModel]

@@ -317,7 +317,7 @@ class ErrorPairs:
     @property
     def clear(self) -> BoolArray:
         """Those with one, and a true error well above the roundoff of both methods."""
-        return np.asarray(self.given & (self.true > CLEAR))
+        return self.given & (self.true > CLEAR)
 
 
 def check_frequency_estimates() -> Iterator[ValidationRow]:

@@ -185,9 +185,7 @@ def _find_joined_frequencies(coupled: CoupledMachine, count: int) -> FloatArray:
     fewer.
     """
     found = solve_modal(coupled.system, count=RIGID_MOTIONS + count).frequencies_hz
-    return np.asarray(
-        np.pad(found, (0, RIGID_MOTIONS + count), constant_values=np.inf)[RIGID_MOTIONS:][:count]
-    )
+    return np.pad(found, (0, RIGID_MOTIONS + count), constant_values=np.inf)[RIGID_MOTIONS:][:count]
 
 
 def _count_shapes(coupled: CoupledMachine) -> int:

@@ -124,7 +124,7 @@ def monolithic_compliance(model: MonolithicMachine, point: str) -> FloatArray:
     matrix, size = _bordered(model), model.stiffness.shape[0]
     right = np.zeros((matrix.shape[0], 6))
     right[:size] = rows.T.toarray()
-    return np.asarray(rows @ solve_symmetric(matrix, right)[:size])
+    return rows @ solve_symmetric(matrix, right)[:size]
 
 
 def monolithic_frequencies(model: MonolithicMachine, count: int, *, shift_hz: float) -> FloatArray:
@@ -142,7 +142,7 @@ def monolithic_frequencies(model: MonolithicMachine, count: int, *, shift_hz: fl
     eigenvalues, _ = lowest_symmetric_pairs(
         _bordered(model), mass, count, shift=shift, constraints=border
     )
-    return np.asarray(np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi))
+    return np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi)
 
 
 def _bordered(model: MonolithicMachine) -> csr_matrix:
@@ -199,9 +199,7 @@ class _Ports:
         if end.component is None or end.interface is None:
             raise ValueError("a tool end or joint point cannot be ground alone")
         frame = self._placements[end.component]
-        return np.asarray(
-            frame.origin + frame.rotation @ self._bodies[end.component].origins[end.interface]
-        )
+        return frame.origin + frame.rotation @ self._bodies[end.component].origins[end.interface]
 
     def _motion_at(self, end: JointEnd, place: FloatArray) -> csr_matrix:
         if end.component is None or end.interface is None:
@@ -396,7 +394,7 @@ def _place_interface(machine: Machine, end: JointEnd, pose: Pose) -> FloatArray:
     """Middle ``(3,)`` of an interface in the machine frame in a pose [m]."""
     component = machine.components[str(end.component)]
     frame = place_components(machine, pose)[component.name]
-    return np.asarray(
+    return (
         frame.origin
         + frame.rotation @ describe_component(component).patch_centroids[str(end.interface)]
     )

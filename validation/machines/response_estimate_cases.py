@@ -150,7 +150,7 @@ def _direct_response(model: MonolithicMachine, hz: float) -> ComplexArray:
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    return np.asarray(rows @ factor.solve(rows.T.astype(complex)))
+    return rows @ factor.solve(rows.T.astype(complex))
 
 
 @dataclass(frozen=True, eq=False)

@@ -274,9 +274,7 @@ def _absolute_frequencies(tripteor: Tripteor, state: FloatArray) -> FloatArray:
     mass, stiffness = linearise_rest(
         absolute_tripteor(tripteor, still), absolute_state(tripteor, state, np.zeros_like(state))
     )
-    return np.asarray(
-        np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi)
-    )
+    return np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi)
 
 
 def _at_rest(
@@ -300,7 +298,7 @@ def _static_rest(model: CompliantMechanism, state: FloatArray, force: FloatArray
         motion = _at_rest(model, state, compliant, force)
         compliant = motion.load / motion.stiffness
     moved = _at_rest(model, state, compliant, force).dynamics.placement.positions[tool]
-    return np.asarray(moved - place_markers(model.mechanism, state).positions[tool])
+    return moved - place_markers(model.mechanism, state).positions[tool]
 
 
 def _swing_frequencies(model: CompliantMechanism, state: FloatArray) -> FloatArray:
@@ -317,7 +315,7 @@ def _swing_frequencies(model: CompliantMechanism, state: FloatArray) -> FloatArr
             ends.append(np.linalg.solve(motion.mass, motion.load - motion.stiffness * compliant))
         columns.append((ends[1] - ends[0]) / (2.0 * AMPLITUDE))
     eigenvalues = np.linalg.eigvals(np.stack(columns, axis=1)).real
-    return np.asarray(np.sqrt(np.sort(eigenvalues)) / (2.0 * np.pi))
+    return np.sqrt(np.sort(eigenvalues)) / (2.0 * np.pi)
 
 
 def _complex_step(function: Callable[[FloatArray], FloatArray], state: FloatArray) -> FloatArray:

@@ -56,7 +56,7 @@ def floquet_multipliers(
         later = waves[-1] if waves else now
         state = own[step] @ state + (start[step] - growth[step]) @ oldest + growth[step] @ later
         waves.insert(0, now)
-    return np.asarray(np.linalg.eigvals(np.concatenate([state, *waves])))
+    return np.linalg.eigvals(np.concatenate([state, *waves]))
 
 
 def largest_multiplier(tip: TipDynamics, gains: FloatArray, period: float) -> float:
@@ -78,7 +78,7 @@ def milling_gains(cut: MillingCut, steps: int) -> FloatArray:
         (np.arange(steps * SAMPLES_PER_STEP) + 0.5) * cut.tooth_period / (steps * SAMPLES_PER_STEP)
     )
     gains = regeneration_stiffness(cut, fine)[:, :, :2]
-    return np.asarray(gains.reshape(steps, SAMPLES_PER_STEP, *gains.shape[1:]).mean(axis=1))
+    return gains.reshape(steps, SAMPLES_PER_STEP, *gains.shape[1:]).mean(axis=1)
 
 
 def single_frequency_limit(tip: TipDynamics, gains: FloatArray, period: float) -> float:

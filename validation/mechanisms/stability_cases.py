@@ -101,7 +101,7 @@ def _slotting_gain(times: FloatArray, period: float, depth: float) -> FloatArray
     """``(n,)`` force per motion of two teeth in a full slot, up-milling [N/m]."""
     angle = np.pi * times / period
     # one of two teeth is in the cut at any time
-    return np.asarray(
+    return (
         -depth
         * (CHIP * np.cos(angle % np.pi) + NORMAL * np.sin(angle % np.pi))
         * np.sin(angle % np.pi)

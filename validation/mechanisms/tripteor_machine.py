@@ -106,7 +106,7 @@ def oscillating_drive(start: FloatArray) -> DriveLaw:
 def steady_force(time: float) -> FloatArray:
     """Return a force on the tool that comes on smoothly and turns [N]."""
     grown = 1.0 - np.exp(-50.0 * time)
-    return np.asarray(500.0 * grown * np.array([np.cos(90.0 * time), np.sin(70.0 * time), -0.5]))
+    return 500.0 * grown * np.array([np.cos(90.0 * time), np.sin(70.0 * time), -0.5])
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,9 +169,7 @@ def solve_beams(tripteor: LeggedTripteor, pose: str, count: int) -> FloatArray:
     placed = place_markers(mounted.mechanism, state)
 
     def locate(marker: str) -> FloatArray:
-        return np.asarray(
-            mounting.origin + mounting.rotation @ placed.positions[markers.index(marker)]
-        )
+        return mounting.origin + mounting.rotation @ placed.positions[markers.index(marker)]
 
     frames = place_components(machine, Pose(pose, positions))
     lengths = {leg: float(state[mounted.mechanism.index(LENGTHS[leg - 1])]) for leg in (1, 2, 3)}

@@ -169,7 +169,7 @@ def free_motions(model: FullModel) -> FloatArray:
     sizes = np.linalg.norm(means_of_motions, axis=1, keepdims=True)
     rows = means_of_motions / np.where(sizes > 0.0, sizes, 1.0)
     values, vectors = np.linalg.eigh(blocked + rows.T @ rows)
-    return np.asarray(motions @ vectors[:, values < _FREE * max(values[-1], 1.0)])
+    return motions @ vectors[:, values < _FREE * max(values[-1], 1.0)]
 
 
 def rigid_frequencies(model: FullModel) -> FloatArray:
@@ -182,7 +182,7 @@ def rigid_frequencies(model: FullModel) -> FloatArray:
     mass = sum_over_ranks(comm, motions.T @ model.operators.apply_mass(motions))
     factor = np.linalg.cholesky(mass)
     values = np.linalg.eigvalsh(np.linalg.solve(factor, np.linalg.solve(factor, stiffness).T))
-    return np.asarray(np.sqrt(np.abs(values)) / (2.0 * np.pi))
+    return np.sqrt(np.abs(values)) / (2.0 * np.pi)
 
 
 def full_displacement(model: FullModel, loads: FloatArray) -> FloatArray:
@@ -297,7 +297,7 @@ def all_frequencies(matrices: ConstrainedMatrices) -> FloatArray:
     values = scipy.linalg.eigh(
         matrices.stiffness.toarray(), matrices.mass.toarray(), eigvals_only=True
     )
-    return np.asarray(np.sqrt(np.abs(values)) / (2.0 * np.pi))
+    return np.sqrt(np.abs(values)) / (2.0 * np.pi)
 
 
 def lowest_frequencies(matrices: ConstrainedMatrices, count: int) -> FloatArray:
@@ -305,7 +305,7 @@ def lowest_frequencies(matrices: ConstrainedMatrices, count: int) -> FloatArray:
     invert.
     """
     eigenvalues, _ = lowest_symmetric_pairs(matrices.stiffness, matrices.mass, count, shift=_SHIFT)
-    return np.asarray(np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi))
+    return np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi)
 
 
 def guyan_matrices(matrices: ConstrainedMatrices) -> tuple[FloatArray, FloatArray]:

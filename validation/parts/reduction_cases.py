@@ -227,6 +227,4 @@ def _reduce(component: Component, mesh: ComponentMesh, count: int, comm: MPI.Com
 
 
 def _frequencies(stiffness: FloatArray, mass: FloatArray) -> FloatArray:
-    return np.asarray(
-        np.sqrt(np.abs(scipy.linalg.eigh(stiffness, mass, eigvals_only=True))) / (2.0 * np.pi)
-    )
+    return np.sqrt(np.abs(scipy.linalg.eigh(stiffness, mass, eigvals_only=True))) / (2.0 * np.pi)

@@ -161,7 +161,7 @@ def direct_response(whole: ConstrainedMatrices, hz: float) -> ComplexArray:
     dynamic = (lossy - (2.0 * np.pi * hz) ** 2 * whole.mass[6:, 6:]).tocsc()
     loads = np.zeros((dynamic.shape[0], 3), dtype=complex)
     loads[:3] = np.eye(3)
-    return np.asarray(scipy.sparse.linalg.splu(dynamic).solve(loads)[:3])
+    return scipy.sparse.linalg.splu(dynamic).solve(loads)[:3]
 
 
 def check_rod_step(comm: MPI.Comm) -> list[ValidationRow]:
@@ -230,7 +230,7 @@ def _rising_crossings(times: FloatArray, values: FloatArray) -> FloatArray:
     """Times at which values rise through one, by linear interpolation."""
     before = np.flatnonzero((values[:-1] < 1.0) & (values[1:] >= 1.0))
     share = (1.0 - values[before]) / (values[before + 1] - values[before])
-    return np.asarray(times[before] + share * (times[before + 1] - times[before]))
+    return times[before] + share * (times[before + 1] - times[before])
 
 
 @dataclass(frozen=True, eq=False)
