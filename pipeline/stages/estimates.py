@@ -188,7 +188,12 @@ def _estimate_reduction(coupled: CoupledMachine, modes: ModalResult) -> list[Est
     """The modes that components leave out make frequencies too high, never too low."""
     found = bound_frequency_errors(coupled.system, truncated_parts(coupled), modes)
     unknown = tuple(
-        f"the reduction of {name}, which was imported" for name in _silent_imports(coupled)
+        f"the reduction of {name}, which was imported"
+        for name in [
+            name
+            for name, part in coupled.layout.superelements.items()
+            if part.modal_count and part.errors.truncation is None
+        ]
     )
     return [
         Estimate(
@@ -197,15 +202,6 @@ def _estimate_reduction(coupled: CoupledMachine, modes: ModalResult) -> list[Est
             {REDUCTION: {name: float(errors[mode]) for name, errors in found.by_component.items()}},
         )
         for mode, bound in enumerate(found.bounds_hz)
-    ]
-
-
-def _silent_imports(coupled: CoupledMachine) -> list[str]:
-    """Components with modal dofs that do not say what their reduction left out."""
-    return [
-        name
-        for name, part in coupled.layout.superelements.items()
-        if part.modal_count and part.errors.truncation is None
     ]
 
 

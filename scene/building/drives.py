@@ -11,7 +11,7 @@ from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.scene.building.draft import Draft
 from headstock.scene.reading.findings import Findings, KeyPath
 from headstock.scene.reading.units import DAMPING
-from headstock.scene.schema.drives import DriveTable, FrictionTable
+from headstock.scene.schema.drives import DriveTable
 from headstock.scene.schema.effects import CONTOUR_EFFECTS, GRAVITY_STIFFENING, find_effect_fault
 from headstock.scene.schema.scene import SceneTable
 
@@ -241,7 +241,13 @@ def _build_drive(name: str, table: DriveTable, scene: SceneTable) -> Drive:
         screw_inertia=(table.screw_inertia or 0.0) if SCREW_INERTIA in scene.active else 0.0,
         coupling=math.inf if table.coupling is None else table.coupling,
         scale=table.scale,
-        friction=None if friction is None else _build_friction(friction),
+        friction=None
+        if friction is None
+        else friction.fill(
+            GuideFriction,
+            breakaway=friction.coulomb if friction.breakaway is None else friction.breakaway,
+            viscous=0.0 if friction.viscous is None else friction.viscous.value,
+        ),
         cycle=table.sampling or 0.0,
         acceleration_share=table.feed_forward.acceleration,
         ripple=tuple(
@@ -264,14 +270,6 @@ def _build_control(table: DriveTable, lead: float) -> AxisControl:
         dead_time=late,
         current_lag=table.current_loop or 0.0,
         encoder=table.encoder,
-    )
-
-
-def _build_friction(table: FrictionTable) -> GuideFriction:
-    return table.fill(
-        GuideFriction,
-        breakaway=table.coulomb if table.breakaway is None else table.breakaway,
-        viscous=0.0 if table.viscous is None else table.viscous.value,
     )
 
 
