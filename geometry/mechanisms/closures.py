@@ -197,16 +197,15 @@ def close_chains(mechanism: Mechanism, state: FloatArray) -> FloatArray:
 
 
 def close_kinematics(
-    mechanism: Mechanism, state: FloatArray, *, unknown: slice | IndexArray | None = None
+    mechanism: Mechanism, state: FloatArray
 ) -> tuple[FloatArray, Kinematics]:
     """Close loops as :func:`close_chains`, and return the kinematics there too, right to the last
     correction of Newton's method.
 
     Args:
-        state: Coordinates ``(..., n)`` [m, rad] to start from.
-        unknown: Which coordinates may change; None for the passive ones.
+        state: Coordinates ``(..., n)`` [m, rad] to start from; the passive ones change.
     """
-    columns = mechanism.passive_slice if unknown is None else unknown
+    columns = mechanism.passive_slice
     state = np.array(state, dtype=np.result_type(state, float))
     before = np.inf
     for _ in range(MAX_ITERATIONS):

@@ -85,20 +85,16 @@ class CuttingPoint:
         request = self.request
         return mean_cutting_stiffness(request.cut_at(float(request.speeds[0])))
 
-    def find_diagram(
-        self, frame: FloatArray, tip: Receptance | None = None, omega: FloatArray | None = None
-    ) -> LobeDiagram:
+    def find_diagram(self, frame: FloatArray) -> LobeDiagram:
         """Limits by zeroth order along a travel.
 
         Args:
             frame: ``(3, 3)`` rows from :func:`travel_frame`.
-            tip: Another receptance of the tip, machine axes.
-            omega: ``(f,)`` another grid of angular frequencies for it.
         """
-        tip, request = tip or self.tip, self.request
+        request = self.request
         return find_lobes(
-            lambda lines: turn_response(tip(lines), frame),
-            self.omega if omega is None else omega,
+            lambda lines: turn_response(self.tip(lines), frame),
+            self.omega,
             self.stiffness,
             teeth=request.mill.teeth,
             speeds=request.speeds,

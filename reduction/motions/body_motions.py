@@ -24,6 +24,7 @@ MOTION_NAMES = (
     "C rotation",
 )
 MOVING_SHARE = 1e-6
+FAMILIES_SHOWN = 4
 RANK_TOLERANCE = 1e-9
 
 
@@ -98,7 +99,7 @@ def split_motions(coupled: CoupledMachine, stacked: FloatArray) -> tuple[BodyMot
     return tuple(_body_motion(coupled, name, stacked) for name in coupled.offsets)
 
 
-def join_names(names: Sequence[str], limit: int = 4) -> str:
+def join_names(names: Sequence[str]) -> str:
     """Return ``a + pad_1..4``: numbered names of one family together, cut with an ellipsis where
     there are many.
     """
@@ -107,8 +108,8 @@ def join_names(names: Sequence[str], limit: int = 4) -> str:
         stem, number = split_number(name)
         families.setdefault(stem, []).extend([] if number is None else [number])
     parts = [_join_family(stem, sorted(numbers)) for stem, numbers in families.items()]
-    shown = " + ".join(parts[:limit])
-    return f"{shown} ..." if len(parts) > limit else shown
+    shown = " + ".join(parts[:FAMILIES_SHOWN])
+    return f"{shown} ..." if len(parts) > FAMILIES_SHOWN else shown
 
 
 def name_families(names: Iterable[str]) -> dict[str, list[str]]:

@@ -54,9 +54,9 @@ class Tripteor:
     poses: dict[str, FloatArray]
 
 
-def load_tripteor(overrides: Sequence[str] = ()) -> Tripteor:
+def load_tripteor() -> Tripteor:
     """Load the machine as shipped, with gravity."""
-    scene = load_scene(SCENE, variant="lumped", overrides=overrides)
+    scene = load_scene(SCENE, variant="lumped")
     if scene.mechanism is None:
         raise ValueError(f"{SCENE} has no mechanism")
     parts = {
