@@ -210,9 +210,7 @@ def _trim_load(element: Superelement, load: StaticLoad, kept: int) -> StaticLoad
 
 
 def _resting_amplitudes(element: Superelement, loads: FloatArray, kept: int) -> FloatArray:
-    """Return the static amplitudes ``(n - kept, ...)`` of the modes that go under loads
-    ``(n, ...)``.
-    """
+    """Return static amplitudes ``(n - kept, ...)`` of modes that go under loads ``(n, ...)``."""
     return (loads[kept:].T / element.stiffness.diagonal()[kept:]).T
 
 

@@ -42,9 +42,7 @@ def find_node(comm: MPI.Comm) -> Node:
 
 
 def sum_over_ranks(comm: MPI.Comm, values: FloatArray) -> FloatArray:
-    """Return the entry-wise sum of an array over the ranks; collective, the same shape
-    everywhere.
-    """
+    """Return the entry-wise sum of an array over ranks; collective, one shape everywhere."""
     return values if comm.size == 1 else _reduce(comm, values, MPI.SUM)
 
 
@@ -152,9 +150,7 @@ class RowBlocks:
         return result
 
     def gather(self) -> FloatArray | None:
-        """Return all rows ``(total, ...)`` on rank 0, which takes in one rank at a time;
-        collective.
-        """
+        """Return all rows ``(total, ...)`` on rank 0, one rank after another; collective."""
         if self.comm.rank:
             for columns in _column_slices(self.rows):
                 self.comm.send(self.rows[..., columns], dest=0, tag=ROWS_TAG)

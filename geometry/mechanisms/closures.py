@@ -196,9 +196,7 @@ def close_chains(mechanism: Mechanism, state: FloatArray) -> FloatArray:
     return close_kinematics(mechanism, state)[0]
 
 
-def close_kinematics(
-    mechanism: Mechanism, state: FloatArray
-) -> tuple[FloatArray, Kinematics]:
+def close_kinematics(mechanism: Mechanism, state: FloatArray) -> tuple[FloatArray, Kinematics]:
     """Close loops as :func:`close_chains`, and return the kinematics there too, right to the last
     correction of Newton's method.
 

@@ -274,9 +274,7 @@ def _remove_features(job: MeshJob, solid: StepFile, volume: int, size: float) ->
 
 
 def _named_ends(job: MeshJob, volume: int) -> list[tuple[int, float]]:
-    """Return the axis and coordinate of the outermost planes that patches name by their
-    direction.
-    """
+    """Return axis and coordinate of the outermost planes that patches name by direction."""
     corners = dict(zip((-1.0, 1.0), shape_bounds(volume), strict=True))
     named = {patch.face for patches in job.groups.values() for patch in patches}
     return [

@@ -137,9 +137,7 @@ def _run_silently(step: vtkQuadricDecimation) -> None:
 
 
 def _project(skin: Skin, whole: _Surface, *, places: FloatArray, triangles: IntArray) -> Skin:
-    """Return the points moved onto the nearest triangle of the original, with shares of its
-    corners.
-    """
+    """Return points moved onto the nearest original triangle, with shares of its corners."""
     nearest = _find_nearest(whole, places)
     sources = skin.triangles[nearest.triangles]
     a, b, c = (skin.points[sources[:, corner]] for corner in range(3))

@@ -234,9 +234,7 @@ def _bernstein_transform() -> FloatArray:
 
 @cache
 def _quadrature(kind: CellKind, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return the Gauss rule with ``count`` points per direction, collapsed onto the tet (Stroud
-    1971).
-    """
+    """Return the Gauss rule with ``count`` points per direction on the tet (Stroud 1971)."""
     nodes, weights = np.polynomial.legendre.leggauss(
         count + (2 if cell_family(kind) == "hex" and cell_order(kind) == 2 else 1)
     )

@@ -307,9 +307,7 @@ def _read_tags(
 
 
 def _same_places(points: FloatArray, others: FloatArray) -> IntArray:
-    """Return the number of the point at the same place for each of ``others``, -1 where there is
-    none.
-    """
+    """Return the number of the point at the place of each of ``others``, -1 where none."""
     _, groups = np.unique(np.vstack([points, others]), axis=0, return_inverse=True)
     first = np.full(groups.max() + 1, -1, dtype=np.int64)
     first[groups[: len(points)].ravel()] = np.arange(len(points))

@@ -303,9 +303,7 @@ def _at_most(kind: int, wanted: int) -> int:
 
 
 def _set_limits(memory_bytes: int, cpu_seconds: int) -> None:
-    """Bound this process as far as it is not bound more tightly; no core dump when it meets a
-    limit.
-    """
+    """Bound this process where its bounds are wider; no core dump when it meets a limit."""
     for kind, wanted, hard in (
         (resource.RLIMIT_CORE, 0, 0),
         (resource.RLIMIT_AS, memory_bytes, memory_bytes),
@@ -386,9 +384,7 @@ def _build_view(opened: dict[str, int]) -> None:
 
 
 def _code_folders() -> list[str]:
-    """Return the folders of this program and of the Python that runs it, links resolved, outer ones
-    first.
-    """
+    """Return the folders of this program and its Python, links resolved, outer ones first."""
     ours = {
         Path(module.__file__).resolve().parent
         for name, module in sys.modules.items()

@@ -26,7 +26,6 @@ from headstock.solvers.milling.collocation import stiffest_gain
 from headstock.solvers.milling.forces import Side, part_sign
 from headstock.solvers.milling.lobes import (
     LobeDiagram,
-    Receptance,
     find_lobes,
     mean_cutting_stiffness,
 )

@@ -206,9 +206,7 @@ def _estimate_reduction(coupled: CoupledMachine, modes: ModalResult) -> list[Est
 
 
 def _coupled_areas(parts: MachineParts) -> tuple[dict[tuple[str, str], float], dict[str, Material]]:
-    """Areas [m^2] of the fixed interfaces of meshed components whose kind is a choice, and
-    materials.
-    """
+    """Areas [m^2] of fixed interfaces of meshed components whose kind is open, and materials."""
     areas, materials = {}, {}
     for name, component in parts.plan.components.items():
         quality = parts.reduced[name].quality

@@ -236,9 +236,7 @@ def place_leg_drives(
 
 
 def spring_shares(placed: PlacedMechanism, stretch: FloatArray) -> dict[str, float]:
-    """Share of the strain energy in each leg's joint, drive and screw at compliant coordinates
-    ``(c,)``.
-    """
+    """Share of strain energy in each leg's joint, drive and screw at coordinates ``(c,)``."""
     energy = placed.motions.stiffness * stretch**2
     total = float(energy.sum())
     return {

@@ -198,9 +198,7 @@ def _congruence(basis: FloatArray, matrix: FloatArray) -> FloatArray:
 
 
 class _Improved(NamedTuple):
-    """Eigenvalues ``(m,)`` [rad^2/s^2], shapes ``(n, m)``, and the largest relative change of an
-    eigenvalue.
-    """
+    """Eigenvalues ``(m,)`` [rad^2/s^2], shapes ``(n, m)``, the largest relative change."""
 
     values: FloatArray
     shapes: FloatArray

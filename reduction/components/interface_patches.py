@@ -150,9 +150,7 @@ def _facet_rule(size: int) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _triangle_rule() -> tuple[FloatArray, FloatArray]:
-    """Return the conical product of Gauss rules on the unit triangle, exact to degree 6 (Stroud
-    1971).
-    """
+    """Return the conical product of Gauss rules on the unit triangle: degree 6 (Stroud 1971)."""
     line, weights = np.polynomial.legendre.leggauss(5)
     u, w = 0.5 * (line + 1.0), 0.5 * weights
     points = np.array([[a, (1.0 - a) * b] for a in u for b in u])

@@ -62,9 +62,7 @@ class PolynomialSpace:
         return _apply(self.values(points), dofs)
 
     def pull(self, points: FloatArray, forces: FloatArray) -> FloatArray:
-        """Return the forces ``(3 n, c)`` on the dofs by those on points ``(k, 3)``,
-        ``(3 k, c)``.
-        """
+        """Return forces ``(3 n, c)`` on the dofs by those on points ``(k, 3)``, ``(3 k, c)``."""
         return _apply(self.values(points).T, forces)
 
     def rigid_motion(self, origin: FloatArray) -> FloatArray:

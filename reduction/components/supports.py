@@ -41,9 +41,7 @@ class HeldPoints:
         return len(self.dofs) > 0 or len(self.nodes) > 0
 
     def turned_motions(self, center: FloatArray) -> FloatArray:
-        """Return the motion ``(m, 6)`` along the turned directions in unit rigid motions about a
-        point.
-        """
+        """Return the motion ``(m, 6)`` along the directions in unit rigid motions about a point."""
         motions = rigid_map(self.points, center).reshape(-1, 3, 6)
         return np.einsum("mi,mij->mj", self.directions, motions)
 

@@ -146,9 +146,7 @@ def _stacked_load(layout: DofLayout, load: Load) -> FloatArray:
 
 
 def _combine(layout: DofLayout, name: str, factors: dict[str, float]) -> FloatArray | None:
-    """Return the sum of unit loads of a superelement, turned to machine axes; None when it lacks
-    one.
-    """
+    """Return the sum of a superelement's unit loads, turned to machine axes; None if lacking."""
     superelement = layout.superelements[name]
     if not all(key in superelement.loads for key in factors):
         return None

@@ -415,9 +415,7 @@ def _length_row(
 
 
 def _thread_row(spring: PlacedJoint) -> FloatArray:
-    """Return the motion that stretches a screw: along it, less what turns of the nut do along the
-    thread.
-    """
+    """Return the motion that stretches a screw: along it, less what turns of the nut do."""
     return spring.stiffness[0] / spring.stiffness[0, 0] @ spring.rows
 
 

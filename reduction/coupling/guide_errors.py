@@ -100,9 +100,7 @@ class FixedRows:
     first: int
 
     def values(self, by_joint: Mapping[str, FloatArray]) -> FloatArray:
-        """Return the values ``(c,)`` that the constraint rows must take for offsets ``(6,)`` of
-        joints.
-        """
+        """Return the values ``(c,)`` that constraint rows must take for joint offsets ``(6,)``."""
         wanted = np.zeros(len(self.constraints))
         first = self.first
         for spring in self.springs:
@@ -193,9 +191,7 @@ def sample_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str,
 
 
 def find_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str, FloatArray]]:
-    """Find the offsets ``(6,)`` of the joints in one pose by source and joint; see
-    ``sample_offsets``.
-    """
+    """Find joints' offsets ``(6,)`` in one pose by source and joint: ``sample_offsets``."""
     return {
         source: {joint: offset[0] for joint, offset in offsets.items()}
         for source, offsets in sample_offsets(machine, places).items()
@@ -340,9 +336,7 @@ def _rail_place(joint: Joint, frame: Frame, layout: DofLayout) -> float:
 
 
 def _rail_side(joint: Joint, layout: DofLayout) -> JointEnd:
-    """Return the end that a joint slides along: a rail, else the second, or the first where that is
-    ground.
-    """
+    """Return the end that a joint slides along: a rail, else the second that is not ground."""
     first, second = joint.ends
     return first if first.component is None or is_rail(layout, first) else second
 

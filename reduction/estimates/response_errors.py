@@ -300,9 +300,7 @@ class ResponseSpace:
     def participations(
         self, squares: FloatArray, only: str | None = None
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the lower and upper bound of ``lambda^2 R`` ``(n_freq, m, m)``, of one component
-        or of all.
-        """
+        """Return lower and upper bound of ``lambda^2 R`` ``(n_freq, m, m)``, of one part or all."""
         shape = (len(squares), *self._mass.shape)
         least, most = np.zeros(shape, dtype=complex), np.zeros(shape, dtype=complex)
         column, omega = squares[:, None, None], np.sqrt(squares)[:, None, None]

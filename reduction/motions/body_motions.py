@@ -113,9 +113,7 @@ def join_names(names: Sequence[str]) -> str:
 
 
 def name_families(names: Iterable[str]) -> dict[str, list[str]]:
-    """Return the names that differ by a number only, by what they are called together:
-    ``pad_1..4``.
-    """
+    """Return names that differ by a number only, by a common name: ``pad_1..4``."""
     families: dict[str, list[str]] = {}
     for name in sorted(names):
         families.setdefault(split_number(name)[0], []).append(name)

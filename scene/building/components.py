@@ -430,9 +430,7 @@ def check_presence(draft: Draft) -> None:
 
 
 def check_components(draft: Draft) -> None:
-    """Report what is wrong with components: their materials, names, meshes, segments and
-    patches.
-    """
+    """Report what is wrong with components: materials, names, meshes, segments, patches."""
     for name, table in draft.table.components.items():
         key: KeyPath = ("components", name)
         if table.material is not None:

@@ -112,9 +112,7 @@ class _ControlPaths(NamedTuple):
 
 
 def _control_paths(control: AxisControl, omega: FloatArray) -> _ControlPaths:
-    """Ways through a controller at angular frequencies ``(n_freq,)`` [rad/s]; the dead time is
-    exact.
-    """
+    """Ways through a controller at angular frequencies ``(n_freq,)`` [rad/s], delays exact."""
     s = 1j * omega
     late = np.exp(-s * control.dead_time) / (1.0 + s * control.current_lag)
     # an infinite time times a frequency is no complex number

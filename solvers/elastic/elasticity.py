@@ -148,9 +148,7 @@ class ElasticOperators:
         return np.finfo(float).eps * sum_over_ranks(self.comm, self.row_sizes @ vectors**2)
 
     def apply_mass(self, vectors: FloatArray) -> FloatArray:
-        """Return ``M x`` for a block of owned vectors ``(3 n_owned, k)``; the mass acts alike in x,
-        y and z.
-        """
+        """Return ``M x`` for a block of owned vectors ``(3 n_owned, k)``; x, y, z are alike."""
         if self.scalar_mass is None:
             raise AccuracyError(
                 "the mass matrix was not assembled, yet a dynamic quantity was asked for"

@@ -180,9 +180,7 @@ class _CornerSolver:
 
 
 def _corner_matrix(level: CornerLevel, fixed: BoolArray) -> PETSc.Mat:
-    """Return the stiffness of the corners with fixed dofs on the diagonal alone, and its rigid
-    motions.
-    """
+    """Return the corners' stiffness, fixed dofs on the diagonal, and its rigid motions."""
     total = 3 * level.stiffness_map.size_global
     matrix = level.stiffness.tocsr()
     columns = (3 * level.global_columns()[:, None] + np.arange(3)).ravel()

@@ -134,9 +134,7 @@ class DamperSum:
         loads: ComplexArray | FloatArray,
         square: float,
     ) -> ComplexArray:
-        """Answer of the modes near a frequency; NaN in entries that see an undamped one exactly
-        there.
-        """
+        """Answer of the modes near a frequency; NaN where an undamped one lies exactly there."""
         left, sizes, right = np.linalg.svd(matrix)
         resting = sizes <= 2.0 * SINGULAR * square
         inverse = np.where(resting, 0.0, 1.0 / np.where(resting, 1.0, sizes))

@@ -101,9 +101,7 @@ class SteppedLoads:
         return np.diff(self.times)
 
     def evaluate(self) -> tuple[FloatArray, FloatArray]:
-        """Return the loads and their rates, each ``(n - 1, 2, k)`` at the begin and the end of each
-        step.
-        """
+        """Return loads and their rates, each ``(n - 1, 2, k)`` at begin and end of each step."""
         steps = self.steps[:, None]
         values = self.linear.copy()
         slope = (self.linear[:, 1] - self.linear[:, 0]) / steps

@@ -34,9 +34,7 @@ class ResponseForm(Protocol):
     """A form that evaluates a response at any frequency."""
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
-        """Return the receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular
-        frequencies.
-        """
+        """Return the receptance ``(n_freq, n_outputs, n_inputs)``, angular frequencies > 0."""
 
     def poles(self) -> ComplexArray:
         """Return the poles at positive frequencies, and real ones [rad/s]."""
@@ -94,9 +92,7 @@ class ModalSum:
         return self.add_up(omega) + self.rest.evaluate(omega)
 
     def within(self, highest: float) -> "ModalSum | _BandSum":
-        """Return the same up to an angular frequency [rad/s], faster where many modes lie far
-        beyond.
-        """
+        """Return the same up to an angular frequency [rad/s], faster with many modes beyond."""
         far = np.abs(self.poles()) > FAR * highest
         if far.sum() < MANY:
             return self
@@ -136,9 +132,7 @@ class ModalSum:
         return receptance if singular is None else _blank_singular(receptance, singular, self.seen)
 
     def poles(self) -> ComplexArray:
-        """Return the pole of each mode at positive frequencies [rad/s]; of an overdamped one the
-        slower.
-        """
+        """Return each mode's pole at positive frequencies [rad/s]; if overdamped the slower."""
         root = np.sqrt(0.25 * self.viscous**2 - self.eigenvalues - 1j * self.hysteretic)
         return -0.5 * self.viscous + np.where(root.imag < 0.0, -root, root)
 

@@ -56,9 +56,7 @@ class _SparseFactor:
 
 
 def find_sparse(matrix: FloatArray) -> sp.csc_matrix | None:
-    """Find the entries that are not zero, or None where they are too many or the matrix is
-    small.
-    """
+    """Find entries that are not zero, or None where they are many or the matrix is small."""
     size = len(matrix)
     if size < SMALLEST or np.count_nonzero(matrix) > FILLED * size * size:
         return None

@@ -174,9 +174,7 @@ def solve_case(model: CaseModel, values: Mapping[str, float]) -> CaseState:
 
 
 def _slope_case(state: CaseState, parameter: Parameter) -> CaseSlope | None:
-    """Derivatives of a case by a parameter's value; None where the parameter does not touch the
-    case.
-    """
+    """Derivatives of a case by a parameter's value; None where it does not touch the case."""
     pieces = _slope_pieces(state, parameter)
     if pieces is None:
         return None

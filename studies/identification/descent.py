@@ -146,9 +146,7 @@ def _solve(
     pairings: tuple[Pairing, ...],
     linear: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, float]:
-    """The best move under given pairings, kept within reach, and half the sum of squares it
-    leaves.
-    """
+    """Best move under given pairings, kept within reach, and half the sum of squares left."""
     residuals, jacobian = linear[0].copy(), linear[1].copy()
     for case, pairing in zip(cases, pairings, strict=True):
         for target, (row, mode) in enumerate(zip(case.rows, pairing.modes, strict=True)):

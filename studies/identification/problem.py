@@ -29,9 +29,7 @@ OTHER_NUMBER = 1e12  # cost of a mode of another number than the one that a targ
 
 @dataclass(frozen=True)
 class Pairing:
-    """Which mode of a case meets which target: index into the modes above the floor, one per mode
-    target.
-    """
+    """Which mode of a case meets which target: index into modes above the floor, one per target."""
 
     modes: tuple[int, ...]
 
@@ -239,9 +237,7 @@ def _limit_slopes(state: CaseState) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """Cases and parameters of a fit, in fitted coordinates: ln p or p over the width of its
-    bounds.
-    """
+    """Cases and parameters of a fit, in fitted coordinates: ln p or p over its bounds' width."""
 
     cases: tuple[CaseModel, ...]
     parameters: tuple[Parameter, ...]

@@ -118,9 +118,7 @@ def assess(
 
 
 def _invert(information: FloatArray, allowed: FloatArray) -> FloatArray:
-    """Inverse of an information matrix; infinite variances where nothing is known of a
-    parameter.
-    """
+    """Inverse of an information matrix; infinite variances where nothing is known."""
     scaled = information * np.outer(allowed, allowed)
     values, vectors = np.linalg.eigh(scaled)
     determined = values > np.finfo(float).eps * len(values) * max(float(values[-1]), 1.0)

@@ -336,9 +336,7 @@ def _solve_taken(
 
 
 def _point_motion(shared: _LumpedPoses, motions: SmallMotions, point: Point) -> FloatArray:
-    """``(n, 3, c)`` translation of the tool of a point per compliant coordinate, ground frame of
-    the chains.
-    """
+    """``(n, 3, c)`` translation of a point's tool per compliant coordinate, ground frame."""
     name, interface = point.tool.component or "", point.tool.interface or ""
     marker, frame = shared.mechanism.carries[name], shared.own[name]
     tip = shared.superelements[name].interface_position(interface) + np.asarray(point.offset)

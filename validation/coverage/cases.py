@@ -314,9 +314,7 @@ def _cover_lines(
 def _respond(
     coupled: CoupledMachine, grid: FloatArray, *, finer: bool = False
 ) -> tuple[ComplexArray, FloatArray]:
-    """Receptances along x, y and z ``(n, 3)``, as computed or as finer meshes would have them, and
-    the ±.
-    """
+    """Receptances along x, y, z ``(n, 3)``, as computed or as on finer meshes, and the ±."""
     meshed = meshed_parts(coupled)
     if finer:  # as estimated, without what covers the doubt
         element = coupled.layout.superelements["part"]

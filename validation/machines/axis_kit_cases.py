@@ -246,9 +246,7 @@ def check_axis_kit(comm: MPI.Comm) -> Iterator[ValidationRow]:
 
 
 def _match_table_3(variant: str, model: _KitModel) -> tuple[int, ...]:
-    """Index of the mode that meets each listed one of a variant; measured mode 9 moves the Y-slider
-    along Y.
-    """
+    """Mode that meets each listed one of a variant; measured mode 9 moves the Y-slider along Y."""
     penalty = np.zeros((len(TABLE_3[variant]), len(model.frequencies_hz)))
     if variant in MODE_9:
         along = np.abs(model.motions["y_slider"][:3])

@@ -139,9 +139,7 @@ class _Drawn:
         return body
 
     def stack(self, below: _Body) -> _Body:
-        """Add a body on top of another, bolted over an area or on four pads of two parallel
-        guides.
-        """
+        """Add a body on top of another, bolted over an area or on four pads of two guides."""
         shape = str(self.random.choice(SHAPES))
         body = self.add(shape, below.place[:2], below.top)
         # shifted as far as the smaller one stays on the larger one, whose middle is that of the contact

@@ -336,9 +336,7 @@ def check_frequency_estimates() -> Iterator[ValidationRow]:
 
 
 def check_step_estimates() -> Iterator[ValidationRow]:
-    """Check the same for a column from a STEP file with 195 000 dofs, against modes of the whole
-    mesh.
-    """
+    """Check the same for a column from a STEP file with 195 000 dofs, against whole-mesh modes."""
     specimen = _cast_column()
     part, mesh, supports = (
         specimen.machine.components["column"],

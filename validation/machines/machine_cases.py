@@ -56,9 +56,7 @@ Answer = tuple[FloatArray, FloatArray]  # compliance along x, y, z [m/N]; ten fr
 
 
 def check_three_axis_machine(comm: MPI.Comm) -> Iterator[ValidationRow]:
-    """Compliance at the TCP and natural frequencies in every pose of the scene, reduced and
-    unreduced.
-    """
+    """Compliance at the TCP and natural frequencies in every pose, reduced and unreduced."""
     scene = load_scene(MACHINES / "three_axis.toml")
     machine = scene.machine
     elastic = {
@@ -142,9 +140,7 @@ def _answer_reduced(machine: Machine, parts: dict[str, Superelement], place: flo
 
 
 def _answer_fresh_mesh(machine: Machine, place: float) -> Answer:
-    """Answer the same on a mesh of its own, with an evenly averaging patch imprinted under every
-    carriage.
-    """
+    """Answer the same on a mesh of its own, an evenly averaging patch under every carriage."""
     pose = Pose("p", {"X": place})
     fixed = fix_carriages(machine, pose)
     model = monolithic_machine(fixed, {"bed": mesh_component(fixed.components["bed"])}, pose)

@@ -278,9 +278,7 @@ def _elastic_body(
 def _rigid_patch_basis(
     mesh: ComponentMesh, patches: list[MeshPatch]
 ) -> tuple[csr_matrix, list[int]]:
-    """Displacements of all mesh points ``(3 n, m)`` in terms of the free ones and 6 dofs per rigid
-    patch.
-    """
+    """Displacements of all points ``(3 n, m)`` by the free ones and 6 dofs per rigid patch."""
     total = 3 * len(mesh.points)
     free = np.ones(total, dtype=bool)
     for patch in patches:

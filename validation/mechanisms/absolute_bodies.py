@@ -112,9 +112,7 @@ class AbsoluteState:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A vector in motion: value, rate, bias acceleration and Jacobian ``(3, 6 b)`` by all
-    velocities.
-    """
+    """A vector in motion: value, rate, bias acceleration, Jacobian ``(3, 6 b)`` by velocities."""
 
     value: FloatArray
     rate: FloatArray
@@ -123,9 +121,7 @@ class Motion:
 
 
 class _ScalarMotion(NamedTuple):
-    """A number in motion: value, rate, bias acceleration and Jacobian ``(6 b,)`` by all
-    velocities.
-    """
+    """A number in motion: value, rate, bias acceleration, Jacobian ``(6 b,)`` by velocities."""
 
     value: float
     rate: float
@@ -285,9 +281,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class LegStiffness:
-    """Stiffness across a leg [N/m], and along it as compliance = constant + per_length times its
-    length.
-    """
+    """Stiffness across a leg [N/m]; along it compliance = constant + per_length times length."""
 
     across: float
     constant: float
@@ -448,9 +442,7 @@ class _Builder:
         ]
 
     def _turning(self, index: int, plane: tuple[int, int]) -> Local:
-        """Square to where the turned axis points: the second axis of a plane, turned by a driven
-        angle.
-        """
+        """Square to the turned axis: the second axis of a plane, turned by a driven angle."""
         first, second = (np.eye(3)[axis] for axis in plane)
 
         def local(time: float) -> tuple[FloatArray, FloatArray, FloatArray]:

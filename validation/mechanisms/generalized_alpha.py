@@ -99,9 +99,7 @@ class _Progress:
 
 @dataclass(frozen=True)
 class _Rules:
-    """How an integration is carried out: scheme, tolerance of Newton's method, and the local error
-    allowed.
-    """
+    """Settings of an integration: scheme, Newton's tolerance, and the local error allowed."""
 
     scheme: AlphaScheme
     tolerance: float

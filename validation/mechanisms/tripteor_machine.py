@@ -4,7 +4,6 @@ as a frame of beam elements.
 
 import dataclasses
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np

@@ -67,9 +67,7 @@ class FullModel:
         return self.fixed[self.operators.nodes].ravel()
 
     def everywhere(self, vectors: FloatArray) -> FloatArray:
-        """Return the field on all mesh points ``(n_points, 3, k)`` of owned rows ``(3 n_owned,
-        k)``.
-        """
+        """Return the field on all mesh points ``(n_points, 3, k)`` of rows ``(3 n_owned, k)``."""
         field = np.zeros((len(self.mesh.points), 3, vectors.shape[1]))
         field[self.operators.nodes] = vectors.reshape(-1, 3, vectors.shape[1])
         return sum_over_ranks(self.operators.comm, field)
@@ -77,9 +75,7 @@ class FullModel:
 
 @dataclass(frozen=True, eq=False)
 class FullModes:
-    """Natural frequencies [Hz] ``(m,)`` and mass-normalised shapes on this rank's rows ``(3
-    n_owned, m)``.
-    """
+    """Natural frequencies [Hz] ``(m,)``, mass-normalised shapes on own rows ``(3 n_owned, m)``."""
 
     frequencies_hz: FloatArray
     shapes: FloatArray
@@ -301,9 +297,7 @@ def all_frequencies(matrices: ConstrainedMatrices) -> FloatArray:
 
 
 def lowest_frequencies(matrices: ConstrainedMatrices, count: int) -> FloatArray:
-    """Return the lowest natural frequencies [Hz] ``(count,)``, rigid ones among them, by shift and
-    invert.
-    """
+    """Return the lowest natural frequencies [Hz] ``(count,)``, rigid ones too, by shift-invert."""
     eigenvalues, _ = lowest_symmetric_pairs(matrices.stiffness, matrices.mass, count, shift=_SHIFT)
     return np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi)
 

@@ -165,9 +165,7 @@ class _Statement:
         )
 
     def shrinks(self) -> EvaluatedStatement | None:
-        """No deviation grows from one model to the next; where nothing is left to shrink that is
-        said.
-        """
+        """No deviation grows from one model to the next; says where nothing is left to shrink."""
         by_quantity = [deviations(self.series, [name]) for name in self.quantities]
         steps = [
             (abs(fine.value) - abs(coarse.value), fine)
@@ -249,9 +247,7 @@ class _Statement:
         return self._decide(False, f"{found}, MAC {smallest.macs[name]:.2f}", found.value)
 
     def softer_than(self, stiffer: RefinementSeries) -> EvaluatedStatement | None:
-        """Check that the smallest of these models gives larger displacements than the smallest of
-        others.
-        """
+        """Check that the smallest of these models moves more than the smallest of others."""
         if not (self.series.points and stiffer.points):
             return None
         own, other = self.series.points[0], stiffer.points[0]
