@@ -5,7 +5,7 @@ What stands behind ± on one part of the suite, beside the truth from a far fine
 """
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -339,39 +339,6 @@ def _respond(
     if finer and errors.mesh is not None:
         found = found + errors.mesh
     return np.diagonal(found, axis1=1, axis2=2), np.diagonal(total, axis1=1, axis2=2)
-
-
-def check_coverage() -> Iterator[ValidationRow]:
-    """Coverage of frequencies, compliances and frequency responses on the parts that factors were
-    fitted on, and on the others.
-    """
-    return SUITE.compare({"fitted on": CALIBRATION, "held out": HOLD_OUT})
-
-
-def check_hex_coverage() -> Iterator[ValidationRow]:
-    """Check the same on coarse hexahedra between the edges of patches, as searches begin with."""
-    return SUITE.compare({"fitted on": HEX_CALIBRATION, "held out": HEX_HOLD_OUT})
-
-
-def check_adapted_coverage() -> Iterator[ValidationRow]:
-    """Check the same on STEP parts whose meshes follow the errors of the one before; factors are
-    those of even meshes.
-    """
-    return SUITE.compare({"held out": ADAPTED_PARTS})
-
-
-def cover_new_parts(first: int) -> Iterator[ValidationRow]:
-    """Coverage on parts that nothing was fitted on or compared with before.
-
-    Args:
-        first: Seed of the first of them, ``FRESH`` at least.
-    """
-    return SUITE.compare_seeds(range(first, first + NEW_PARTS))
-
-
-def check_coverage_smoke() -> Iterator[ValidationRow]:
-    """Check a tube and a sheet in the same way, in seconds."""
-    return SUITE.compare({"two parts": SMOKE_PARTS})
 
 
 def _evaluate(what: str, parts: Sequence[_PartCoverage]) -> list[ValidationRow]:

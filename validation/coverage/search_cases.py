@@ -9,7 +9,7 @@ extrapolated from what they move by: neither tetrahedra nor an estimate of an er
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -181,21 +181,6 @@ class _SearchedPart:
     unsure: FloatArray
     seconds: float
     failure: str = ""
-
-
-def check_search() -> Iterator[ValidationRow]:
-    """Check whether what searches call met is met on the twelve parts, and ± covers their numbers."""
-    return SUITE.compare({"": PARTS})
-
-
-def check_fresh_search() -> Iterator[ValidationRow]:
-    """Check the eight fresh parts in the same way."""
-    return SUITE.compare({"": FRESH_PARTS})
-
-
-def check_search_smoke() -> Iterator[ValidationRow]:
-    """Check two of them in the same way."""
-    return SUITE.compare({"": SMOKE_PARTS})
 
 
 def _evaluate_searches(what: str, parts: Sequence[_SearchedPart]) -> list[ValidationRow]:
