@@ -241,10 +241,8 @@ def _trim_probe_load(
     element: Superelement, probe: ProbeRows, seen: ProbeLoad, load: StaticLoad, kept: int
 ) -> ProbeLoad:
     amplitudes = _resting_amplitudes(element, load.vector, kept)
-    resting, energy = (
-        _resting_amplitudes(element, probe.values.T, kept),
-        element.errors.missing_energy,
-    )
+    resting = _resting_amplitudes(element, probe.values.T, kept)
+    energy = element.errors.missing_energy
     smoothing, missing = seen.smoothing, None
     if smoothing is not None and probe.smoothing is not None:
         smoothing = smoothing + probe.smoothing[..., kept:] @ amplitudes

@@ -134,10 +134,8 @@ def place_carriages(machine: Machine, pose: Pose) -> tuple[Carriage, ...]:
             continue
         component = machine.components[str(rail.component)]
         interface = component.interfaces[str(rail.interface)]
-        span, point = (
-            rail_span(component.solid, interface),
-            _joint_point(machine, joint, rail, placements),
-        )
+        span = rail_span(component.solid, interface)
+        point = _joint_point(machine, joint, rail, placements)
         if span is not None and point is not None and interface.rail is not None:
             frame = placements[component.name]
             position = (frame.rotation.T @ (point - frame.origin))[

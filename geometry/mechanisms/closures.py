@@ -161,10 +161,8 @@ def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> Floa
     """
     layout = _closure_layout(mechanism)
     axes, gap = _axes_and_gap(layout, placement)
-    omega, alpha = (
-        bias.omega.take(layout.meet_frame, axis=-2),
-        bias.alpha.take(layout.meet_frame, axis=-2),
-    )
+    omega = bias.omega.take(layout.meet_frame, axis=-2)
+    alpha = bias.alpha.take(layout.meet_frame, axis=-2)
     speed = bias.velocity.take(layout.meet_first, axis=-2) - bias.velocity.take(
         layout.meet_second, axis=-2
     )
@@ -319,10 +317,8 @@ def _relative(layout: _ClosureLayout, placement: Placement) -> FloatArray:
 def _orientation_bias(layout: _ClosureLayout, placement: Placement, bias: Bias) -> FloatArray:
     first = np.swapaxes(placement.rotations.take(layout.align_first, axis=-3), -1, -2)
     relative = _relative(layout, placement)
-    omega1, omega2 = (
-        bias.omega.take(layout.align_first, axis=-2),
-        bias.omega.take(layout.align_second, axis=-2),
-    )
+    omega1 = bias.omega.take(layout.align_first, axis=-2)
+    omega2 = bias.omega.take(layout.align_second, axis=-2)
     alpha = bias.alpha.take(layout.align_second, axis=-2) - bias.alpha.take(
         layout.align_first, axis=-2
     )

@@ -262,10 +262,8 @@ def _round_loops(tube: Tube) -> list[FloatArray]:
 
 
 def _wall_triangles(rings: int, corners: int, start: int, *, outward: bool) -> IntArray:
-    k, level = (
-        np.tile(np.arange(corners), rings - 1),
-        np.repeat(np.arange(rings - 1), corners) * corners + start,
-    )
+    k = np.tile(np.arange(corners), rings - 1)
+    level = np.repeat(np.arange(rings - 1), corners) * corners + start
     after = (k + 1) % corners
     a, b, c, d = level + k, level + after, level + corners + after, level + corners + k
     quads = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])

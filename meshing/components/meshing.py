@@ -388,10 +388,8 @@ def _run_shape_job(
         refinement: How many times finer the curved faces are to be meshed.
     """
     job = _shape_job(component, groups, task=task, refinement=refinement)
-    data, scale = (
-        run_job(job, what=f"component {component.name!r}", time_limit=time_limit),
-        job.unit,
-    )
+    data = run_job(job, what=f"component {component.name!r}", time_limit=time_limit)
+    scale = job.unit
     properties = None if data.properties is None else scale_properties(data.properties, scale)
     curved = (
         None

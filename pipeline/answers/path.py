@@ -348,11 +348,9 @@ def _fill_path(group: h5py.Group, curves: PathCurves) -> None:
     group["outputs"] = np.char.encode(
         np.array([name_channel(channel) for channel in curves.outputs]), "utf-8"
     )
-    group["times"], group["positions"], group["accelerations"] = (
-        curves.deviation.times,
-        curves.positions,
-        curves.accelerations,
-    )
+    group["times"] = curves.deviation.times
+    group["positions"] = curves.positions
+    group["accelerations"] = curves.accelerations
     for name in _PARTS:
         group[name] = getattr(curves.deviation, name)
     group["frozen"] = curves.frozen

@@ -243,10 +243,8 @@ class MechanismTrajectory(BodyTrajectory):
         moved = self._follow(motion, velocity_terms=self.coriolis)
         turn, columns = self.mechanism.mounted.mounting.rotation, []
         for name, marker in self._markers.items():
-            body, placement = (
-                self.parts.superelements[name],
-                self.parts.plan.components[name].placement,
-            )
+            body = self.parts.superelements[name]
+            placement = self.parts.plan.components[name].placement
             rotation = moved.rotations[:, marker]
             arm = rotation @ (placement.origin + placement.rotation @ body.center_of_mass)
             omega, alpha = moved.omega[:, marker], moved.alpha[:, marker]

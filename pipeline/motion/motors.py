@@ -134,10 +134,8 @@ def controlled_drives(
         servo: The machine along its trajectory.
     """
     drive_forces = servo.forces(history)
-    motor_accelerations, rates = (
-        history.acceleration[:, servo.motors],
-        history.rate[:, servo.motors],
-    )
+    motor_accelerations = history.acceleration[:, servo.motors]
+    rates = history.rate[:, servo.motors]
     inertia = _rotor_masses(drives) * (servo.accelerations + motor_accelerations)
     if servo.motion.friction is None:
         law = stack_laws([drive.friction for drive in drives])

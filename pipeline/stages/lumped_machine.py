@@ -147,10 +147,8 @@ def _build_springs(mechanism: SceneMechanism) -> LumpedSprings:
     given = mechanism.springs
     if given is None:
         raise ValueError("a lumped mechanism needs springs")
-    across, along = (
-        1.0 / given.joint,
-        1.0 / given.joint + 1.0 / given.drive + given.screw_offset / given.screw,
-    )
+    across = 1.0 / given.joint
+    along = 1.0 / given.joint + 1.0 / given.drive + given.screw_offset / given.screw
     lengths = [mechanism.mounted.mechanism.index(name) for name in LENGTHS for _ in range(2)]
     return LumpedSprings(
         constant=np.array([across, along] * len(LEGS)),

@@ -80,11 +80,9 @@ class MeanConstraints:
             # the boundary node, so psi is rigid and phi free of them
             mean = _mass_mean(operators, supported, middle, free)
             columns, selectors, count = [mean.operator], [mean.values.T], 6
-            self.loose_frame, self.body_motions, self.fixed = (
-                Frame(mean.center),
-                mean.motions @ mean.values,
-                mean.fixed,
-            )
+            self.loose_frame = Frame(mean.center)
+            self.body_motions = mean.motions @ mean.values
+            self.fixed = mean.fixed
             self.node_frames = (self.loose_frame,)
         if len(basis.held.nodes):
             # the points of supports in turned directions: each a mean of its own, which vanishes

@@ -93,10 +93,8 @@ def carry_probe(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> Flo
     """Return what a probe sees ``(9, ...)`` of motions of the stacked dofs ``(n_all, ...)``,
     machine axes.
     """
-    superelement, placement = (
-        coupled.layout.superelements[probe.component],
-        coupled.placements[probe.component],
-    )
+    superelement = coupled.layout.superelements[probe.component]
+    placement = coupled.placements[probe.component]
     local = turn_dofs(superelement, placement) @ moved[coupled.offsets[probe.component]]
     to_machine = scipy.linalg.block_diag(placement.rotation, turn_stress(placement.rotation))
     return to_machine @ superelement.probes[probe.name].values @ local
@@ -113,10 +111,8 @@ def moved_inertia(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> F
     """Return the same ``(9, ...)`` per acceleration of the dofs of its component
     ``(n_own, ...)``.
     """
-    superelement, placement = (
-        coupled.layout.superelements[probe.component],
-        coupled.placements[probe.component],
-    )
+    superelement = coupled.layout.superelements[probe.component]
+    placement = coupled.placements[probe.component]
     local = (turn_dofs(superelement, placement) @ moved)[: superelement.boundary_size]
     to_machine = scipy.linalg.block_diag(placement.rotation, turn_stress(placement.rotation))
     return to_machine @ superelement.probes[probe.name].inertia @ local

@@ -337,10 +337,8 @@ def interface_kind_energies(
         node = element.interface_maps[interface].node
         rows = slice(6 * node, 6 * node + 6)
         forces = element.stiffness[rows] @ local_rows - (element.mass[rows] @ local_rows) * squares
-        radius, modulus = (
-            np.sqrt(area / np.pi),
-            parts[name].youngs_modulus / (1.0 - parts[name].poisson_ratio ** 2),
-        )
+        radius = np.sqrt(area / np.pi)
+        modulus = parts[name].youngs_modulus / (1.0 - parts[name].poisson_ratio ** 2)
         forces_2, moments_2 = (forces[:3] ** 2).sum(axis=0), (forces[3:] ** 2).sum(axis=0)
         energies[f"{name}.{interface}"] = (
             FORCE_DOUBT * forces_2 / radius + MOMENT_DOUBT * moments_2 / radius**3

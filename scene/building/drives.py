@@ -15,12 +15,10 @@ from headstock.scene.schema.drives import DriveTable
 from headstock.scene.schema.effects import CONTOUR_EFFECTS, GRAVITY_STIFFENING, find_effect_fault
 from headstock.scene.schema.scene import SceneTable
 
-DRIVE_CONTROL, FRICTION, SCREW_INERTIA, TORQUE_RIPPLE = (
-    "drive_control",
-    "friction",
-    "screw_inertia",
-    "torque_ripple",
-)
+DRIVE_CONTROL = "drive_control"
+FRICTION = "friction"
+SCREW_INERTIA = "screw_inertia"
+TORQUE_RIPPLE = "torque_ripple"
 DEAD_CYCLES = 1.5  # one cycle of computing, and half a cycle during which a force stays
 
 

@@ -353,10 +353,8 @@ def _measure_rows(stiffness: scipy.sparse.bsr_matrix) -> tuple[FloatArray, Float
     sizes, sums = np.zeros((rows, 3)), np.zeros((rows, 3, 3))
     for first in range(0, rows, SUMMED_AT_A_TIME):
         last = min(first + SUMMED_AT_A_TIME, rows)
-        starts, data = (
-            pointers[first:last] - pointers[first],
-            stiffness.data[pointers[first] : pointers[last]],
-        )
+        starts = pointers[first:last] - pointers[first]
+        data = stiffness.data[pointers[first] : pointers[last]]
         sizes[first:last] = np.add.reduceat(np.abs(data).sum(axis=2), starts)
         # in double precision this sum would itself round by as much as it is to find
         sums[first:last] = np.add.reduceat(data.astype(np.longdouble), starts)

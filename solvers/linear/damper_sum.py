@@ -102,10 +102,8 @@ class DamperSum:
         weights = 1j * np.hstack([omega[:, None] * self.viscous.strengths, still])
         far = np.where(near, 0.0, 1.0 / np.where(near, 1.0, dynamic))
         plain = _products(far, self.rows.T, self.loads)
-        stretched, coupled = (
-            _products(far, factors, self.loads),
-            _products(far, self.rows.T, factors),
-        )
+        stretched = _products(far, factors, self.loads)
+        coupled = _products(far, self.rows.T, factors)
         # Woodbury: forces of the dampers on the far modes, f = (1 + W F^T g F)^-1 W F^T (...)
         coupling = weights[:, :, None] * _squares(far, factors)
         coupling[:, np.arange(factors.shape[1]), np.arange(factors.shape[1])] += 1.0
@@ -141,14 +139,10 @@ class DamperSum:
         given, observed = left.conj().T @ loads, rows @ right.conj().T
         response = (observed * inverse) @ given
         if resting.any():
-            reach, push = (
-                np.abs(self.rows).max(axis=1, initial=0.0),
-                np.abs(self.loads).max(axis=0, initial=0.0),
-            )
-            moved, excited = (
-                np.abs(observed[:, resting]) > UNSEEN * reach[:, None],
-                np.abs(given[resting]) > UNSEEN * push,
-            )
+            reach = np.abs(self.rows).max(axis=1, initial=0.0)
+            push = np.abs(self.loads).max(axis=0, initial=0.0)
+            moved = np.abs(observed[:, resting]) > UNSEEN * reach[:, None]
+            excited = np.abs(given[resting]) > UNSEEN * push
             response[(moved.astype(float) @ excited.astype(float)) > 0.0] = np.nan
         return np.asarray(response)
 

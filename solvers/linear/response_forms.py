@@ -351,10 +351,8 @@ def _find_poles(system: SecondOrderSystem) -> ComplexArray:
     size = len(system.mass)
     stiffness = system.stiffness + (0.0 if system.hysteretic is None else 1j * system.hysteretic)
     damping = np.zeros((size, size)) if system.damping is None else system.damping
-    stiff, heavy = (
-        float(np.abs(stiffness).max(initial=0.0)),
-        float(np.abs(system.mass).max(initial=0.0)),
-    )
+    stiff = float(np.abs(stiffness).max(initial=0.0))
+    heavy = float(np.abs(system.mass).max(initial=0.0))
     # s = scale z makes stiffness and mass equally large
     scale = np.sqrt(stiff / heavy) if stiff > 0.0 and heavy > 0.0 else 1.0
     level = max(stiff, heavy * scale**2) or 1.0

@@ -239,11 +239,9 @@ def _pair_integrals(
 def _pair_matrices(pairs: UncoupledModes) -> FloatArray:
     """Return the state matrix ``(m, 2, 2)`` of every mode."""
     a = np.zeros((len(pairs.eigenvalues), 2, 2))
-    a[:, 0, 1], a[:, 1, 0], a[:, 1, 1] = (
-        pairs.scales,
-        -pairs.eigenvalues / pairs.scales,
-        -pairs.viscous,
-    )
+    a[:, 0, 1] = pairs.scales
+    a[:, 1, 0] = -pairs.eigenvalues / pairs.scales
+    a[:, 1, 1] = -pairs.viscous
     return a
 
 
@@ -257,10 +255,8 @@ def _pair_exponentials(
     rate = np.sqrt(np.abs(rest))
     swings = rest < 0.0
     # exp((mean + rate) h) and exp((mean - rate) h) never overflow, cosh and sinh would
-    grow, fall = (
-        np.exp((mean + np.where(swings, 0.0, rate)) * step),
-        np.exp((mean - np.where(swings, 0.0, rate)) * step),
-    )
+    grow = np.exp((mean + np.where(swings, 0.0, rate)) * step)
+    fall = np.exp((mean - np.where(swings, 0.0, rate)) * step)
     angle = rate * step
     safe = np.where(rate > 0.0, rate, 1.0)
     even = np.where(swings, grow * np.cos(angle), 0.5 * (grow + fall))

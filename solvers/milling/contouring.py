@@ -230,11 +230,9 @@ def drive_forces(
     """
     forces = []
     for part in chunk_slices(len(times)):
-        compliant, rate, guess = (
-            history.compliant[part],
-            history.rate[part],
-            drive.rigid_states(times[part]),
-        )
+        compliant = history.compliant[part]
+        rate = history.rate[part]
+        guess = drive.rigid_states(times[part])
         dynamics = _evaluate(
             model, drive.at(times[part]), guess, compliant=compliant, rate=rate, force=force[part]
         )

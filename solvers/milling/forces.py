@@ -164,10 +164,8 @@ def repeated_forces(cut: MillingCut, steps_per_turn: int, feed: FloatArray) -> F
     turn = 2.0 * np.pi / cut.spindle
     if cut.mill.runout > 0.0 or len(feed) < 2 * steps_per_turn:
         return cutting_forces(cut, np.arange(len(feed)) * turn / steps_per_turn, feed)
-    instants, one = (
-        np.arange(steps_per_turn) * turn / steps_per_turn,
-        float(feed.max(initial=1e-9)) or 1e-9,
-    )
+    instants = np.arange(steps_per_turn) * turn / steps_per_turn
+    one = float(feed.max(initial=1e-9)) or 1e-9
     # without runout no chip vanishes before the feed does, so forces are a line in it
     half, whole = (
         cutting_forces(cut, instants, np.full(steps_per_turn, share * one)) for share in (0.5, 1.0)

@@ -458,10 +458,8 @@ def _straight_cuts(
     arcs = np.array([0.0, *(line.radius * half), 0.0])
     # a face ends where it meets the next one of the part, or where the arc begins
     meets = np.where(sign * turns < 0.0, max(line.radius, line.offset), line.radius) * half
-    before, after = (
-        np.array([line.lead, *meets]) - arcs[:-1],
-        np.array([*meets, line.lead]) - arcs[1:],
-    )
+    before = np.array([line.lead, *meets]) - arcs[:-1]
+    after = np.array([*meets, line.lead]) - arcs[1:]
     last, cuts = len(travels) - 1, list[StraightCut]()
     for number, (travel, feed) in enumerate(zip(travels, line.feeds, strict=True)):
         straight = lengths[number] - arcs[number] - arcs[number + 1]

@@ -359,10 +359,8 @@ def turn_plant(pose: SampledModes, turn: FloatArray) -> SampledPlant:
     ) + np.abs(modes.residual)
     if len(modes.eigenvalues) > modes.rigid_count:
         # where rigid motion causes no deformation, the loads of elastic modes are roundoff
-        rows, columns = (
-            largest_entries(modes.outputs),
-            largest_entries(modes.inputs.T).T,
-        )
+        rows = largest_entries(modes.outputs)
+        columns = largest_entries(modes.inputs.T).T
         reach = reach + ROUNDOFF * rows * columns / modes.eigenvalues[flexible].min()
     return SampledPlant(
         channels=pose.channels,

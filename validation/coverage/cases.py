@@ -67,10 +67,8 @@ if TYPE_CHECKING:
     pass
 
 # modes of a judged mesh, and of the true one among which theirs are sought
-WATCHED, PARTNERS = (
-    8,
-    14,
-)
+WATCHED = 8
+PARTNERS = 14
 JUDGED_MODES, TRUE_MODES = 24, 40  # fixed-interface modes kept
 LOSS_FACTOR = 0.03
 LINES = 150
@@ -79,18 +77,14 @@ SURE_CORRECTED = 0.2
 # factors were fitted on the first parts; the others were drawn and kept apart before that, a
 # product's part joined them
 CALIBRATION, HOLD_OUT = range(24), (*range(24, 48), PRODUCT)
-HEX_CALIBRATION, HEX_HOLD_OUT = (
-    range(FIRST_HEX, FIRST_HEX + 9),
-    range(FIRST_HEX + 9, FIRST_HEX + 24),
-)
+HEX_CALIBRATION = range(FIRST_HEX, FIRST_HEX + 9)
+HEX_HOLD_OUT = range(FIRST_HEX + 9, FIRST_HEX + 24)
 ADAPTED_PARTS = range(FIRST_ADAPTED, FIRST_ADAPTED + 12)  # nothing was fitted on them
 # what the next mesh should miss of the energy that one misses, of the judged and of the true ones
 ADAPTED_STEP, TRUE_STEP = 0.2, 0.1
 LARGE = 60_000  # points, from which on a true mesh is fine enough
-FRESH, NEW_PARTS = (
-    PRODUCT + 1,
-    24,
-)  # first seed of no part above, and how many are drawn from one on
+FRESH = PRODUCT + 1
+NEW_PARTS = 24  # first seed of no part above, and how many are drawn from one on
 SMOKE_PARTS = (8, 15)
 # errors of either sign that are spread normally: ± that covers 95 % of them is 2.9 times the median,
 # ± that covers 99 % 3.8 times

@@ -163,11 +163,9 @@ class _Drawn:
         sides = columns[0].sides
         span = 0.5 * (base.sides[1] - 1.4 * sides[1])
         for column, sign in zip(columns, (-1.0, 1.0), strict=True):
-            column.sides, column.model, column.material = (
-                sides,
-                columns[0].model,
-                columns[0].material,
-            )
+            column.sides = sides
+            column.model = columns[0].model
+            column.material = columns[0].material
             column.place = (base.place[0], base.place[1] + sign * span, base.top + 0.5 * sides[2])
             self._bolt(base, column, column.place[:2], (0.95 * sides[0], 0.95 * sides[1]))
         beam = self.add("plate", base.place[:2], columns[0].top)

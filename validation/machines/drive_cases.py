@@ -253,10 +253,8 @@ def check_friction(comm: MPI.Comm) -> list[ValidationRow]:
     system, train = make_drive(MASSES, AxisControl(40.0, 2e4), law)
     loop = close_loops(system, [train], inputs=friction_channels((train,)), outputs=[LOAD])
     found = _pull(loop, 0.05, np.asarray(np.linspace(0.0, 1.0, 501), dtype=float))
-    offset, energy = (
-        0.05 * (1.0 - 0.05) - float(_column(loop, found, ENCODER)[-1]),
-        found.energy.error,
-    )
+    offset = 0.05 * (1.0 - 0.05) - float(_column(loop, found, ENCODER)[-1])
+    energy = found.energy.error
     amplitude, period, balance = _stick_and_slip()
     rise = (DRY.breakaway - DRY.coulomb) / STICKING.stiffness
     omega = math.sqrt(STICKING.stiffness / STICKING.load)

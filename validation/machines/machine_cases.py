@@ -177,10 +177,8 @@ def _compare_meshes(
 ) -> Iterator[ValidationRow]:
     fresh, same, apart = [], [], []
     for index, place in enumerate(np.linspace(-REACH, REACH, POSITIONS)):
-        found, expected = (
-            _answer_reduced(machine, parts, float(place)),
-            _answer_fresh_mesh(machine, float(place)),
-        )
+        found = _answer_reduced(machine, parts, float(place))
+        expected = _answer_fresh_mesh(machine, float(place))
         fresh.append(_relative_deviations(found, expected))
         if index % (POSITIONS // SAME_MESH_POSITIONS) == 0:
             # answer the same from the unreduced model on the mesh that was reduced,

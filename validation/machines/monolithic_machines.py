@@ -162,13 +162,11 @@ class _Ports:
         columns: dict[str, int],
         size: int,
     ) -> None:
-        self._machine, self._bodies, self._placements, self._columns, self._size = (
-            machine,
-            bodies,
-            placements,
-            columns,
-            size,
-        )
+        self._machine = machine
+        self._bodies = bodies
+        self._placements = placements
+        self._columns = columns
+        self._size = size
 
     def relative_motion(self, tool: JointEnd, work: JointEnd) -> csr_matrix:
         place = self._origin(tool)
@@ -179,10 +177,8 @@ class _Ports:
         assert host.component is not None
         place = self._origin(host)
         if joint.point is not None:
-            resting, moved = (
-                self._machine.components[host.component].placement,
-                self._placements[host.component],
-            )
+            resting = self._machine.components[host.component].placement
+            moved = self._placements[host.component]
             place = moved.origin + moved.rotation @ (
                 resting.rotation.T @ (joint.point - resting.origin)
             )

@@ -205,10 +205,8 @@ def _compare_meshes(
     lines, direct, depths = [], [], []
     for mesh in meshes:
         found = _respond(_reduced(machine, mesh), places)
-        true, estimated = (
-            np.abs(found.lines.receptance - right.lines.receptance) / sizes,
-            found.changes / sizes,
-        )
+        true = np.abs(found.lines.receptance - right.lines.receptance) / sizes
+        estimated = found.changes / sizes
         along, foreseen = (np.diagonal(each, axis1=1, axis2=2) for each in (true, estimated))
         lines.append(ErrorPairs(true.ravel(), estimated.ravel()))
         direct.append(ErrorPairs(along.ravel(), foreseen.ravel()))

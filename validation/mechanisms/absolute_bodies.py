@@ -266,10 +266,8 @@ def _masses(system: AbsoluteSystem, state: AbsoluteState) -> tuple[FloatArray, F
         inertia = rotation @ system.inertia[body] @ rotation.T
         place = slice(6 * body, 6 * body + 3), slice(6 * body + 3, 6 * body + 6)
         mass[place[0], place[0]], mass[place[1], place[1]] = kilograms * np.eye(3), inertia
-        applied[place[0]], applied[place[1]] = (
-            kilograms * system.gravity,
-            -_cross(spin, inertia @ spin),
-        )
+        applied[place[0]] = kilograms * system.gravity
+        applied[place[1]] = -_cross(spin, inertia @ spin)
     return mass, applied
 
 
@@ -450,10 +448,8 @@ class _Builder:
             angle, speed, change = (
                 float(part[index]) for part in (drive.position, drive.speed, drive.acceleration)
             )
-            along, square = (
-                np.cos(angle) * first + np.sin(angle) * second,
-                np.cos(angle) * second - np.sin(angle) * first,
-            )
+            along = np.cos(angle) * first + np.sin(angle) * second
+            square = np.cos(angle) * second - np.sin(angle) * first
             return square, -speed * along, -change * along - speed**2 * square
 
         return local

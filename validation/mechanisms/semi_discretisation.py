@@ -42,11 +42,9 @@ def floquet_multipliers(
     matrix[:, :size, size : size + directions] = -delayed
     matrix[:, size : size + directions, size + directions :] = np.eye(directions) * steps / period
     ahead = np.asarray(scipy.linalg.expm(matrix * (period / steps)))[:, :size]
-    own, start, growth = (
-        ahead[:, :, :size],
-        ahead[:, :, size : size + directions],
-        ahead[:, :, size + directions :],
-    )
+    own = ahead[:, :, :size]
+    start = ahead[:, :, size : size + directions]
+    growth = ahead[:, :, size + directions :]
     # rows: the state, then the outputs one to m steps ago
     whole = np.eye(size + steps * directions)
     state, waves = whole[:size], list(whole[size:].reshape(steps, directions, -1))

@@ -89,11 +89,9 @@ def _limit_rows(
 def _one_mode() -> TipDynamics:
     """Return the single mode of the published case."""
     omega = 2.0 * np.pi * HZ
-    mass, damping, stiffness = (
-        MASS * np.eye(1),
-        2.0 * ZETA * omega * MASS * np.eye(1),
-        MASS * omega**2 * np.eye(1),
-    )
+    mass = MASS * np.eye(1)
+    damping = 2.0 * ZETA * omega * MASS * np.eye(1)
+    stiffness = MASS * omega**2 * np.eye(1)
     return tip_dynamics(mass, damping, stiffness, forced=np.eye(1))
 
 

@@ -222,10 +222,8 @@ def _base_rows(leg: ElasticLeg, sleeve: slice, size: int, frame_center: FloatArr
         return rows
     normal = np.cross(leg.placement.rotation[:, 0], leg.second_axis)
     turned = np.zeros((1, size))
-    turned[0, sleeve.start + 3 : sleeve.stop], turned[0, FRAME.start + 3 : FRAME.stop] = (
-        normal,
-        -normal,
-    )
+    turned[0, sleeve.start + 3 : sleeve.stop] = normal
+    turned[0, FRAME.start + 3 : FRAME.stop] = -normal
     return np.vstack([rows, turned])
 
 

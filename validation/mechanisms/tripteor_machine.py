@@ -85,11 +85,9 @@ def oscillating_drive(start: FloatArray) -> DriveLaw:
     """Return every driven coordinate on a sine of its own, tens of millimetres and several hertz:
     nothing in the equations stays small.
     """
-    amplitude, omega, phase = (
-        np.array([0.05, 0.04, -0.06, 0.3, 0.2]),
-        np.array([9.0, 7.0, 11.0, 6.0, 8.0]),
-        0.3,
-    )
+    amplitude = np.array([0.05, 0.04, -0.06, 0.3, 0.2])
+    omega = np.array([9.0, 7.0, 11.0, 6.0, 8.0])
+    phase = 0.3
 
     def law(time: float) -> Drive:
         sine, cosine = np.sin(omega * time + phase), np.cos(omega * time + phase)

@@ -304,11 +304,9 @@ class _Statement:
         needed, enough = (
             ndof_within(series, self.quantities, limit) for series in (self.series, few)
         )
-        models, share, last = (
-            f"{few.models}, {self.series.models}",
-            f"{100 * limit:g} %",
-            self.series.points[-1].ndof,
-        )
+        models = f"{few.models}, {self.series.models}"
+        share = f"{100 * limit:g} %"
+        last = self.series.points[-1].ndof
         if enough is None:
             return self._decide(
                 False, f"{few.models} does not stay within {share}", None, models=models
