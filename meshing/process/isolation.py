@@ -109,11 +109,9 @@ class WorkerEnd:
         """Return which time limit it met, in words, or None."""
         if self.code == -signal.SIGALRM:
             return f"{self.limits.wall_seconds:g} s"
-        return (
-            f"{self.limits.cpu_seconds} s of processor time"
-            if self.code == -signal.SIGXCPU
-            else None
-        )
+        if self.code == -signal.SIGXCPU:
+            return f"{self.limits.cpu_seconds} s of processor time"
+        return None
 
     @property
     def time_remedy(self) -> str | None:
@@ -138,11 +136,9 @@ class WorkerEnd:
     def memory_remedy(self) -> str | None:
         """Return what to do where the calling shell set the limit of memory."""
         bound = self.limits.memory_bytes < self.wanted.memory_bytes
-        return (
-            f"this shell allows no more (ulimit -v); {self.wanted.memory_bytes / 2**30:.3g} GiB are wanted"
-            if bound
-            else None
-        )
+        if bound:
+            return f"this shell allows no more (ulimit -v); {self.wanted.memory_bytes / 2**30:.3g} GiB are wanted"
+        return None
 
 
 def run_isolated(

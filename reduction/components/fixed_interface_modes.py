@@ -77,11 +77,9 @@ def find_fixed_interface_modes(
     none = FixedInterfaceModes(np.zeros(0), np.zeros((owned, 0)), 0.0, 0.0)
     dimension = solver.free_total - solver.constraints.shape[1]
     if target is None or target.count == 0 or dimension <= 0:
-        return (
-            none
-            if dimension > 0
-            else FixedInterfaceModes(np.zeros(0), np.zeros((owned, 0)), np.inf, 0.0)
-        )
+        if dimension > 0:
+            return none
+        return FixedInterfaceModes(np.zeros(0), np.zeros((owned, 0)), np.inf, 0.0)
     remarks: tuple[str, ...] = ()
     many = target.up_to_hz is None and (target.count or 0) > DENSE_SHARE * dimension
     if (dimension <= DENSE_LIMIT and many) or dimension <= SMALL:

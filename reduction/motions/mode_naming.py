@@ -62,11 +62,9 @@ def _round_axis(moments: FloatArray, axes: FloatArray, places: FloatArray) -> Fl
         (axes[:, 2], axes[:, 0], axes[:, 1]) if first else (axes[:, 0], axes[:, 1], axes[:, 2])
     )
     angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
-    return (
-        np.asarray(axis)
-        if _is_even(places, np.outer(np.cos(angles), side) + np.outer(np.sin(angles), other))
-        else None
-    )
+    if _is_even(places, np.outer(np.cos(angles), side) + np.outer(np.sin(angles), other)):
+        return np.asarray(axis)
+    return None
 
 
 def _is_ball(moments: FloatArray, places: FloatArray) -> bool:

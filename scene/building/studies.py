@@ -127,11 +127,9 @@ def _count_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) ->
         return math.prod(span.positions for span in table.axes.values())
     waypoints = _waypoints(name, scene, paths)
     step, unit = _step(table)
-    return (
-        count_path(position_units(scene), waypoints, step, unit)
-        if waypoints
-        else len(table.poses or ())
-    )
+    if waypoints:
+        return count_path(position_units(scene), waypoints, step, unit)
+    return len(table.poses or ())
 
 
 def read_sweep_paths(scene: SceneTable, folder: Path, findings: Findings) -> dict[str, AxisPath]:

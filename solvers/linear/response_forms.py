@@ -309,11 +309,9 @@ def sum_over_poles(coordinates: ModalCoordinates) -> PoleSum:
 def _softness(hysteretic: FloatArray | None, flexible: slice, omega: FloatArray) -> ComplexArray:
     """Return the inverse of the complex stiffness ``W^-1 (W^2 + i H) W^-1``, W = diag(omega)."""
     unit = np.eye(len(omega)) + 0j
-    return (
-        unit
-        if hysteretic is None
-        else _solve(unit + 1j * hysteretic[flexible, flexible] / np.outer(omega, omega), unit)
-    )
+    if hysteretic is None:
+        return unit
+    return _solve(unit + 1j * hysteretic[flexible, flexible] / np.outer(omega, omega), unit)
 
 
 def _solve(matrix: ComplexArray, right: ComplexArray) -> ComplexArray:

@@ -225,8 +225,6 @@ def _rigid_part(tripteor: LeggedTripteor, frames: dict[str, Frame], name: str) -
 
 def _reduce_unmeshed(component: Component) -> Superelement:
     properties = describe_component(component)
-    return (
-        reduce_rigid(component, properties)
-        if component.fidelity == "rigid"
-        else reduce_segmented(component, properties)
-    )
+    if component.fidelity == "rigid":
+        return reduce_rigid(component, properties)
+    return reduce_segmented(component, properties)
