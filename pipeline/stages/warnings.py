@@ -73,12 +73,7 @@ def _warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: f
         return []
     thickness = _wall_thickness(reduced.skin, reduced.quality)
     length = _shortest_wave(component, thickness, highest_hz)
-    # distance of the nodes of a mesh along its walls [m], at least three of them through the
-    # thickness
-    nodes = reduced.superelement.full_dofs // 3
-    even = math.cbrt(reduced.quality.volume / nodes)
-    across = max(3.0, thickness / even + 1.0)
-    spacing = max(even, math.sqrt(reduced.quality.volume / thickness * across / nodes))
+    spacing = _node_spacing(reduced.superelement.full_dofs // 3, reduced.quality.volume, thickness)
     if length >= FEWEST_NODES * spacing:
         return []
     return [
@@ -165,6 +160,19 @@ def _shortest_wave(component: Component, thickness: float, hz: float) -> float:
     )
     bending = 2.0 * math.pi * math.sqrt(math.sqrt(plate) / omega)
     return min(shear, bending)
+
+
+def _node_spacing(nodes: int, volume: float, thickness: float) -> float:
+    """Distance of the nodes of a mesh along its walls [m], at least three of them through the
+    thickness.
+
+    Args:
+        volume: Of the component [m^3].
+        thickness: Of the walls [m].
+    """
+    even = math.cbrt(volume / nodes)
+    across = max(3.0, thickness / even + 1.0)
+    return max(even, math.sqrt(volume / thickness * across / nodes))
 
 
 def find_warnings(state: RunState) -> list[str]:

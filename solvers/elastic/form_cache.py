@@ -77,6 +77,18 @@ def _link_kernel(name: str, library: Path) -> None:
             link.symlink_to(library.name)
 
 
+def _clear_unfinished(folder: Path) -> None:
+    """Remove what a killed process left half compiled: ffcx would wait for it and then give up, in
+    every later run.
+
+    Only for the holder of the folder's lock, when nobody else compiles.
+    """
+    for source in folder.glob("*.c"):
+        if not source.with_suffix(".c.cached").exists():
+            for part in folder.glob(f"{source.stem}.*"):
+                part.unlink(missing_ok=True)
+
+
 def _require_private(folder: Path) -> None:
     """Check that nobody but this account and root owns or may write a folder whose files are run,
     or a folder on the way to it.
@@ -132,12 +144,7 @@ def _sole_compiler(folder: Path) -> Iterator[None]:
         # a file system without locks only loses the protection
         with contextlib.suppress(OSError):
             fcntl.flock(handle, fcntl.LOCK_EX)
-            # remove what a killed process left half compiled: ffcx would wait for it
-            # and then give up, in every later run
-            for source in folder.glob("*.c"):
-                if not source.with_suffix(".c.cached").exists():
-                    for part in folder.glob(f"{source.stem}.*"):
-                        part.unlink(missing_ok=True)
+            _clear_unfinished(folder)
         yield
     finally:
         os.close(handle)

@@ -26,7 +26,7 @@ from headstock.solvers.linear.modal_coordinates import (
 from headstock.solvers.linear.state_space import Feedthrough, StateSpace, modal_state_space
 from headstock.solvers.linear.time_response import add_direct, exact_step, solve_stepped_response
 from headstock.solvers.motion.deviation import PathDeviation
-from headstock.solvers.motion.plant import VaryingSystem
+from headstock.solvers.motion.plant import SampledPlant, VaryingSystem
 from headstock.solvers.motion.set_points import (
     PathLoads,
     SetPoint,
@@ -325,14 +325,7 @@ def make_step_table(system: VaryingSystem, size: float) -> StepTable:
     """
 
     def step(position: float, size: float) -> FloatArray:
-        # the exact step of the system frozen at one position, as a matrix ``(2m, 2m +
-        # 2k)``
-        pose = system.at(position)
-        zero = np.zeros_like(pose.stiffness)
-        a = np.block(
-            [[zero, np.diag(system.scales)], [-pose.stiffness / system.scales, -pose.damping]]
-        )
-        return join_ends(*exact_step(a, np.vstack([np.zeros_like(pose.loads), pose.loads]), size))
+        return _step_pose(system.at(position), system.scales, size)
 
     return tabulate_steps(step, float(system.positions[-1]), size)
 
@@ -375,6 +368,23 @@ def tabulate_steps(
     raise AccuracyError(
         f"{MOST_KNOTS} places along the path leave an error of {missed:.2g} of a step between them; shorten the path, or sample it faster"
     )
+
+
+def _step_pose(pose: SampledPlant, scales: FloatArray, size: float) -> FloatArray:
+    """Return the exact step of the system frozen at one position, as a matrix ``(2m, 2m + 2k)``.
+
+    It gives the state ``(scale q, q')`` after the step from the state before it and the inputs at
+    its beginning and end, between which these are linear: the acceleration along the path, and
+    loads.
+
+    Args:
+        pose: Modal matrices of ``m`` modes at that position.
+        scales: ``(m,)`` [rad/s] that make displacements as large as velocities.
+        size: Length of the step [s].
+    """
+    zero = np.zeros_like(pose.stiffness)
+    a = np.block([[zero, np.diag(scales)], [-pose.stiffness / scales, -pose.damping]])
+    return join_ends(*exact_step(a, np.vstack([np.zeros_like(pose.loads), pose.loads]), size))
 
 
 def join_ends(transition: FloatArray, level: FloatArray, rise: FloatArray) -> FloatArray:

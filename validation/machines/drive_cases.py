@@ -134,6 +134,14 @@ def _characteristic(masses: _TwoMasses, control: AxisControl) -> tuple[FloatArra
     )
 
 
+def _closed_loop_poles(masses: _TwoMasses, control: AxisControl) -> ComplexArray:
+    """Roots of the characteristic polynomial without dead time [rad/s]."""
+    plant, fed = _characteristic(masses, control)
+    return np.asarray(
+        np.polynomial.polynomial.polyroots(np.polynomial.polynomial.polyadd(plant, fed)) + 0j
+    )
+
+
 def _delayed_pole(masses: _TwoMasses, control: AxisControl, start: complex) -> complex:
     """Return the exact pole with dead time next to a start, by Newton's method on the
     quasi-polynomial [rad/s].
@@ -247,14 +255,7 @@ def check_friction(comm: MPI.Comm) -> list[ValidationRow]:
     """Check what dry friction does to a P controller, and a load that sticks and slips; with the
     balance of energy.
     """
-    # lag at constant speed of a P controller against Coulomb friction, and the error of the
-    # energy balance
-    law = GuideFriction(coulomb=50.0, breakaway=50.0, smoothing=1e-5)
-    system, train = make_drive(MASSES, AxisControl(40.0, 2e4), law)
-    loop = close_loops(system, [train], inputs=friction_channels((train,)), outputs=[LOAD])
-    found = _pull(loop, 0.05, np.asarray(np.linspace(0.0, 1.0, 501), dtype=float))
-    offset = 0.05 * (1.0 - 0.05) - float(_column(loop, found, ENCODER)[-1])
-    energy = found.energy.error
+    offset, energy = _settled_offset()
     amplitude, period, balance = _stick_and_slip()
     rise = (DRY.breakaway - DRY.coulomb) / STICKING.stiffness
     omega = math.sqrt(STICKING.stiffness / STICKING.load)
@@ -327,11 +328,7 @@ def _evaluate_poles(name: str, control: AxisControl) -> ValidationRow:
             [_delayed_pole(MASSES, control, complex(pole)) for pole in found]
         )
     else:
-        # roots of the characteristic polynomial without dead time [rad/s]
-        plant, fed = _characteristic(MASSES, control)
-        every = np.asarray(
-            np.polynomial.polynomial.polyroots(np.polynomial.polynomial.polyadd(plant, fed)) + 0j
-        )
+        every = _closed_loop_poles(MASSES, control)
         right = np.array([every[int(np.argmin(np.abs(every - pole)))] for pole in found])
     apart = float((np.abs(found - right) / np.abs(right)).max())
     return compare_bound(f"poles, {name}: largest distance over size", apart, EXACT)
@@ -351,6 +348,17 @@ def _evaluate_largest_gain() -> ValidationRow:
     )
     target = Target(expected, "1/s", 1e-3, "closed form")
     return compare_value("largest stable kv", found * control.position_gain, target, "Routh")
+
+
+def _settled_offset() -> tuple[float, float]:
+    """Lag at constant speed of a P controller against Coulomb friction, and the error of the energy
+    balance.
+    """
+    law = GuideFriction(coulomb=50.0, breakaway=50.0, smoothing=1e-5)
+    system, train = make_drive(MASSES, AxisControl(40.0, 2e4), law)
+    loop = close_loops(system, [train], inputs=friction_channels((train,)), outputs=[LOAD])
+    found = _pull(loop, 0.05, np.asarray(np.linspace(0.0, 1.0, 501), dtype=float))
+    return 0.05 * (1.0 - 0.05) - float(_column(loop, found, ENCODER)[-1]), found.energy.error
 
 
 def _stick_and_slip() -> tuple[float, float, float]:

@@ -139,6 +139,20 @@ def _answer_reduced(machine: Machine, parts: dict[str, Superelement], place: flo
     return np.diag(compliance)[:3], solve_modal(system, count=COUNT).frequencies_hz
 
 
+def _answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> Answer:
+    """Answer the same from the unreduced model on the mesh that was reduced, its carriages weighted
+    alike.
+
+    Args:
+        machine: With an axis X along the rails.
+        place: Position of the axis [m].
+    """
+    pose = Pose("p", {"X": place})
+    views = view_carriages(machine, {"bed": mesh}, pose)
+    model = monolithic_machine(fix_carriages(machine, pose), {"bed": mesh}, pose, views=views)
+    return _answer_unreduced(model)
+
+
 def _answer_fresh_mesh(machine: Machine, place: float) -> Answer:
     """Answer the same on a mesh of its own, an evenly averaging patch under every carriage."""
     pose = Pose("p", {"X": place})
@@ -181,14 +195,7 @@ def _compare_meshes(
         expected = _answer_fresh_mesh(machine, float(place))
         fresh.append(_relative_deviations(found, expected))
         if index % (POSITIONS // SAME_MESH_POSITIONS) == 0:
-            # answer the same from the unreduced model on the mesh that was reduced,
-            # its carriages weighted alike
-            pose = Pose("p", {"X": float(place)})
-            views = view_carriages(machine, {"bed": mesh}, pose)
-            model = monolithic_machine(
-                fix_carriages(machine, pose), {"bed": mesh}, pose, views=views
-            )
-            alike = _answer_unreduced(model)
+            alike = _answer_same_mesh(machine, mesh, float(place))
             same.append(_relative_deviations(found, alike))
             apart.append(_relative_deviations(alike, expected))
     for name, errors in (

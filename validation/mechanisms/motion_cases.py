@@ -316,6 +316,11 @@ def _planar_mechanism() -> Mechanism:
     return planar_3rpr(BASE, PLATFORM)
 
 
+def _leg_length(angle: float) -> float:
+    """Of each leg at an angle of the platform in the middle [m]."""
+    return float(np.sqrt(OUTER**2 + INNER**2 - 2.0 * OUTER * INNER * np.cos(angle)))
+
+
 def check_singular_passage(comm: MPI.Comm, span: float = 20.0) -> list[ValidationRow]:
     """Twenty seconds in steps of a millisecond, to and fro over the pose in which the legs do not
     hold the platform.
@@ -333,7 +338,7 @@ def check_singular_passage(comm: MPI.Comm, span: float = 20.0) -> list[Validatio
 def _swing_through(span: float) -> _Passage:
     """Integrate the full equations with multipliers, generalised-α without numerical damping."""
     model, mechanism = _planar_machine(SOFT), _planar_mechanism()
-    lengths = np.full(3, float(np.sqrt(OUTER**2 + INNER**2 - 2.0 * OUTER * INNER * np.cos(WELL))))
+    lengths = np.full(3, _leg_length(WELL))
     problem = ConstrainedMotion(
         model, lambda time: Drive(lengths, np.zeros(3), np.zeros(3)), lambda time: np.zeros(3)
     )
