@@ -4,6 +4,7 @@ as a frame of beam elements.
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,9 +54,9 @@ class Tripteor:
     poses: dict[str, FloatArray]
 
 
-def load_tripteor() -> Tripteor:
+def load_tripteor(overrides: Sequence[str] = ()) -> Tripteor:
     """Load the machine as shipped, with gravity."""
-    scene = load_scene(SCENE, variant="lumped")
+    scene = load_scene(SCENE, variant="lumped", overrides=overrides)
     if scene.mechanism is None:
         raise ValueError(f"{SCENE} has no mechanism")
     parts = {
