@@ -19,7 +19,7 @@ class _FeedForwardTable(types.StrictTable):
     """share of the inertia force of the axis that is fed forward"""
 
 
-class FrictionTable(types.StrictTable):
+class _FrictionTable(types.StrictTable):
     """Friction along the axis, smooth through zero velocity; used with the effect `friction`."""
 
     coulomb: types.NotNegativeForce = 0.0
