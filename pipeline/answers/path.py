@@ -275,11 +275,9 @@ def _summarise_run(answer: PathResult, place: int) -> Entry:
 
 
 def _summarise_output(answer: PathResult, run: PathRun, number: int) -> Entry:
-    channel, zones, frozen = (
-        run.curves.outputs[number],
-        run.figures[number],
-        run.frozen_figures[number],
-    )
+    channel = run.curves.outputs[number]
+    zones = run.figures[number]
+    frozen = run.frozen_figures[number]
     unit, factor = deviation_unit(channel)
 
     def find_error(zone: str, figure: str) -> Estimate:
