@@ -103,7 +103,7 @@ def run_superlu(folder: Path, modes: int) -> Result:
     """
 
     def factorize(matrix: scipy.sparse.csc_matrix) -> Callable[[FloatArray], FloatArray]:
-        return scipy.sparse.linalg.splu(matrix).solve  # type: ignore[no-any-return]
+        return scipy.sparse.linalg.splu(matrix).solve
 
     return _run_eigsh(folder, modes, factorize)
 

@@ -12,9 +12,7 @@ class MeshTimeError(MeshError):
 
 
 class PartFileError(MeshError):
-    """A part's file is none that can be meshed as it is chosen; the user chooses or exports
-    another.
-    """
+    """A part's file cannot be meshed as chosen; the user chooses or exports another."""
 
 
 class PatchError(PartFileError):

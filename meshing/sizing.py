@@ -35,9 +35,7 @@ CELLS_PER_VOLUME = 4.5
 
 
 def round_length(value: float) -> float:
-    """Return a length rounded to 12 significant digits, so that units and float noise cannot change
-    a mesh.
-    """
+    """Return a length rounded to 12 digits: units and float noise must not change a mesh."""
     return float(f"{value:.12g}")
 
 

@@ -93,9 +93,7 @@ def _rectangle_pairs(outline: Outline, top: int) -> dict[tuple[int, int], float]
 
 
 def _round_pairs(hole: float, top: int) -> dict[tuple[int, int], float]:
-    """Return the zeros along the radius and waves around, above the linear ones, each with its
-    level.
-    """
+    """Return zeros along the radius and waves around, above the linear ones, with levels."""
     # half the mean circumference over the width: as many half waves fit around as zeros across
     aspect = max(DISK_COST, 0.5 * np.pi * (1.0 + hole) / (1.0 - hole))
 
@@ -108,16 +106,12 @@ def _round_pairs(hole: float, top: int) -> dict[tuple[int, int], float]:
 
 
 def count_patch_shapes(degrees: list[tuple[int, int]]) -> int:
-    """Return the number of shapes of some degrees: three each, less the three rotations in the
-    linear ones.
-    """
+    """Return the number of shapes of some degrees: three each, less three linear rotations."""
     return max(0, 3 * len(degrees) - FIRST_LEVEL)
 
 
 def shape_fields(shapes: PatchShapes, points: FloatArray) -> FloatArray:
-    """Return the displacement ``(3 k, count)`` of points ``(k, 3)`` of the component per unit of
-    each shape.
-    """
+    """Return the displacement ``(3 k, count)`` of points ``(k, 3)`` per unit of each shape."""
     first, second = in_plane_axes(shapes.normal)
     a, b = shapes.half_lengths
     degrees = list_degrees(shapes.outline, shapes.count)
@@ -138,20 +132,18 @@ def shape_fields(shapes: PatchShapes, points: FloatArray) -> FloatArray:
     stretches = fields[:, :, [first, 3 + second]]
     shear = (b * fields[:, :, second] + a * fields[:, :, 3 + first]) / np.hypot(a, b)
     kept = np.concatenate([stretches, shear[:, :, None], fields[:, :, 6:]], axis=2)
-    return np.asarray(kept.reshape(3 * len(points), -1))
+    return kept.reshape(3 * len(points), -1)
 
 
 def _legendre(degrees: list[tuple[int, int]], places: FloatArray) -> FloatArray:
-    """Return the products ``(k, len(degrees))`` of mean square one at places ``(k, 2)`` in
-    -1..1.
-    """
+    """Return products ``(k, len(degrees))`` of mean square one at places ``(k, 2)`` in -1..1."""
     highest = max((max(pair) for pair in degrees), default=0)
     norms = np.sqrt(2.0 * np.arange(highest + 1) + 1.0)
     along, across = (
         np.polynomial.legendre.legvander(places[:, side], highest) * norms for side in (0, 1)
     )
     rows, columns = [pair[0] for pair in degrees], [pair[1] for pair in degrees]
-    return np.asarray(along[:, rows] * across[:, columns])
+    return along[:, rows] * across[:, columns]
 
 
 def _round_polynomials(
@@ -191,7 +183,7 @@ def _radial_polynomials(zeros: int, waves: int, hole: float, squares: FloatArray
     triangle = np.asarray(np.linalg.qr(weighted)[1])
     triangle = np.where(np.diag(triangle) < 0.0, -1.0, 1.0)[:, None] * triangle
     values_at = scipy.linalg.solve_triangular(triangle, powers(squares).T, trans="T")
-    return np.asarray(values_at.T)
+    return values_at.T
 
 
 def gauss_rule(shapes: PatchShapes) -> tuple[FloatArray, FloatArray]:

@@ -188,10 +188,8 @@ def _weigh_carriage(
     """
     # second moment of the blurred even weight: flat^2/3 + blur^2/12 = length^2/12, that of the
     # carriage; third moment of the odd one over its first: 3 tilted^2/5 + blur^2/4 = 3 length^2/20
-    flat, tilted = (
-        0.5 * math.sqrt(length**2 - blur**2),
-        0.5 * math.sqrt(length**2 - 5.0 / 3.0 * blur**2),
-    )
+    flat = 0.5 * math.sqrt(length**2 - blur**2)
+    tilted = 0.5 * math.sqrt(length**2 - 5.0 / 3.0 * blur**2)
     edges = position + np.array(
         [
             sign * half + side

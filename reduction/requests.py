@@ -210,10 +210,8 @@ def _trim_load(element: Superelement, load: StaticLoad, kept: int) -> StaticLoad
 
 
 def _resting_amplitudes(element: Superelement, loads: FloatArray, kept: int) -> FloatArray:
-    """Return the static amplitudes ``(n - kept, ...)`` of the modes that go under loads
-    ``(n, ...)``.
-    """
-    return np.asarray((loads[kept:].T / element.stiffness.diagonal()[kept:]).T)
+    """Return static amplitudes ``(n - kept, ...)`` of modes that go under loads ``(n, ...)``."""
+    return (loads[kept:].T / element.stiffness.diagonal()[kept:]).T
 
 
 def _trim_probe(element: Superelement, probe: ProbeRows, kept: int) -> ProbeRows:
@@ -243,10 +241,8 @@ def _trim_probe_load(
     element: Superelement, probe: ProbeRows, seen: ProbeLoad, load: StaticLoad, kept: int
 ) -> ProbeLoad:
     amplitudes = _resting_amplitudes(element, load.vector, kept)
-    resting, energy = (
-        _resting_amplitudes(element, probe.values.T, kept),
-        element.errors.missing_energy,
-    )
+    resting = _resting_amplitudes(element, probe.values.T, kept)
+    energy = element.errors.missing_energy
     smoothing, missing = seen.smoothing, None
     if smoothing is not None and probe.smoothing is not None:
         smoothing = smoothing + probe.smoothing[..., kept:] @ amplitudes

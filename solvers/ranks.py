@@ -42,9 +42,7 @@ def find_node(comm: MPI.Comm) -> Node:
 
 
 def sum_over_ranks(comm: MPI.Comm, values: FloatArray) -> FloatArray:
-    """Return the entry-wise sum of an array over the ranks; collective, the same shape
-    everywhere.
-    """
+    """Return the entry-wise sum of an array over ranks; collective, one shape everywhere."""
     return values if comm.size == 1 else _reduce(comm, values, MPI.SUM)
 
 
@@ -120,7 +118,7 @@ def rows_from_root(
     """
     if comm.rank or values is None:
         comm.send(wanted, dest=0, tag=ROWS_TAG)
-        return np.asarray(comm.recv(source=0, tag=ROWS_TAG))
+        return comm.recv(source=0, tag=ROWS_TAG)
     for rank in range(1, comm.size):
         comm.send(values[comm.recv(source=rank, tag=ROWS_TAG)], dest=rank, tag=ROWS_TAG)
     return values[wanted]
@@ -152,9 +150,7 @@ class RowBlocks:
         return result
 
     def gather(self) -> FloatArray | None:
-        """Return all rows ``(total, ...)`` on rank 0, which takes in one rank at a time;
-        collective.
-        """
+        """Return all rows ``(total, ...)`` on rank 0, one rank after another; collective."""
         if self.comm.rank:
             for columns in _column_slices(self.rows):
                 self.comm.send(self.rows[..., columns], dest=0, tag=ROWS_TAG)
@@ -199,7 +195,7 @@ def order_rows(
 
 
 def _block_ends(comm: MPI.Comm, total: int) -> NDArray[np.int64]:
-    return np.asarray(total * np.arange(comm.size + 1, dtype=np.int64) // comm.size)
+    return total * np.arange(comm.size + 1, dtype=np.int64) // comm.size
 
 
 def _column_slices(values: FloatArray) -> list[slice]:

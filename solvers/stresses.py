@@ -57,7 +57,7 @@ def von_mises_change(
     """
     plain = largest_von_mises(stress)
     ends = [largest_von_mises(stress + change), largest_von_mises(stress - change)]
-    return np.asarray(np.max([np.abs(end - plain) for end in ends], axis=0))
+    return np.max([np.abs(end - plain) for end in ends], axis=0)
 
 
 def true_stresses(material: Material, scaled: NDArray[np.floating]) -> FloatArray:

@@ -84,7 +84,7 @@ class WatchedOutputs:
 
     def evaluate(self, states: FloatArray, acting: FloatArray) -> FloatArray:
         """Return the values ``(..., k)`` at states ``(..., n)`` and inputs ``(..., m)``."""
-        return np.asarray(states @ self.states.T + acting @ self.inputs.T)
+        return states @ self.states.T + acting @ self.inputs.T
 
 
 def find_largest(times: FloatArray, values: FloatArray) -> tuple[Extreme, ...]:

@@ -47,9 +47,7 @@ class _LinkSummary(TypedDict):
 
 
 class _VariantPointSummary(TypedDict):
-    """Compliance of a variant at a point; directions x, y, z are keys of errors, budgets and
-    links.
-    """
+    """Compliance of a variant at a point; x, y, z are keys of errors, budgets and links."""
 
     compliance_um_per_kN: list[list[float | None]]
     compliance_6x6: list[list[float | None]]

@@ -244,11 +244,9 @@ def _differ(
     determined = np.isfinite(mine) & np.isfinite(other)
     if not determined.any() or not np.abs(other[determined]).any():
         return None
-    lines, away, sizes = (
-        frequencies_hz[determined],
-        np.abs(mine - other)[determined],
-        np.abs(other[determined]),
-    )
+    lines = frequencies_hz[determined]
+    away = np.abs(mine - other)[determined]
+    sizes = np.abs(other[determined])
     most, beyond = int(np.argmax(away)), np.flatnonzero(away > HOLDS * sizes)
     if not len(beyond):
         holds_to: float | None = float(lines[-1])

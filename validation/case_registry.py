@@ -2,13 +2,15 @@
 
 import dataclasses
 import difflib
-from collections.abc import Callable, Iterable, Sequence
+import functools
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from headstock.geometry.errors import HeadstockError
 from headstock.solvers.mpi import MPI
 from headstock.validation.coverage import cases, probe_cases, search_cases
+from headstock.validation.coverage.coverage_case import CoverageSuite
 from headstock.validation.machines import (
     accuracy_cases,
     axes_estimate_cases,
@@ -77,6 +79,26 @@ def _alone(name: str, group: str, compute: Callable[[], Rows], **options: Any) -
     return Case(name, group, lambda comm: compute() if comm.rank == 0 else (), **options)
 
 
+def _suite(
+    name: str,
+    suite: CoverageSuite[Any, Any],
+    items: Mapping[str, Iterable[Any]],
+    *,
+    on_request: bool = True,
+    fresh: int = 0,
+    drawn: int = 0,
+) -> Case:
+    """Return a case that compares items of a suite with the truth.
+
+    Args:
+        items: By how the names of their rows begin.
+        drawn: How many seeds are drawn from one on, ``fresh`` at least; 0 where none are.
+    """
+    draw = (lambda first: suite.compare_seeds(range(first, first + drawn))) if drawn else None
+    compute = functools.partial(suite.compare, items)
+    return _alone(name, "estimates", compute, on_request=on_request, draw=draw, fresh=fresh)
+
+
 VERIFICATION = "tripteor_verification"
 
 
@@ -125,31 +147,51 @@ CASES: tuple[Case, ...] = (
         on_request=True,
         rows_of="stated-accuracy",
     ),
-    _alone(
+    _suite(
         "coverage",
-        "estimates",
-        cases.check_coverage,
-        on_request=True,
-        draw=cases.cover_new_parts,
+        cases.SUITE,
+        {"fitted on": cases.CALIBRATION, "held out": cases.HOLD_OUT},
         fresh=cases.FRESH,
+        drawn=cases.NEW_PARTS,
     ),
-    _alone("coverage-hex", "estimates", cases.check_hex_coverage, on_request=True),
-    _alone("coverage-adapted", "estimates", cases.check_adapted_coverage, on_request=True),
-    _alone("coverage-search", "estimates", search_cases.check_search, on_request=True),
-    _alone("coverage-search-fresh", "estimates", search_cases.check_fresh_search, on_request=True),
-    _alone("coverage-search-smoke", "estimates", search_cases.check_search_smoke, on_request=True),
-    _alone("probes", "estimates", probe_cases.check_probe_coverage, on_request=True),
-    _alone("probes-smoke", "estimates", probe_cases.check_probe_smoke),
-    _alone("coverage-smoke", "estimates", cases.check_coverage_smoke),
-    _alone(
+    # coarse hexahedra between the edges of patches, as searches begin with
+    _suite(
+        "coverage-hex",
+        cases.SUITE,
+        {"fitted on": cases.HEX_CALIBRATION, "held out": cases.HEX_HOLD_OUT},
+    ),
+    # STEP parts whose meshes follow the errors of the one before; factors are those of even meshes
+    _suite("coverage-adapted", cases.SUITE, {"held out": cases.ADAPTED_PARTS}),
+    # whether what searches call met is met, and ± covers the numbers
+    _suite("coverage-search", search_cases.SUITE, {"": search_cases.PARTS}),
+    _suite("coverage-search-fresh", search_cases.SUITE, {"": search_cases.FRESH_PARTS}),
+    _suite("coverage-search-smoke", search_cases.SUITE, {"": search_cases.SMOKE_PARTS}),
+    _suite(
+        "probes",
+        probe_cases.SUITE,
+        {"fitted on": cases.CALIBRATION, "held out": cases.HOLD_OUT},
+    ),
+    _suite(
+        "probes-smoke", probe_cases.SUITE, {"one part": probe_cases.SMOKE_PARTS}, on_request=False
+    ),
+    # a tube and a sheet, in seconds
+    _suite("coverage-smoke", cases.SUITE, {"two parts": cases.SMOKE_PARTS}, on_request=False),
+    _suite(
         "model-estimates",
-        "estimates",
-        model_estimate_cases.check_model_estimates,
-        on_request=True,
-        draw=model_estimate_cases.compare_new_machines,
+        model_estimate_cases.SUITE,
+        {
+            "chosen on": model_estimate_cases.CALIBRATION,
+            "held out": model_estimate_cases.HOLD_OUT,
+        },
         fresh=model_estimate_cases.FRESH,
+        drawn=len(model_estimate_cases.HOLD_OUT),
     ),
-    _alone("model-estimates-smoke", "estimates", model_estimate_cases.check_model_estimates_smoke),
+    _suite(
+        "model-estimates-smoke",
+        model_estimate_cases.SUITE,
+        {"one machine": model_estimate_cases.SMOKE_MACHINES},
+        on_request=False,
+    ),
     _alone("peaks", "estimates", peak_cases.check_peaks, on_request=True),
     _alone("peaks-smoke", "estimates", peak_cases.check_peaks_smoke),
     _alone(
@@ -172,9 +214,20 @@ CASES: tuple[Case, ...] = (
         fresh=axes_estimate_cases.FRESH_CONTOURS,
     ),
     _alone("contour-estimates-smoke", "estimates", axes_estimate_cases.check_contour_smoke),
-    _alone("model-choice", "estimates", model_choice_cases.check_model_choice, on_request=True),
-    _alone("part-choice", "estimates", model_choice_cases.check_part_choice, on_request=True),
-    _alone("model-choice-smoke", "estimates", model_choice_cases.check_model_choice_smoke),
+    # whether errors are within what was asked, and what that costs; the only lever of a part alone is
+    # its mesh
+    _suite(
+        "model-choice",
+        model_choice_cases.MACHINE_SUITE,
+        {"machine": model_choice_cases.MACHINES},
+    ),
+    _suite("part-choice", model_choice_cases.PART_SUITE, {"part": model_choice_cases.PARTS}),
+    _suite(
+        "model-choice-smoke",
+        model_choice_cases.MACHINE_SUITE,
+        {"machine": model_choice_cases.SMOKE_MACHINES},
+        on_request=False,
+    ),
     _alone("reduction-estimates", "estimates", estimate_cases.check_frequency_estimates),
     _alone(
         "reduction-estimates-step",

@@ -17,12 +17,10 @@ WIDTH = 1000  # of a picture [px]
 PICTURES = {
     "tutorial_first": "first/results/figures/mode_reference_01.png",
     "tutorial_converge": "first/converge/convergence.png",
-    "tutorial_thicker": "first/thicker/figures/mode_reference_01.png",
     "tutorial_part": "support.png",
     "tutorial_bracket": "bracket/results/figures/mode_reference_01.png",
     "tutorial_mill": "mill/mill.png",
-    "tutorial_mode": "mill/results/figures/mode_reference_01.png",
-    "tutorial_response": "mill/response/figures/frf_reference.png",
+    "tutorial_mode": "mill/results/figures/mode_reference_04.png",
     "tutorial_budget": "mill/results/figures/budget_reference_tcp.png",
 }
 

@@ -134,10 +134,8 @@ def place_carriages(machine: Machine, pose: Pose) -> tuple[Carriage, ...]:
             continue
         component = machine.components[str(rail.component)]
         interface = component.interfaces[str(rail.interface)]
-        span, point = (
-            rail_span(component.solid, interface),
-            _joint_point(machine, joint, rail, placements),
-        )
+        span = rail_span(component.solid, interface)
+        point = _joint_point(machine, joint, rail, placements)
         if span is not None and point is not None and interface.rail is not None:
             frame = placements[component.name]
             position = (frame.rotation.T @ (point - frame.origin))[
@@ -189,9 +187,7 @@ def _joint_point(
     now = placements[other.component]
     if joint.point is not None:
         home = component.placement
-        return np.asarray(
-            now.origin + now.rotation @ (home.rotation.T @ (joint.point - home.origin))
-        )
+        return now.origin + now.rotation @ (home.rotation.T @ (joint.point - home.origin))
     interface = component.interfaces.get(other.interface or "")
     if interface is None or not isinstance(component.solid, PlanarSolid | Tube):
         return None

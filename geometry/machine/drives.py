@@ -114,4 +114,4 @@ def ripple_force(drive: Drive, positions: FloatArray) -> FloatArray:
     turns, force = positions / drive.lead, np.zeros_like(positions)
     for wave in drive.ripple:
         force += wave.torque * np.sin(2.0 * math.pi * wave.per_turn * turns + wave.phase)
-    return np.asarray(2.0 * math.pi / drive.lead * force)
+    return 2.0 * math.pi / drive.lead * force

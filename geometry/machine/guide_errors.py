@@ -162,10 +162,8 @@ def average_profile(profile: ErrorProfile, places: FloatArray, length: float) ->
     places = np.asarray(places, dtype=float)
     if length == 0.0:
         return _AveragedProfile(profile.sample(places), np.zeros_like(places))
-    after, before = (
-        profile.integrate(places + 0.5 * length),
-        profile.integrate(places - 0.5 * length),
-    )
+    after = profile.integrate(places + 0.5 * length)
+    before = profile.integrate(places - 0.5 * length)
     mean = (after.first - before.first) / length
     # integral of t e(s + t) over the carriage, by parts
     moment = 0.5 * length * (after.first + before.first) - (after.second - before.second)

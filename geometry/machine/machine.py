@@ -226,7 +226,7 @@ def orient_machine(machine: Machine, frame: Frame) -> Machine:
     rotation = frame.rotation
 
     def carry_point(point: FloatArray) -> FloatArray:
-        return np.asarray(frame.origin + rotation @ point)
+        return frame.origin + rotation @ point
 
     components = {
         name: dataclasses.replace(component, placement=compose_frames(frame, component.placement))

@@ -160,7 +160,7 @@ def _tangents(points: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 def _turns(before: FloatArray, after: FloatArray) -> BoolArray:
     """Return whether a path has a corner between moves along unit vectors ``(..., 3)``."""
-    return np.asarray((before * after).sum(axis=-1) < np.cos(CORNER))
+    return (before * after).sum(axis=-1) < np.cos(CORNER)
 
 
 def _between(
@@ -175,4 +175,4 @@ def _between(
         length_before: ``(..., 1)`` [m].
         length_after: ``(..., 1)`` [m].
     """
-    return np.asarray(length_after * before + length_before * after)
+    return length_after * before + length_before * after

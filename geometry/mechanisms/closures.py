@@ -161,10 +161,8 @@ def closure_bias(mechanism: Mechanism, placement: Placement, bias: Bias) -> Floa
     """
     layout = _closure_layout(mechanism)
     axes, gap = _axes_and_gap(layout, placement)
-    omega, alpha = (
-        bias.omega.take(layout.meet_frame, axis=-2),
-        bias.alpha.take(layout.meet_frame, axis=-2),
-    )
+    omega = bias.omega.take(layout.meet_frame, axis=-2)
+    alpha = bias.alpha.take(layout.meet_frame, axis=-2)
     speed = bias.velocity.take(layout.meet_first, axis=-2) - bias.velocity.take(
         layout.meet_second, axis=-2
     )
@@ -196,17 +194,14 @@ def close_chains(mechanism: Mechanism, state: FloatArray) -> FloatArray:
     return close_kinematics(mechanism, state)[0]
 
 
-def close_kinematics(
-    mechanism: Mechanism, state: FloatArray, *, unknown: slice | IndexArray | None = None
-) -> tuple[FloatArray, Kinematics]:
+def close_kinematics(mechanism: Mechanism, state: FloatArray) -> tuple[FloatArray, Kinematics]:
     """Close loops as :func:`close_chains`, and return the kinematics there too, right to the last
     correction of Newton's method.
 
     Args:
-        state: Coordinates ``(..., n)`` [m, rad] to start from.
-        unknown: Which coordinates may change; None for the passive ones.
+        state: Coordinates ``(..., n)`` [m, rad] to start from; the passive ones change.
     """
-    columns = mechanism.passive_slice if unknown is None else unknown
+    columns = mechanism.passive_slice
     state = np.array(state, dtype=np.result_type(state, float))
     before = np.inf
     for _ in range(MAX_ITERATIONS):
@@ -249,9 +244,7 @@ def _is_closed(placement: Placement, residual: FloatArray) -> BoolArray:
     are.
     """
     reach = np.maximum(1.0, np.abs(placement.positions).max(axis=(-2, -1), initial=0.0))
-    return np.asarray(
-        np.abs(residual).max(axis=-1, initial=0.0) <= ROUNDING * np.finfo(float).eps * reach
-    )
+    return np.abs(residual).max(axis=-1, initial=0.0) <= ROUNDING * np.finfo(float).eps * reach
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,18 +311,14 @@ def _axes_and_gap(layout: _ClosureLayout, placement: Placement) -> tuple[FloatAr
 
 def _relative(layout: _ClosureLayout, placement: Placement) -> FloatArray:
     first = placement.rotations.take(layout.align_first, axis=-3)
-    return np.asarray(
-        np.swapaxes(first, -1, -2) @ placement.rotations.take(layout.align_second, axis=-3)
-    )
+    return np.swapaxes(first, -1, -2) @ placement.rotations.take(layout.align_second, axis=-3)
 
 
 def _orientation_bias(layout: _ClosureLayout, placement: Placement, bias: Bias) -> FloatArray:
     first = np.swapaxes(placement.rotations.take(layout.align_first, axis=-3), -1, -2)
     relative = _relative(layout, placement)
-    omega1, omega2 = (
-        bias.omega.take(layout.align_first, axis=-2),
-        bias.omega.take(layout.align_second, axis=-2),
-    )
+    omega1 = bias.omega.take(layout.align_first, axis=-2)
+    omega2 = bias.omega.take(layout.align_second, axis=-2)
     alpha = bias.alpha.take(layout.align_second, axis=-2) - bias.alpha.take(
         layout.align_first, axis=-2
     )
@@ -344,12 +333,12 @@ def _orientation_bias(layout: _ClosureLayout, placement: Placement, bias: Bias) 
 
 def _vee(matrix: FloatArray) -> FloatArray:
     flat = matrix.reshape(*matrix.shape[:-2], 9)
-    return np.asarray(0.5 * (flat[..., [7, 2, 3]] - flat[..., [5, 6, 1]]))
+    return 0.5 * (flat[..., [7, 2, 3]] - flat[..., [5, 6, 1]])
 
 
 def _vee_map(matrix: FloatArray) -> FloatArray:
     trace = matrix[..., 0, 0] + matrix[..., 1, 1] + matrix[..., 2, 2]
-    return np.asarray((0.5 * trace)[..., None, None] * _UNIT - 0.5 * matrix)
+    return (0.5 * trace)[..., None, None] * _UNIT - 0.5 * matrix
 
 
 def _pick(
@@ -366,4 +355,4 @@ def _pick(
     tail = met.shape[-1:] if columns else ()
     parts = [part.reshape(*shape, -1, *tail) for part in (met, aligned, balanced)]
     stacked = np.concatenate(parts, axis=-1 - keep)
-    return np.asarray(stacked.take(layout.rows, axis=-1 - keep))
+    return stacked.take(layout.rows, axis=-1 - keep)

@@ -274,10 +274,8 @@ def platform_states(
             - dimensions.universal_offsets[leg - 1] * radial
         )
         across, outward = arm[..., 1], (arm * radial).sum(axis=-1)
-        values[f"q{leg}"], values[f"th{leg}"] = (
-            np.hypot(across, outward),
-            np.arctan2(-across, outward),
-        )
+        values[f"q{leg}"] = np.hypot(across, outward)
+        values[f"th{leg}"] = np.arctan2(-across, outward)
     values["ps1"] = wrap_angles(beta - values["th1"])
     values["ps2"] = values["th1"] + values["ps1"] - values["th2"]
     arm = origin + dimensions.platform[2] * normal - np.array([dimensions.base[2], 0.0, 0.0])

@@ -104,11 +104,9 @@ def _chain_layout(mechanism: Mechanism) -> _ChainLayout:
     tensors = np.zeros((4, count, depth, 4, 4))
     tensors[0] = np.eye(4)
     source = np.full((count, depth), len(mechanism.coordinates), dtype=np.intp)
-    amount, turns, direction = (
-        np.zeros((count, depth)),
-        np.zeros((count, depth)),
-        np.zeros((count, depth, 3)),
-    )
+    amount = np.zeros((count, depth))
+    turns = np.zeros((count, depth))
+    direction = np.zeros((count, depth, 3))
     markers: list[tuple[int, int, FloatArray]] = []
     for row, chain in enumerate(mechanism.chains):
         fixed, level = np.eye(4), 0
@@ -123,10 +121,8 @@ def _chain_layout(mechanism: Mechanism) -> _ChainLayout:
                 continue
             tensors[:, row, level] = fixed @ motion
             source[row, level], amount[row, level] = mechanism.index(item.coordinate), item.amount
-            turns[row, level], direction[row, level] = (
-                item.kind == "rotation",
-                np.eye(3)[AXES.index(item.axis)],
-            )
+            turns[row, level] = item.kind == "rotation"
+            direction[row, level] = np.eye(3)[AXES.index(item.axis)]
             fixed, level = np.eye(4), level + 1
     # the ground, as a last marker without a name
     markers.append((0, 0, np.eye(4)))
@@ -233,12 +229,12 @@ def cross(first: FloatArray, second: FloatArray) -> FloatArray:
     """
     # written twice in a row, the three components of a cyclic product are slices
     a, b = np.concatenate([first, first], axis=-1), np.concatenate([second, second], axis=-1)
-    return np.asarray(a[..., 1:4] * b[..., 2:5] - a[..., 2:5] * b[..., 1:4])
+    return a[..., 1:4] * b[..., 2:5] - a[..., 2:5] * b[..., 1:4]
 
 
 def skew_matrices(vectors: FloatArray) -> FloatArray:
     """Return the matrices ``(..., 3, 3)`` whose product with a vector is the cross product."""
-    return np.asarray((vectors @ _SKEW).reshape(*vectors.shape, 3))
+    return (vectors @ _SKEW).reshape(*vectors.shape, 3)
 
 
 def _running_sum(terms: FloatArray) -> FloatArray:

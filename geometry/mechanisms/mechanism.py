@@ -47,11 +47,9 @@ def revolute(axis: AxisName, by: str | float) -> Step:
 
 def prismatic(axis: AxisName, by: str | float) -> Step:
     """Return the translation along an axis by a coordinate or a fixed length [m]."""
-    return (
-        Step("translation", axis, by)
-        if isinstance(by, str)
-        else Step("translation", axis, None, by)
-    )
+    if isinstance(by, str):
+        return Step("translation", axis, by)
+    return Step("translation", axis, None, by)
 
 
 @dataclass(frozen=True)
@@ -182,8 +180,6 @@ def _names_in(closure: Closure) -> set[str]:
     if isinstance(closure, CoordinateConstraint):
         return set(closure.weights)
     names = {closure.first, closure.second}
-    return (
-        names | {closure.frame}
-        if isinstance(closure, PointConstraint) and closure.frame is not None
-        else names
-    )
+    if isinstance(closure, PointConstraint) and closure.frame is not None:
+        return names | {closure.frame}
+    return names

@@ -110,11 +110,9 @@ def find_holes(faces: Sequence[CadFace]) -> list[Hole]:
         mates = [face for face in left if _share_cylinder(left[0], face, extent)]
         left = [face for face in left if face not in mates]
         low, high = min(face.span[0] for face in mates), max(face.span[1] for face in mates)
-        radius, axis, point = (
-            mates[0].radius,
-            np.array(mates[0].axis),
-            np.array(mates[0].axis_point),
-        )
+        radius = mates[0].radius
+        axis = np.array(mates[0].axis)
+        point = np.array(mates[0].axis_point)
         if sum(face.area for face in mates) < WHOLE_SHARE * 2.0 * np.pi * radius * (high - low):
             continue
         x, y, z = point + ((low + high) / 2 - point @ axis) * axis

@@ -60,7 +60,7 @@ class CurvedPatch:
             return self.half_width - np.abs(offset @ self.across)
         a, b = offset @ self.first, offset @ self.second
         if self.patch.shape == "disk":
-            return np.asarray(self.patch.size[0] / 2 - np.hypot(a, b))
+            return self.patch.size[0] / 2 - np.hypot(a, b)
         return np.minimum(self.patch.size[0] / 2 - np.abs(a), self.patch.size[1] / 2 - np.abs(b))
 
     def facing(self, points: FloatArray, normals: FloatArray) -> FloatArray:
@@ -72,12 +72,12 @@ class CurvedPatch:
             normals: Of the face there, ``(n, 3)``.
         """
         if self.axis is None:
-            return np.asarray(normals @ self.normal)
+            return normals @ self.normal
         on_axis, direction = self.axis
         radial = _reject(np.vstack([self.origin, points]) - on_axis, direction)
         radial /= np.maximum(np.linalg.norm(radial, axis=1), 1e-300)[:, None]
         outward = np.einsum("ni,ni->n", normals, radial[1:]) * float(self.normal @ radial[0])
-        return np.asarray(outward + (normals @ direction) * float(self.normal @ direction))
+        return outward + (normals @ direction) * float(self.normal @ direction)
 
     def gentleness(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Return the cosines ``(n,)`` of how steeply the face meets the outline; small ones at
@@ -205,4 +205,4 @@ def _find_axis(
 
 def _reject(vectors: FloatArray, direction: FloatArray) -> FloatArray:
     """Return what of vectors ``(..., 3)`` stands across a unit direction ``(3,)``."""
-    return np.asarray(vectors - (vectors @ direction)[..., None] * direction)
+    return vectors - (vectors @ direction)[..., None] * direction

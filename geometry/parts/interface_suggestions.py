@@ -159,7 +159,7 @@ def _join(face: str, parts: tuple[CadFace, ...]) -> _Flat:
 def _sides(parts: Sequence[CadFace]) -> FloatArray:
     """Return the sides of the box around faces ``(3,)`` [m]."""
     high = np.max([part.high for part in parts], axis=0)
-    return np.asarray(high - np.min([part.low for part in parts], axis=0))
+    return high - np.min([part.low for part in parts], axis=0)
 
 
 def _height(foot: _Flat, point: FloatArray) -> float:

@@ -30,7 +30,7 @@ class SizeField:
     def volumes(self) -> FloatArray:
         """Of the tetrahedra ``(m,)`` [m^3]."""
         corners = self.points[self.tets]
-        return np.asarray(np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0)
+        return np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
 
     @property
     def cells(self) -> int:

@@ -62,7 +62,7 @@ def sharp_edges(points: FloatArray, triangles: IntArray) -> IntArray:
     left = owners[order[first]]
     right = owners[order[first + np.minimum(counts, 2) - 1]]
     cosine = np.einsum("ij,ij->i", normals[left], normals[right])
-    return np.asarray(edges[(counts != 2) | (cosine < SHARP_COSINE)])
+    return edges[(counts != 2) | (cosine < SHARP_COSINE)]
 
 
 def split_skin(skin: Skin) -> Skin:
@@ -262,14 +262,12 @@ def _round_loops(tube: Tube) -> list[FloatArray]:
 
 
 def _wall_triangles(rings: int, corners: int, start: int, *, outward: bool) -> IntArray:
-    k, level = (
-        np.tile(np.arange(corners), rings - 1),
-        np.repeat(np.arange(rings - 1), corners) * corners + start,
-    )
+    k = np.tile(np.arange(corners), rings - 1)
+    level = np.repeat(np.arange(rings - 1), corners) * corners + start
     after = (k + 1) % corners
     a, b, c, d = level + k, level + after, level + corners + after, level + corners + k
     quads = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-    return np.asarray(quads if outward else quads[:, ::-1])
+    return quads if outward else quads[:, ::-1]
 
 
 def _cap_triangles(starts: list[int], ring: int, corners: int, *, upward: bool) -> IntArray:
@@ -286,4 +284,4 @@ def _cap_triangles(starts: list[int], ring: int, corners: int, *, upward: bool) 
                 np.column_stack([outer + k, inner + after, inner + k]),
             ]
         )
-    return np.asarray(fan if upward else fan[:, ::-1])
+    return fan if upward else fan[:, ::-1]

@@ -120,9 +120,7 @@ def _lay_at_one(
 
 
 def _normals(face: int, parameters: FloatArray) -> FloatArray:
-    """Return the unit normals ``(n, 3)``; at a pole, where the parameters say none, that next to
-    it.
-    """
+    """Return unit normals ``(n, 3)``; at a pole, where parameters give none, one nearby."""
     low, high = (np.array(bound) for bound in gmsh.model.getParametrizationBounds(2, face))
     pairs = np.array(parameters, dtype=float).reshape(-1, 2)
     sides = np.array(gmsh.model.getDerivative(2, face, pairs.ravel())).reshape(-1, 2, 3)
@@ -134,9 +132,7 @@ def _normals(face: int, parameters: FloatArray) -> FloatArray:
 
 
 def _sample_face(piece: int, face: int) -> tuple[FloatArray, FloatArray]:
-    """Return the points ``(n, 3)`` in and around a piece of a face, and the face's normals
-    there.
-    """
+    """Return points ``(n, 3)`` in and around a piece of a face, and its normals there."""
     low, high = gmsh.model.getParametrizationBounds(2, piece)
     shares = (np.arange(SAMPLES) + 0.5) / SAMPLES
     u, v = (start + (stop - start) * shares for start, stop in zip(low, high, strict=True))
@@ -232,4 +228,4 @@ def _share_inside(face: int, cells: FloatArray, widths: FloatArray, *, corners: 
     places = places if corners else places[:1]
     samples = (cells[:, None] + places).reshape(-1, 2)
     inside = [gmsh.model.isInside(2, face, list(pair), True) > 0 for pair in samples]
-    return np.asarray(np.array(inside, dtype=float).reshape(-1, len(places)).mean(axis=1))
+    return np.array(inside, dtype=float).reshape(-1, len(places)).mean(axis=1)

@@ -202,9 +202,7 @@ def remove_narrow_features(
 
 
 def quote_faces(numbers: Sequence[int]) -> str:
-    """Return the first few of some faces in brackets, as ``show`` numbers them; nothing for
-    none.
-    """
+    """Return the first few faces in brackets, as ``show`` numbers them; nothing for none."""
     if not numbers:
         return ""
     named = ", ".join(f"face:{number}" for number in sorted(numbers)[:NAMED_FACES])

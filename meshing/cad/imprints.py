@@ -157,9 +157,7 @@ def _choose_faces(shape: OpenShape, face: str) -> list[int]:
 
 
 def _plane_normal(face: int) -> FloatArray | None:
-    """Return the unit normal ``(3,)`` of a plane face, in either direction; None for a curved
-    one.
-    """
+    """Return the unit normal ``(3,)`` of a plane face, either way; None for a curved one."""
     if gmsh.model.getType(2, face) != "Plane":
         return None
     low, _ = gmsh.model.getParametrizationBounds(2, face)
@@ -189,9 +187,7 @@ def _end_faces(shape: OpenShape, name: str) -> list[int]:
 
 
 def _cut_pieces(shape: OpenShape, faces: list[int], patch: Patch) -> dict[int, int]:
-    """Return the trimmed copies of the faces inside the imprint, each with the face it was cut
-    from.
-    """
+    """Return trimmed copies of the faces inside the imprint, each with its original face."""
     occ = gmsh.model.occ
     sources: dict[int, int] = {}
     tool: int | None = None
@@ -266,7 +262,7 @@ def _outline(shape: OpenShape, patch: Patch, normal: FloatArray) -> FloatArray:
         angles = 2 * np.pi * (np.arange(count) + 0.5) / count
         # circumradius of the regular polygon with the disk's area
         radius = patch.size[0] / 2 * np.sqrt(2 * np.pi / (count * np.sin(2 * np.pi / count)))
-        return np.asarray(radius * np.column_stack([np.cos(angles), np.sin(angles)]) @ axes)
+        return radius * np.column_stack([np.cos(angles), np.sin(angles)]) @ axes
     half = np.array(patch.size) / 2
     if patch.shape == "strip":
         axes = strip_axes(patch, normal)

@@ -152,9 +152,7 @@ def _replace_volume(
 
 
 def _find_features(faces: Sequence[int], width: float) -> list[_Feature]:
-    """Find the faces that loops which are narrow enough part from the largest piece of the
-    shape.
-    """
+    """Find the faces that narrow enough loops part from the largest piece of the shape."""
     around = {face: face_curves(face) for face in faces}
     loops = [loop for face in faces for loop in _inner_loops(face, around[face], width)]
     cuts = {curve: loop for loop in loops for curve in loop.curves}

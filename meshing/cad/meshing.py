@@ -179,11 +179,9 @@ def _element_size(job: MeshJob, solid: Shape, volume: int) -> float:
     if job.size is not None:
         return job.size
     low, high = shape_bounds(volume)
-    content, thickness, extent = (
-        float(gmsh.model.occ.getMass(3, volume)),
-        _mean_thickness(volume),
-        float((high - low).max()),
-    )
+    content = float(gmsh.model.occ.getMass(3, volume))
+    thickness = _mean_thickness(volume)
+    extent = float((high - low).max())
     size = default_size(content, thickness, extent)
     if not isinstance(solid, StepFile):
         return size
@@ -274,9 +272,7 @@ def _remove_features(job: MeshJob, solid: StepFile, volume: int, size: float) ->
 
 
 def _named_ends(job: MeshJob, volume: int) -> list[tuple[int, float]]:
-    """Return the axis and coordinate of the outermost planes that patches name by their
-    direction.
-    """
+    """Return axis and coordinate of the outermost planes that patches name by direction."""
     corners = dict(zip((-1.0, 1.0), shape_bounds(volume), strict=True))
     named = {patch.face for patches in job.groups.values() for patch in patches}
     return [
@@ -594,11 +590,9 @@ def _curved_facets(
     free = sum(
         len(facets) for face, facets in face_facets.items() if kinds[face] not in ROUND_KINDS
     )
-    nodes, nearest, shares = (
-        [np.zeros((0, per_facet), dtype=np.int64)],
-        [np.zeros((0, PLACES**2, 3))],
-        [np.zeros(0)],
-    )
+    nodes = [np.zeros((0, per_facet), dtype=np.int64)]
+    nearest = [np.zeros((0, PLACES**2, 3))]
+    shares = [np.zeros(0)]
     for face, facets in face_facets.items():
         step = 1 if kinds[face] in ROUND_KINDS else max(1, -(-free // FREE_FACETS))
         chosen = facets[::step]

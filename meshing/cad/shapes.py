@@ -233,9 +233,7 @@ def total_area(faces: Collection[int]) -> float:
 
 
 def read_nodes() -> tuple[FloatArray, IntArray]:
-    """Return the nodes of the open mesh ``(n, 3)``, and the row of each by its tag, -1 for tags of
-    none.
-    """
+    """Return the nodes of the open mesh ``(n, 3)``, and each row by tag, -1 for tags of none."""
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     row = np.full(int(tags.max(initial=0)) + 1, -1, dtype=np.int64)
     row[tags] = np.arange(len(tags))

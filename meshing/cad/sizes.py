@@ -112,14 +112,12 @@ def size_curved_faces(
     size: float,
     order: int,
     refinement: float,
-    smallest: float = 0.0,
 ) -> SizePlan:
     """Return the element sizes on curved faces: as coarse as volume and patch areas allow.
 
     Args:
         order: 1 or 2.
         refinement: How many times finer than that the curved faces are to be meshed.
-        smallest: What curvature alone does not go below.
     """
     factor, power = LOSS[order]
     floor, finest = size * COARSEST_SHARE, 2 * np.pi / TURNS[order]
@@ -129,7 +127,7 @@ def size_curved_faces(
         lost = float(
             np.sum(curved.areas * curved.radii / 2 * factor * (angles**power - finest**power))
         )
-        if lost <= LOST_SHARE[order] * volume or floor * FLOOR_STEP < smallest:
+        if lost <= LOST_SHARE[order] * volume:
             break
         floor *= FLOOR_STEP
     sizes = np.clip(2 * np.pi * curved.radii / TURNS[order], floor, size)

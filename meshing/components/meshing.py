@@ -285,9 +285,7 @@ def _estimate_cells(component: Component) -> int:
 
 
 def element_size(component: Component) -> float:
-    """Return the element size of a parametric solid [m]: as requested, or by the sizing rule, to 12
-    digits.
-    """
+    """Return a parametric solid's element size [m]: as requested or by rule, to 12 digits."""
     solid = component.solid
     if isinstance(solid, Imported):
         raise ValueError("only parametric solids have a size rule of their own")
@@ -319,9 +317,7 @@ def _without_mesh_settings(component: Component) -> Component:
 
 
 def _describe_shape(component: Component, groups: Groups) -> MeshData:
-    """Return what the CAD kernel reports of a component without meshing it; it is asked once in a
-    process.
-    """
+    """Return what the CAD kernel reports of an unmeshed component, asked once in a process."""
     path = component.solid.path if isinstance(component.solid, StepFile) else None
     changed = None if path is None or not path.exists() else path.stat().st_mtime_ns
     question = format_job(_shape_job(component, groups, task="describe")), changed
@@ -392,10 +388,8 @@ def _run_shape_job(
         refinement: How many times finer the curved faces are to be meshed.
     """
     job = _shape_job(component, groups, task=task, refinement=refinement)
-    data, scale = (
-        run_job(job, what=f"component {component.name!r}", time_limit=time_limit),
-        job.unit,
-    )
+    data = run_job(job, what=f"component {component.name!r}", time_limit=time_limit)
+    scale = job.unit
     properties = None if data.properties is None else scale_properties(data.properties, scale)
     curved = (
         None
@@ -487,9 +481,7 @@ def _scaled_patch(patch: Patch, scale: float) -> Patch:
 
 
 def has_plane_faces_only(component: Component) -> bool:
-    """Return whether a solid is known to have no curved face, so that no edge of its mesh is
-    curved.
-    """
+    """Return whether a solid surely has no curved face, so that its mesh has no curved edge."""
     solid = component.solid
     return not isinstance(solid, StepFile | Tube) and not (
         isinstance(solid, HollowColumn) and solid.core_hole > 0.0

@@ -137,9 +137,7 @@ def _run_silently(step: vtkQuadricDecimation) -> None:
 
 
 def _project(skin: Skin, whole: _Surface, *, places: FloatArray, triangles: IntArray) -> Skin:
-    """Return the points moved onto the nearest triangle of the original, with shares of its
-    corners.
-    """
+    """Return points moved onto the nearest original triangle, with shares of its corners."""
     nearest = _find_nearest(whole, places)
     sources = skin.triangles[nearest.triangles]
     a, b, c = (skin.points[sources[:, corner]] for corner in range(3))
@@ -207,7 +205,7 @@ def _normals(points: FloatArray, triangles: IntArray) -> FloatArray:
     a, b, c = (points[triangles[:, corner]] for corner in range(3))
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(normals / np.where(lengths > 0.0, lengths, 1.0))
+    return normals / np.where(lengths > 0.0, lengths, 1.0)
 
 
 def _search(points: FloatArray, triangles: IntArray) -> _Surface:

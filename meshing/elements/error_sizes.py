@@ -39,9 +39,7 @@ def _mean_edges(field: SizeField) -> FloatArray:
 
 
 def _find_singular(mesh: ComponentMesh) -> NDArray[np.bool_]:
-    """Find the cells ``(n_cells,)`` with a corner at a sharp inner edge or at the rim of a
-    patch.
-    """
+    """Find cells ``(n_cells,)`` with a corner at a sharp inner edge or a patch's rim."""
     surface = extract_surface(mesh.cells, mesh.kind)
     corners, normals = surface.facets[:, :3], corner_normals(mesh.points, surface)
     sides = np.sort(corners[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)

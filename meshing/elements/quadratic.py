@@ -95,7 +95,7 @@ def straight_cells(
         for i, group in enumerate(groups):
             middle = points[cells[:, list(group)]].mean(axis=1)
             away = np.maximum(away, np.abs(points[cells[:, first + i]] - middle).max(axis=1))
-    return np.asarray(away <= tolerance * float(np.ptp(points, axis=0).max()))
+    return away <= tolerance * float(np.ptp(points, axis=0).max())
 
 
 def complete_hexes(points: FloatArray, cells: IntArray) -> tuple[FloatArray, IntArray]:
@@ -126,6 +126,6 @@ def complete_hexes(points: FloatArray, cells: IntArray) -> tuple[FloatArray, Int
 
 def _face_centers(points: FloatArray, cells: IntArray, face: tuple[int, ...]) -> FloatArray:
     edges = [8 + number for number, edge in enumerate(PAIRS) if set(edge) <= set(face)]
-    return np.asarray(
-        -0.25 * points[cells[:, list(face)]].sum(axis=1) + 0.5 * points[cells[:, edges]].sum(axis=1)
+    return -0.25 * points[cells[:, list(face)]].sum(axis=1) + 0.5 * points[cells[:, edges]].sum(
+        axis=1
     )

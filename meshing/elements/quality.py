@@ -142,12 +142,12 @@ def _jacobians(
     gradients = shape_gradients(kind, samples)
     flat = gradients.reshape(-1, gradients.shape[2])
     columns = np.einsum("gn,cni->cgi", flat, nodes, optimize=True)
-    return np.asarray(columns.reshape(len(cells), 3, len(samples), 3))
+    return columns.reshape(len(cells), 3, len(samples), 3)
 
 
 def _determinants(jacobians: FloatArray) -> FloatArray:
     a, b, c = jacobians[:, 0], jacobians[:, 1], jacobians[:, 2]
-    return np.asarray(np.einsum("...i,...i->...", a, np.cross(b, c)))
+    return np.einsum("...i,...i->...", a, np.cross(b, c))
 
 
 def _by_chunks(
@@ -165,7 +165,7 @@ def _by_chunks(
 
 def _straight_determinants(corners: FloatArray) -> FloatArray:
     a, b, c = (corners[:, k] - corners[:, 0] for k in (1, 2, 3))
-    return np.asarray(np.einsum("ci,ci->c", a, np.cross(b, c)))
+    return np.einsum("ci,ci->c", a, np.cross(b, c))
 
 
 def _tet_quality(corners: FloatArray) -> FloatArray:
@@ -178,8 +178,8 @@ def _tet_quality(corners: FloatArray) -> FloatArray:
                 )
     largest = products.max(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(
-            np.where(largest > 0.0, np.sqrt(2.0) * _straight_determinants(corners) / largest, 0.0)
+        return np.where(
+            largest > 0.0, np.sqrt(2.0) * _straight_determinants(corners) / largest, 0.0
         )
 
 
@@ -210,7 +210,7 @@ def _hex_quality(points: FloatArray, cells: IntArray, kind: CellKind) -> FloatAr
     with np.errstate(divide="ignore", invalid="ignore"):
         scaled = np.where(lengths > 0.0, determinants / lengths, 0.0).min(axis=1)
         ratio = determinants.min(axis=1) / np.abs(determinants).max(axis=1)
-    return np.asarray(np.fmin(scaled, ratio))
+    return np.fmin(scaled, ratio)
 
 
 @cache
@@ -229,16 +229,12 @@ def _bernstein_transform() -> FloatArray:
     barycentric = np.column_stack([1.0 - lattice.sum(axis=1), lattice])
     powers = np.rint(3 * barycentric).astype(int)
     factors = 6.0 / factorial[powers].prod(axis=1)
-    return np.asarray(
-        np.linalg.inv(factors * np.prod(barycentric[:, None, :] ** powers[None, :, :], axis=2))
-    )
+    return np.linalg.inv(factors * np.prod(barycentric[:, None, :] ** powers[None, :, :], axis=2))
 
 
 @cache
 def _quadrature(kind: CellKind, count: int) -> tuple[FloatArray, FloatArray]:
-    """Return the Gauss rule with ``count`` points per direction, collapsed onto the tet (Stroud
-    1971).
-    """
+    """Return the Gauss rule with ``count`` points per direction on the tet (Stroud 1971)."""
     nodes, weights = np.polynomial.legendre.leggauss(
         count + (2 if cell_family(kind) == "hex" and cell_order(kind) == 2 else 1)
     )
@@ -289,7 +285,7 @@ def facet_tables(node_count: int, places: int = 6) -> tuple[FloatArray, FloatArr
 def facet_places(points: FloatArray, facets: IntArray) -> FloatArray:
     """Return the quadrature places ``(n, q, 3)`` of facets."""
     values, _, _ = facet_tables(facets.shape[1], PLACES)
-    return np.asarray(np.einsum("qn,fni->fqi", values, points[facets]))
+    return np.einsum("qn,fni->fqi", values, points[facets])
 
 
 def _facet_exponents(node_count: int) -> IntArray:
@@ -302,4 +298,4 @@ def _facet_exponents(node_count: int) -> IntArray:
         8: np.where(powers == 1, 0, powers).sum(axis=1) <= 2,
         9: highest <= 2,
     }
-    return np.asarray(powers[keep[node_count]])
+    return powers[keep[node_count]]

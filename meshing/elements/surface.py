@@ -74,7 +74,7 @@ def find_facets(surface: MeshSurface, facets: IntArray) -> IntArray:
     table = _pack(np.sort(surface.facets[:, : surface.corners], axis=1))
     order = np.argsort(table)
     wanted = _pack(np.sort(facets[:, : surface.corners], axis=1))
-    return np.asarray(order[np.searchsorted(table, wanted, sorter=order)])
+    return order[np.searchsorted(table, wanted, sorter=order)]
 
 
 def facets_within(surface: MeshSurface, nodes: IntArray) -> IntArray:
@@ -90,7 +90,7 @@ def corner_normals(points: FloatArray, surface: MeshSurface) -> FloatArray:
     else:
         normals = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.asarray(normals / np.where(lengths > 0.0, lengths, 1.0))
+    return normals / np.where(lengths > 0.0, lengths, 1.0)
 
 
 def count_parts(cells: IntArray, kind: CellKind, n_points: int) -> tuple[int, IntArray]:

@@ -71,9 +71,7 @@ def corner_count(kind: CellKind) -> int:
 
 @cache
 def local_facets(kind: CellKind) -> IntArray:
-    """Return the local nodes of each facet, outward, ``(n_facets, nodes per facet)`` in gmsh's
-    facet order.
-    """
+    """Return local nodes of each facet, outward, ``(n_facets, nodes per facet)``, gmsh's order."""
     family = cell_family(kind)
     if cell_order(kind) == 1:
         return np.array(FACETS[family])
@@ -109,16 +107,14 @@ def _exponents(kind: CellKind) -> IntArray:
     order = cell_order(kind)
     powers = np.array(list(product(range(order + 1), repeat=3)))
     if cell_family(kind) == "tet":
-        return np.asarray(powers[powers.sum(axis=1) <= order])
+        return powers[powers.sum(axis=1) <= order]
     if kind == "hex20":  # serendipity: superlinear degree at most 2 (Arnold and Awanou 2011)
-        return np.asarray(powers[np.where(powers == 1, 0, powers).sum(axis=1) <= 2])
+        return powers[np.where(powers == 1, 0, powers).sum(axis=1) <= 2]
     return powers
 
 
 def _monomials(kind: CellKind, points: FloatArray, derivative: int | None = None) -> FloatArray:
-    """Return the monomials (or their derivative along one axis) at points,
-    ``(n_points, n_monomials)``.
-    """
+    """Return monomials (or a derivative along an axis) at points ``(n_points, n_monomials)``."""
     exponents = _exponents(kind)
     result = np.ones((len(points), len(exponents)))
     for axis in range(3):

@@ -247,9 +247,7 @@ def _assemble_facets(raw: RawMesh, kind: CellKind, *, cut: bool) -> dict[str, In
 def _find_cut(
     every: Sequence[SolidCells], rest: Sequence[SolidCells], kind: CellKind, *, cut: bool
 ) -> dict[str, IntArray]:
-    """Find the facets that the cells of a part share with the other cells of the file, as a named
-    set.
-    """
+    """Find facets between cells of a part and other cells of the file, as a named set."""
     wanted = len(FACETS["tet" if kind.startswith("tet") else "hex"][0])
     rims = []
     for faces in (list_cell_faces(every), list_cell_faces(rest)):

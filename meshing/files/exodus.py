@@ -157,9 +157,7 @@ def _add_side_set(
     elements: IntArray,
     sides: IntArray,
 ) -> None:
-    """Add the facets of a side set: numbers of elements, counted over all blocks, and of their
-    sides.
-    """
+    """Add the facets of a side set: elements, counted over all blocks, and their sides."""
     if len(elements) != len(sides):
         raise MeshError(
             f"{path.name}: side set {label} has {len(elements)} elements and {len(sides)} sides; it is damaged"

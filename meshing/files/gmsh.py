@@ -113,9 +113,7 @@ def _count_section(file: BinaryIO, section: bytes, version: bytes) -> tuple[int,
 
 
 def _gmsh_surfaces(row: IntArray) -> dict[str, list[IntArray]]:
-    """Return the corners of the elements of each physical surface; unnamed ones go by their
-    number.
-    """
+    """Return corners of elements of each physical surface; unnamed ones by number."""
     result: dict[str, list[IntArray]] = {}
     for dim, group in gmsh.model.getPhysicalGroups(2):
         parts: list[Any] = []

@@ -67,7 +67,7 @@ class _GuardedXdmf(XdmfReader):  # type: ignore[misc]
             )
         if form == "XML":
             item.set("Format", "XML")
-            return np.asarray(self._read_data_item(item))
+            return self._read_data_item(item)
         name, colon, array_path = text.rpartition(":")
         if form != "HDF" or not colon:
             raise MeshError(
@@ -103,7 +103,7 @@ def _read_plain(group: h5py.Group, place: str) -> AnyArray:
     if not isinstance(group, h5py.Dataset):
         raise MeshError(f"{place} is no array of this file")
     require_own_data(group, printable(place), MeshError)
-    return np.asarray(group[()])
+    return group[()]
 
 
 def read_xdmf(path: Path, *beside: Path) -> RawMesh:
@@ -307,9 +307,7 @@ def _read_tags(
 
 
 def _same_places(points: FloatArray, others: FloatArray) -> IntArray:
-    """Return the number of the point at the same place for each of ``others``, -1 where there is
-    none.
-    """
+    """Return the number of the point at the place of each of ``others``, -1 where none."""
     _, groups = np.unique(np.vstack([points, others]), axis=0, return_inverse=True)
     first = np.full(groups.max() + 1, -1, dtype=np.int64)
     first[groups[: len(points)].ravel()] = np.arange(len(points))

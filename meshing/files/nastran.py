@@ -417,7 +417,7 @@ class _Nodes:
             values = np.stack(
                 [flat * np.cos(around), flat * np.sin(around), first * np.cos(angle)], axis=1
             )
-        return np.asarray(origin + values @ axes)
+        return origin + values @ axes
 
     def _frame(self, system: int) -> tuple[str, FloatArray, FloatArray]:
         """Return the kind, origin and axes (rows) of a system."""

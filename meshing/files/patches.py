@@ -129,21 +129,19 @@ def _imprinted(data: MeshData, surface: MeshSurface, facets: IntArray, patch: Pa
     mean = normals.mean(axis=0)
     if float((normals @ mean).min()) < (1.0 - NORMAL_TOLERANCE) * float(mean @ mean):
         corners = surface.facets[facets][:, : surface.corners]
-        return np.asarray(facets[_on_curved_face(corners, middles, normals, patch)])
+        return facets[_on_curved_face(corners, middles, normals, patch)]
     axis = int(np.argmax(np.abs(mean)))
     first, second = in_plane_axes(axis)
     if patch.shape == "disk":
         radius = np.hypot(
             middles[:, first] - patch.center[first], middles[:, second] - patch.center[second]
         )
-        return np.asarray(facets[radius <= patch.size[0] / 2])
+        return facets[radius <= patch.size[0] / 2]
     if patch.shape == "strip":
         strip_axes(patch, np.eye(3)[axis])
     window = imprint_window(axis, patch)
     inside = (window[0] <= middles[:, first]) & (middles[:, first] <= window[1])
-    return np.asarray(
-        facets[inside & (window[2] <= middles[:, second]) & (middles[:, second] <= window[3])]
-    )
+    return facets[inside & (window[2] <= middles[:, second]) & (middles[:, second] <= window[3])]
 
 
 def _on_curved_face(
@@ -183,4 +181,4 @@ def _joined(corners: IntArray, chosen: NDArray[np.bool_], start: int) -> NDArray
         shape=(len(corners) + len(nodes),) * 2,
     )
     _, labels = connected_components(graph, directed=False)
-    return np.asarray(chosen & (labels[: len(corners)] == labels[start]))
+    return chosen & (labels[: len(corners)] == labels[start])

@@ -232,7 +232,7 @@ def _edge_ends(cells: SolidCells) -> IntArray:
 
 
 def _pair_keys(ends: IntArray, n_points: int) -> IntArray:
-    return np.asarray(ends[:, 0] * n_points + ends[:, 1])
+    return ends[:, 0] * n_points + ends[:, 1]
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,7 +63,7 @@ class _Faces:
         first = np.argmin(np.where(self.nodes < 0, self.nodes.max(initial=0) + 1, self.nodes), 1)
         rows = np.arange(len(self.nodes))
         following = self.nodes[rows, (first + 1) % count]
-        return np.asarray(following < self.nodes[rows, (first - 1) % count])
+        return following < self.nodes[rows, (first - 1) % count]
 
 
 def list_cell_faces(every: Sequence[SolidCells]) -> _Faces:

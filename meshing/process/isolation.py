@@ -109,11 +109,9 @@ class WorkerEnd:
         """Return which time limit it met, in words, or None."""
         if self.code == -signal.SIGALRM:
             return f"{self.limits.wall_seconds:g} s"
-        return (
-            f"{self.limits.cpu_seconds} s of processor time"
-            if self.code == -signal.SIGXCPU
-            else None
-        )
+        if self.code == -signal.SIGXCPU:
+            return f"{self.limits.cpu_seconds} s of processor time"
+        return None
 
     @property
     def time_remedy(self) -> str | None:
@@ -138,11 +136,9 @@ class WorkerEnd:
     def memory_remedy(self) -> str | None:
         """Return what to do where the calling shell set the limit of memory."""
         bound = self.limits.memory_bytes < self.wanted.memory_bytes
-        return (
-            f"this shell allows no more (ulimit -v); {self.wanted.memory_bytes / 2**30:.3g} GiB are wanted"
-            if bound
-            else None
-        )
+        if bound:
+            return f"this shell allows no more (ulimit -v); {self.wanted.memory_bytes / 2**30:.3g} GiB are wanted"
+        return None
 
 
 def run_isolated(
@@ -303,9 +299,7 @@ def _at_most(kind: int, wanted: int) -> int:
 
 
 def _set_limits(memory_bytes: int, cpu_seconds: int) -> None:
-    """Bound this process as far as it is not bound more tightly; no core dump when it meets a
-    limit.
-    """
+    """Bound this process where its bounds are wider; no core dump when it meets a limit."""
     for kind, wanted, hard in (
         (resource.RLIMIT_CORE, 0, 0),
         (resource.RLIMIT_AS, memory_bytes, memory_bytes),
@@ -386,9 +380,7 @@ def _build_view(opened: dict[str, int]) -> None:
 
 
 def _code_folders() -> list[str]:
-    """Return the folders of this program and of the Python that runs it, links resolved, outer ones
-    first.
-    """
+    """Return the folders of this program and its Python, links resolved, outer ones first."""
     ours = {
         Path(module.__file__).resolve().parent
         for name, module in sys.modules.items()

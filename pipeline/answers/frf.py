@@ -109,11 +109,9 @@ class ResponseCurves:
     @property
     def error(self) -> FloatArray | None:
         """Error of the receptance by all sources together; None where none was sought."""
-        return (
-            np.asarray(np.sum(list(self.error_share.values()), axis=0))
-            if self.error_share
-            else None
-        )
+        if self.error_share:
+            return np.asarray(np.sum(list(self.error_share.values()), axis=0))
+        return None
 
     @property
     def line_errors(self) -> LineErrors | None:

@@ -275,11 +275,9 @@ def _summarise_run(answer: PathResult, place: int) -> Entry:
 
 
 def _summarise_output(answer: PathResult, run: PathRun, number: int) -> Entry:
-    channel, zones, frozen = (
-        run.curves.outputs[number],
-        run.figures[number],
-        run.frozen_figures[number],
-    )
+    channel = run.curves.outputs[number]
+    zones = run.figures[number]
+    frozen = run.frozen_figures[number]
     unit, factor = deviation_unit(channel)
 
     def find_error(zone: str, figure: str) -> Estimate:
@@ -348,11 +346,9 @@ def _fill_path(group: h5py.Group, curves: PathCurves) -> None:
     group["outputs"] = np.char.encode(
         np.array([name_channel(channel) for channel in curves.outputs]), "utf-8"
     )
-    group["times"], group["positions"], group["accelerations"] = (
-        curves.deviation.times,
-        curves.positions,
-        curves.accelerations,
-    )
+    group["times"] = curves.deviation.times
+    group["positions"] = curves.positions
+    group["accelerations"] = curves.accelerations
     for name in _PARTS:
         group[name] = getattr(curves.deviation, name)
     group["frozen"] = curves.frozen

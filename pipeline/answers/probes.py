@@ -20,6 +20,7 @@ from headstock.pipeline.numbers.estimates import (
 )
 from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.storage.json_texts import check_finite
+from headstock.scene.scene import LOAD
 from headstock.solvers.second_order import Channel, ComplexArray
 from headstock.solvers.stresses import STRESS_NAMES, largest_von_mises
 
@@ -212,14 +213,11 @@ class ProbeCurves:
                 group[f"{what}_error_share/{source}"] = size
 
 
-def probe_units(given: Channel, load: str = "load") -> tuple[str, str, float]:
+def probe_units(given: Channel) -> tuple[str, str, float]:
     """Units of stress and displacement at a probe by an input, and the factor from per SI unit of the
-    load.
-
-    Args:
-        load: Direction of an input that is a load of the scene, as large as it is there.
+    load; a load of the scene is as large as it is there.
     """
-    if given[1] == load:
+    if given[1] == LOAD:
         return "MPa", "µm", 1.0
     if given[1].startswith("r"):
         return "MPa/(N m)", "µm/(N m)", 1.0

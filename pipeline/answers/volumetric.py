@@ -69,7 +69,7 @@ class VolumetricAnswer(Answer):
     @property
     def total(self) -> FloatArray:
         """``(n0, n1, ..., 6)`` of all sources together."""
-        return np.asarray(np.sum(list(self.sources.values()), axis=0))
+        return np.sum(list(self.sources.values()), axis=0)
 
     @cached_property
     def grids(self) -> dict[str, FloatArray]:

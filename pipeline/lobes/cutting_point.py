@@ -26,7 +26,6 @@ from headstock.solvers.milling.collocation import stiffest_gain
 from headstock.solvers.milling.forces import Side, part_sign
 from headstock.solvers.milling.lobes import (
     LobeDiagram,
-    Receptance,
     find_lobes,
     mean_cutting_stiffness,
 )
@@ -85,20 +84,16 @@ class CuttingPoint:
         request = self.request
         return mean_cutting_stiffness(request.cut_at(float(request.speeds[0])))
 
-    def find_diagram(
-        self, frame: FloatArray, tip: Receptance | None = None, omega: FloatArray | None = None
-    ) -> LobeDiagram:
+    def find_diagram(self, frame: FloatArray) -> LobeDiagram:
         """Limits by zeroth order along a travel.
 
         Args:
             frame: ``(3, 3)`` rows from :func:`travel_frame`.
-            tip: Another receptance of the tip, machine axes.
-            omega: ``(f,)`` another grid of angular frequencies for it.
         """
-        tip, request = tip or self.tip, self.request
+        request = self.request
         return find_lobes(
-            lambda lines: turn_response(tip(lines), frame),
-            self.omega if omega is None else omega,
+            lambda lines: turn_response(self.tip(lines), frame),
+            self.omega,
             self.stiffness,
             teeth=request.mill.teeth,
             speeds=request.speeds,
@@ -159,13 +154,13 @@ def _spread_lines(request: LobesRequest, assembly: Assembly, poles: ComplexArray
     if isinstance(assembly, MeasuredAssembly):
         base = np.asarray(np.union1d(base, assembly.frequencies_hz), dtype=np.float64)
         base = base[(base > 0.0) & (base >= assembly.frequencies_hz[0])]
-    return np.asarray(2.0 * np.pi * refine_grid(base, np.concatenate([poles, of_tool])))
+    return 2.0 * np.pi * refine_grid(base, np.concatenate([poles, of_tool]))
 
 
 def turn_response(response: ComplexArray, frame: FloatArray) -> ComplexArray:
     """A receptance ``(f, 3, 3)`` in other axes, the rows of a frame ``(3, 3)``."""
     turned = response.reshape(-1, 9) @ np.kron(frame, frame).T
-    return np.asarray(turned.reshape(response.shape))
+    return turned.reshape(response.shape)
 
 
 def travel_frame(

@@ -165,7 +165,7 @@ class BodyTrajectory(Trajectory):
                 body = self.parts.superelements[end.component]
                 local = body.interface_position(end.interface) + offset
                 total += sign * moved.travel(end.component, local)
-        return np.asarray(total[:, DOF_NAMES.index(dof)])
+        return total[:, DOF_NAMES.index(dof)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,10 +243,8 @@ class MechanismTrajectory(BodyTrajectory):
         moved = self._follow(motion, velocity_terms=self.coriolis)
         turn, columns = self.mechanism.mounted.mounting.rotation, []
         for name, marker in self._markers.items():
-            body, placement = (
-                self.parts.superelements[name],
-                self.parts.plan.components[name].placement,
-            )
+            body = self.parts.superelements[name]
+            placement = self.parts.plan.components[name].placement
             rotation = moved.rotations[:, marker]
             arm = rotation @ (placement.origin + placement.rotation @ body.center_of_mass)
             omega, alpha = moved.omega[:, marker], moved.alpha[:, marker]
@@ -305,7 +303,7 @@ class MechanismTrajectory(BodyTrajectory):
 
         def rotation(name: str) -> FloatArray:
             home = self.parts.plan.components[name].placement.rotation
-            return np.asarray(turn @ moved.rotations[:, self._markers[name]] @ home)
+            return turn @ moved.rotations[:, self._markers[name]] @ home
 
         driven = np.arange(chains.driven_slice.start, chains.driven_slice.stop)[legs]
         return _DriveMotion(

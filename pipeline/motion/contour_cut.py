@@ -180,11 +180,10 @@ def _given_force(
     feed = np.hypot(velocity[:, 0], velocity[:, 1])
     force = repeated_forces(request.cut, request.steps_per_turn, feed)
     force = (force * _engagement(plan, times)[:, None])[:, None, :]
-    return np.asarray((force @ travel_frames(velocity, request.contour.part))[:, 0])
+    return (force @ travel_frames(velocity, request.contour.part))[:, 0]
 
 
 def _engagement(plan: ContourPlan, times: FloatArray) -> FloatArray:
-    return np.asarray(
-        np.clip((times - plan.enters) / plan.entry, 0.0, 1.0)
-        * np.clip((plan.leaves - times) / plan.exit, 0.0, 1.0)
+    return np.clip((times - plan.enters) / plan.entry, 0.0, 1.0) * np.clip(
+        (plan.leaves - times) / plan.exit, 0.0, 1.0
     )

@@ -350,10 +350,8 @@ def coupled_face_dynamics(run: CoupledRun, request: ContouringRequest, face: int
     values, vectors = np.linalg.eigh(0.5 * (rest + rest.T))
     extra = vectors * np.sqrt(np.maximum(values, 0.0)) * omega
     kept = tip.shape[1]
-    stiffness, damping = (
-        omega**2 * np.eye(kept + 3),
-        2.0 * RESIDUAL_DAMPING * omega * np.eye(kept + 3),
-    )
+    stiffness = omega**2 * np.eye(kept + 3)
+    damping = 2.0 * RESIDUAL_DAMPING * omega * np.eye(kept + 3)
     stiffness[:kept, :kept], damping[:kept, :kept] = now.stiffness[0], now.damping[0]
     mounted = mount_modes(
         np.eye(kept + 3),

@@ -101,7 +101,7 @@ def run_lumped_contour(
     def find_rest(history: CompliantHistory) -> FloatArray:
         """Return the motion ``(n, 3)`` of the tool that the linear model lacks [m]."""
         gaps = tool_gaps(model, drive, times, history, legs=legs)
-        return np.asarray(gaps - motion.tool_motion(history.compliant))
+        return gaps - motion.tool_motion(history.compliant)
 
     def cut_under(extra: FloatArray, before: CutMotion | None) -> CutMotion:
         """Cut under a load in addition to that of the linear model; chips are those of the motion

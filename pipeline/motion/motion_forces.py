@@ -136,4 +136,4 @@ def find_roundoff(dofs: Sequence[str], sizes: FloatArray) -> BoolArray:
     """
     turns = np.array([dof.startswith("r") for dof in dofs], dtype=np.bool_)
     straight, turned = (sizes[turns == kind].max(initial=0.0) for kind in (False, True))
-    return np.asarray(sizes <= ROUNDOFF * np.where(turns, turned, straight))
+    return sizes <= ROUNDOFF * np.where(turns, turned, straight)

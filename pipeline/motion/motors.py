@@ -134,10 +134,8 @@ def controlled_drives(
         servo: The machine along its trajectory.
     """
     drive_forces = servo.forces(history)
-    motor_accelerations, rates = (
-        history.acceleration[:, servo.motors],
-        history.rate[:, servo.motors],
-    )
+    motor_accelerations = history.acceleration[:, servo.motors]
+    rates = history.rate[:, servo.motors]
     inertia = _rotor_masses(drives) * (servo.accelerations + motor_accelerations)
     if servo.motion.friction is None:
         law = stack_laws([drive.friction for drive in drives])
@@ -147,10 +145,10 @@ def controlled_drives(
     leads = np.array([drive.lead for drive in drives])
 
     def forces(some: NDArray[np.intp]) -> FloatArray:
-        return np.asarray((drive_forces - inertia - friction_forces)[some])
+        return (drive_forces - inertia - friction_forces)[some]
 
     def torques(some: NDArray[np.intp], _: FloatArray) -> FloatArray:
-        return np.asarray(drive_forces[some] * (leads / (2.0 * math.pi)))
+        return drive_forces[some] * (leads / (2.0 * math.pi))
 
     return ContourDrives(tuple(drive.name for drive in drives), forces, torques)
 
@@ -169,7 +167,7 @@ def _rotor_masses(drives: Sequence[Drive]) -> FloatArray:
     """Return the inertia of motor and screw as a mass along the travel ``(d,)`` [kg]."""
     turns = np.array([2.0 * math.pi / drive.lead for drive in drives])
     inertia = np.array([drive.motor_inertia + drive.screw_inertia for drive in drives])
-    return np.asarray(inertia * turns**2)
+    return inertia * turns**2
 
 
 @dataclass(frozen=True, eq=False)

@@ -248,7 +248,7 @@ def interpolate_trajectory(
 
     def accelerate(motion: PathMotion) -> FloatArray:
         squares = fast(motion.positions) * motion.speeds[:, None] ** 2
-        return np.asarray(squares + accelerated(motion.positions) * motion.accelerations[:, None])
+        return squares + accelerated(motion.positions) * motion.accelerations[:, None]
 
     return accelerate
 

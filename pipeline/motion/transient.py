@@ -406,7 +406,10 @@ def _make_answer(
             peak_key(machine.pose.name, channel): error
             for channel, error in zip(request.outputs, errors, strict=True)
         },
-        acts_on=tuple(_target_of(load) for load in request.loads),
+        acts_on=tuple(
+            (load.target if isinstance(load.target, str) else name_channel(load.target))
+            for load in request.loads
+        ),
         shapes=tuple(load.shape for load in request.loads),
         sizes=tuple(_largest(load, values[:, number]) for number, load in enumerate(request.loads)),
         duration=request.duration,
@@ -539,10 +542,6 @@ def _compare_peaks(solution: _Solution, refined: _RefinedModels[_Solution]) -> t
             shares[source] = size if size <= SILENT_SHARE * abs(figure.peak) else None
         estimates.append(Estimate(shares, refined.left_out))
     return tuple(estimates)
-
-
-def _target_of(load: TimedLoad) -> str:
-    return load.target if isinstance(load.target, str) else name_channel(load.target)
 
 
 def _unit_of(load: TimedLoad) -> str:

@@ -41,13 +41,6 @@ KINDS: dict[tuple[str, int], CellKind] = {
 }
 
 
-def _default_mode_count(wanted: int) -> int:
-    """Fixed-interface modes kept per component when so many machine frequencies are wanted and no
-    frequency is named.
-    """
-    return max(FEWEST_DEFAULT_MODES, 2 * wanted + 8)
-
-
 def choose_reduction(component: Component, analyses: Analyses) -> tuple[ReductionSettings, str]:
     """Choose the fixed-interface modes of a component that are kept, and say why."""
     written, modal = component.reduction, analyses.get(ModalRequest)
@@ -70,7 +63,7 @@ def choose_reduction(component: Component, analyses: Analyses) -> tuple[Reductio
         text = f"fixed-interface modes up to {limit:g} Hz, {MOST_DEFAULT_MODES} at most"
         return settings, f"{what} up to {reach:g} Hz: {text}"
     wanted = (modal.count if modal is not None else None) or 0
-    count = _default_mode_count(wanted)
+    count = max(FEWEST_DEFAULT_MODES, 2 * wanted + 8)
     return dataclasses.replace(
         written, modes=count
     ), f"modal analysis of {wanted} frequencies: {count} fixed-interface modes"

@@ -141,9 +141,7 @@ def check_memory(
 
 @dataclass
 class _PeakMemory:
-    """Most resident memory of this process while a piece of work went on; None where nobody could
-    look [MB].
-    """
+    """Most resident memory of this process during a piece of work [MB]; None where unknown."""
 
     megabytes: float | None = None
 

@@ -68,7 +68,7 @@ class _Area:
     @property
     def middle(self) -> FloatArray:
         """``(3,)`` in the machine frame [m]."""
-        return np.asarray(self.frame.origin + self.frame.rotation @ self.box.mean(axis=0))
+        return self.frame.origin + self.frame.rotation @ self.box.mean(axis=0)
 
     @property
     def places(self) -> FloatArray:
@@ -77,7 +77,7 @@ class _Area:
         local = np.array(
             [[levels[i][0], levels[j][1], levels[k][2]] for i, j, k in _GRID], dtype=float
         )
-        return np.asarray(self.frame.origin + local @ self.frame.rotation.T)
+        return self.frame.origin + local @ self.frame.rotation.T
 
     def distance(self, places: FloatArray) -> float:
         """Shortest distance of places ``(n, 3)`` in the machine frame from the box [m]."""
@@ -334,7 +334,10 @@ def _couple_rigid(scene: Scene) -> CoupledMachine | None:
     if (
         scene.mechanism is not None
         or machine.supports
-        or not any(_frees(joint) for joint in machine.joints.values())
+        or not any(
+            any(dof not in joint.fixed and not joint.stiffness[dof].any() for dof in range(6))
+            for joint in machine.joints.values()
+        )
     ):
         return None
     if any(
@@ -349,11 +352,6 @@ def _couple_rigid(scene: Scene) -> CoupledMachine | None:
     return couple(
         bodies, dataclasses.replace(machine, loads={}), next(iter(choose_poses(scene).values()))
     )
-
-
-def _frees(joint: Joint) -> bool:
-    """Whether a joint alone leaves a relative motion without stiffness."""
-    return any(dof not in joint.fixed and not joint.stiffness[dof].any() for dof in range(6))
 
 
 def _has_no_answer(coupled: CoupledMachine, point: str) -> bool:

@@ -118,8 +118,8 @@ def _show_direction(direction: FixedDirection, support: Support, outward: FloatA
         return np.array(direction)
     axis = support.patches[0].face[0] if direction == NORMAL else direction
     if axis in DIRECTIONS and (direction != NORMAL or support.patches[0].face[1:] in ("-", "+")):
-        return np.asarray(np.eye(3)[DIRECTIONS.index(axis)])
-    return np.asarray(outward / (np.linalg.norm(outward) or 1.0))
+        return np.eye(3)[DIRECTIONS.index(axis)]
+    return outward / (np.linalg.norm(outward) or 1.0)
 
 
 def _edge_middle(support: Support, middles: FloatArray) -> FloatArray:

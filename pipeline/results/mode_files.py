@@ -149,9 +149,11 @@ def _encode_glb(view: MachineView, pose: PoseView, modes: PoseModes, index: int)
         "bufferViews": buffer.views,
         "buffers": [{"byteLength": len(buffer.content)}],
     }
-    return _glb_container(
-        json.dumps(content, ensure_ascii=False, allow_nan=False).encode(), bytes(buffer.content)
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False).encode()
+    chunks = b"".join(
+        _glb_chunks([(b"JSON", text + b" " * (-len(text) % 4)), (b"BIN\0", bytes(buffer.content))])
     )
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
 class _Buffer:
@@ -213,11 +215,6 @@ def _glb_material(name: str, color: str) -> dict[str, JsonValue]:
         "roughnessFactor": 0.6,
     }
     return {"name": name, "doubleSided": True, "pbrMetallicRoughness": surface}
-
-
-def _glb_container(text: bytes, binary: bytes) -> bytes:
-    chunks = b"".join(_glb_chunks([(b"JSON", text + b" " * (-len(text) % 4)), (b"BIN\0", binary)]))
-    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
 def _glb_chunks(chunks: Sequence[tuple[bytes, bytes]]) -> Iterator[bytes]:

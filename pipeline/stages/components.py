@@ -128,11 +128,9 @@ def _read_extent(key: str) -> ReductionExtent | None:
     _, first, *rest = key.split(SEPARATOR)
     flags = {name: name in rest for name in ("mass", "gravity", "verified")}
     try:
-        return (
-            ReductionExtent(None, 0.0, **flags)
-            if first == STATIC
-            else ReductionExtent(int(first), float(rest[0]), **flags)
-        )
+        if first == STATIC:
+            return ReductionExtent(None, 0.0, **flags)
+        return ReductionExtent(int(first), float(rest[0]), **flags)
     except (ValueError, IndexError):
         return None
 

@@ -188,7 +188,12 @@ def _estimate_reduction(coupled: CoupledMachine, modes: ModalResult) -> list[Est
     """The modes that components leave out make frequencies too high, never too low."""
     found = bound_frequency_errors(coupled.system, truncated_parts(coupled), modes)
     unknown = tuple(
-        f"the reduction of {name}, which was imported" for name in _silent_imports(coupled)
+        f"the reduction of {name}, which was imported"
+        for name in [
+            name
+            for name, part in coupled.layout.superelements.items()
+            if part.modal_count and part.errors.truncation is None
+        ]
     )
     return [
         Estimate(
@@ -200,19 +205,8 @@ def _estimate_reduction(coupled: CoupledMachine, modes: ModalResult) -> list[Est
     ]
 
 
-def _silent_imports(coupled: CoupledMachine) -> list[str]:
-    """Components with modal dofs that do not say what their reduction left out."""
-    return [
-        name
-        for name, part in coupled.layout.superelements.items()
-        if part.modal_count and part.errors.truncation is None
-    ]
-
-
 def _coupled_areas(parts: MachineParts) -> tuple[dict[tuple[str, str], float], dict[str, Material]]:
-    """Areas [m^2] of the fixed interfaces of meshed components whose kind is a choice, and
-    materials.
-    """
+    """Areas [m^2] of fixed interfaces of meshed components whose kind is open, and materials."""
     areas, materials = {}, {}
     for name, component in parts.plan.components.items():
         quality = parts.reduced[name].quality

@@ -662,9 +662,7 @@ def _port_figures(
 def _truncation_share(
     coordinates: ModalCoordinates | None, row: int, column: int, limit_hz: float
 ) -> float | None:
-    """Share of the static compliance that elastic modes up to a frequency miss; None where there is
-    none.
-    """
+    """Share of static compliance that elastic modes up to a frequency miss; None without any."""
     if coordinates is None or not coordinates.elastic[row, column]:
         return None
     kept = keep_modes(coordinates, count_modes(coordinates, limit_hz))

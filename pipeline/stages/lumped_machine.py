@@ -72,7 +72,7 @@ class PlacedMechanism:
         if end.component is None:
             return np.zeros(3)
         placement = self.placements[end.component]
-        return np.asarray(placement.origin + placement.rotation @ self._local(end, offset))
+        return placement.origin + placement.rotation @ self._local(end, offset)
 
     def load_of(self, load: Load) -> FloatArray:
         """Generalised load ``(c,)`` of a static load: a wrench on its body, at the interface or
@@ -80,7 +80,7 @@ class PlacedMechanism:
         """
         if load.kind == "force":
             end = JointEnd(load.component, load.interface)
-            return np.asarray(self.motion_at(end).T @ np.asarray(load.vector))
+            return self.motion_at(end).T @ np.asarray(load.vector)
         body, placement = self.superelements[load.component], self.placements[load.component]
         wrench = np.sum(
             [
@@ -90,11 +90,11 @@ class PlacedMechanism:
             axis=0,
         )
         motion = self.body_motions[load.component]
-        return np.asarray(motion.T @ (rotate_dofs(placement.rotation) @ wrench))
+        return motion.T @ (rotate_dofs(placement.rotation) @ wrench)
 
     def _local(self, end: JointEnd, offset: Sequence[float]) -> FloatArray:
         origin = self.superelements[end.component or ""].interface_position(end.interface or "")
-        return np.asarray(origin + np.asarray(offset))
+        return origin + np.asarray(offset)
 
 
 def build_compliant_mechanism(
@@ -147,10 +147,8 @@ def _build_springs(mechanism: SceneMechanism) -> LumpedSprings:
     given = mechanism.springs
     if given is None:
         raise ValueError("a lumped mechanism needs springs")
-    across, along = (
-        1.0 / given.joint,
-        1.0 / given.joint + 1.0 / given.drive + given.screw_offset / given.screw,
-    )
+    across = 1.0 / given.joint
+    along = 1.0 / given.joint + 1.0 / given.drive + given.screw_offset / given.screw
     lengths = [mechanism.mounted.mechanism.index(name) for name in LENGTHS for _ in range(2)]
     return LumpedSprings(
         constant=np.array([across, along] * len(LEGS)),
@@ -236,9 +234,7 @@ def place_leg_drives(
 
 
 def spring_shares(placed: PlacedMechanism, stretch: FloatArray) -> dict[str, float]:
-    """Share of the strain energy in each leg's joint, drive and screw at compliant coordinates
-    ``(c,)``.
-    """
+    """Share of strain energy in each leg's joint, drive and screw at coordinates ``(c,)``."""
     energy = placed.motions.stiffness * stretch**2
     total = float(energy.sum())
     return {

@@ -108,7 +108,7 @@ class CoupledPose:
 
     def expand(self, motions: FloatArray) -> FloatArray:
         """Motions of superelement dofs ``(n_all, k)`` of motions of the system ``(n, k)``."""
-        return np.asarray(self.coupled.basis @ motions)
+        return self.coupled.basis @ motions
 
     @property
     def loads(self) -> Mapping[str, FloatArray]:
@@ -127,7 +127,7 @@ class CoupledPose:
         for name, velocity in velocities.items():
             motions = rigid_dofs(self.coupled, name, self.placements[name].origin)[:, :3]
             stacked[self.offsets[name]] = self.coupled.matrices.masses[name] @ (motions @ velocity)
-        return np.asarray(self.coupled.basis.T @ stacked)
+        return self.coupled.basis.T @ stacked
 
     def push(self, channel: Channel) -> FloatArray:
         """Motion of the system ``(n,)`` under a unit force in a channel, as far as free motions leave

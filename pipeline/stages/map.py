@@ -155,7 +155,7 @@ def _edges(shape: tuple[int, ...], taken: NDArray[np.bool_]) -> IndexArray:
         )
         pairs.append(np.stack([behind.ravel(), ahead.ravel()], axis=1))
     edges = np.concatenate(pairs)
-    return np.asarray(edges[taken[edges].all(axis=1)])
+    return edges[taken[edges].all(axis=1)]
 
 
 class _Followed(NamedTuple):

@@ -195,7 +195,7 @@ class LumpedPose:
 
     def body_loads(self, name: str) -> FloatArray:
         """Generalised loads ``(n, 6)`` per unit acceleration of a component as a rigid body."""
-        return np.asarray(-self.body_motions[name].T @ self.body_masses[name])
+        return -self.body_motions[name].T @ self.body_masses[name]
 
     @functools.cached_property
     def body_masses(self) -> dict[str, FloatArray]:
@@ -293,10 +293,8 @@ class LumpedPose:
         """Displacement ``(k, n, 3)`` of every skin point in machine axes."""
         shifts: dict[str, ShiftArray] = {}
         for name, skin in skins.items():
-            rotation, center = (
-                self.placements[name].rotation,
-                self.placed.superelements[name].center_of_mass,
-            )
+            rotation = self.placements[name].rotation
+            center = self.placed.superelements[name].center_of_mass
             moved = (
                 rigid_map(skin.points @ rotation.T, rotation @ center) @ motions[self.offsets[name]]
             )
@@ -313,10 +311,8 @@ class LumpedPose:
     def _kinetic_shares(self, shape: FloatArray) -> dict[str, float]:
         energies = {}
         for name, body in self.placed.superelements.items():
-            motion, rotation = (
-                self.body_motions[name] @ shape,
-                self.placements[name].rotation,
-            )
+            motion = self.body_motions[name] @ shape
+            rotation = self.placements[name].rotation
             spin = rotation.T @ motion[3:]
             energies[name] = body.mass_kg * float(motion[:3] @ motion[:3]) + float(
                 spin @ body.inertia @ spin

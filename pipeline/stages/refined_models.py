@@ -122,7 +122,15 @@ def repeat_with_refined(
         refused=REFUSED,
     )
     left_out = name_what_is_left_out(state.parts).left_out
-    return Repeated((*tried, *at_ends), _find_silent_meshes(state), left_out)
+    return Repeated(
+        (*tried, *at_ends),
+        tuple(
+            name
+            for name, part in state.parts.superelements.items()
+            if part.errors.missing_energy is not None and not part.errors.missing_energy.any()
+        ),
+        left_out,
+    )
 
 
 def list_refined_models(
@@ -149,15 +157,6 @@ def _refine(state: RunState, *, refinement: Refinement, names: Iterable[str]) ->
     if not changed:
         return None
     return silence(dataclasses.replace(state, reduced={**state.reduced, **changed}))
-
-
-def _find_silent_meshes(state: RunState) -> tuple[str, ...]:
-    """Return components whose mesh shows nothing of its error."""
-    return tuple(
-        name
-        for name, part in state.parts.superelements.items()
-        if part.errors.missing_energy is not None and not part.errors.missing_energy.any()
-    )
 
 
 def silence(state: RunState) -> RunState:

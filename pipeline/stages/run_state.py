@@ -237,9 +237,7 @@ class RunState:
 
     @property
     def coupled(self) -> CoupledMachine | None:
-        """The coupled machine in the pose at hand; None before coupling and of a lumped
-        mechanism.
-        """
+        """The coupled machine in this pose; None before coupling and of a lumped mechanism."""
         return None if self.model is None else self.model.coupled
 
     @property
@@ -258,9 +256,7 @@ class RunState:
         return find_answers(self.answers, PoseResponse)
 
     def weigh_meshes(self, factors: Mapping[str, float]) -> None:
-        """Multiply the estimates of mesh errors of components; those that are not reduced here are
-        left out.
-        """
+        """Multiply components' estimates of mesh errors; those not reduced here are left out."""
         for name, factor in factors.items():
             if name in self.reduced:
                 known = self.reduced[name]

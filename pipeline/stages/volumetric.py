@@ -161,7 +161,7 @@ def _place_deviations(
 
 def _known(values: FloatArray) -> FloatArray:
     flat = values.reshape(-1, values.shape[-1])
-    return np.asarray(flat[np.isfinite(flat).all(axis=1)])
+    return flat[np.isfinite(flat).all(axis=1)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,4 +338,4 @@ def _tool_travel(machine: Machine, request: VolumetricRequest, point: str, axis:
         moved.get(end.component or "", np.zeros(3))
         for end in (machine.points[point].tool, machine.points[point].work)
     )
-    return np.asarray(tool - work)
+    return tool - work

@@ -63,9 +63,7 @@ def _warn_of_cutoff(name: str, reduced: ReducedComponent, highest_hz: float) -> 
 
 
 def _warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: float) -> list[str]:
-    """A warning where waves are too short for the mesh: fewer than six nodes on the shortest of
-    them.
-    """
+    """A warning where waves are too short for the mesh: under six nodes on the shortest."""
     if (
         reduced.quality is None
         or reduced.skin is None

@@ -78,12 +78,10 @@ class Journal:
             TakenOutputError: Headstock did not write what is there.
             OutputError: It cannot be written, or another process writes it.
         """
-        self._path, self._form, self._flush_seconds, self._flushed = (
-            path,
-            form,
-            flush_seconds,
-            time.monotonic(),
-        )
+        self._path = path
+        self._form = form
+        self._flush_seconds = flush_seconds
+        self._flushed = time.monotonic()
         try:
             new = not os.path.lexists(path)
             self._handle = os.open(

@@ -302,9 +302,7 @@ def naming_output(path: Path) -> Iterator[Path]:
 
 
 def _write_all(folder: Path, files: Mapping[str, bytes]) -> tuple[set[str], list[str]]:
-    """Write files, each under the first of its names that is free or Headstock's own; the names and
-    remarks.
-    """
+    """Write files under the first name that is free or Headstock's own; names and remarks."""
     remarks: list[str] = []
     with naming_output(folder):
         listed = _read_list(folder)
@@ -454,9 +452,7 @@ def _parse_list(content: bytes) -> Written:
 
 @contextlib.contextmanager
 def _open_list(folder: Path) -> Iterator[int]:
-    """The list of a folder, made where it is missing, for this process alone while the body
-    runs.
-    """
+    """The list of a folder, made where missing, for this process while the body runs."""
     path = folder / LIST_FILE
     while True:
         handle = _open_plain(path, os.O_RDWR | os.O_CREAT | os.O_APPEND)

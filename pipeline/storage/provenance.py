@@ -36,9 +36,7 @@ class _ProgramVersion:
 
 @dataclass(frozen=True)
 class SceneChoice:
-    """A scene file, its variant, the ``KEY=VALUE`` of each ``--set``, and the analyses that were
-    named.
-    """
+    """A scene file, its variant, ``KEY=VALUE`` of each ``--set``, and the analyses named."""
 
     path: Path
     variant: str | None = None
@@ -150,9 +148,7 @@ def trace_content(
 
 @functools.cache
 def find_version(root: Path = PROJECT) -> _ProgramVersion:
-    """Version and commit of this program: of the checkout at a folder, else of the installed
-    distribution.
-    """
+    """Version and commit of this program: of a folder's checkout, else of the distribution."""
     try:
         project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
         if project["name"] == DISTRIBUTION:

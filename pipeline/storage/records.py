@@ -175,11 +175,9 @@ def _read_value(group: h5py.Group, name: str, hint: object) -> object:
 
 
 def _union_options(hint: object) -> tuple[object, ...]:
-    return (
-        typing.get_args(hint)
-        if typing.get_origin(hint) in (types.UnionType, typing.Union)
-        else (hint,)
-    )
+    if typing.get_origin(hint) in (types.UnionType, typing.Union):
+        return typing.get_args(hint)
+    return (hint,)
 
 
 def _subgroup(group: h5py.Group, name: str, where: str) -> h5py.Group:

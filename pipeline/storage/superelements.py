@@ -327,11 +327,9 @@ def _list_arrays(
 ) -> dict[str, tuple[FloatArray | None, tuple[int, ...]]]:
     """Return the arrays of a superelement by name, and the shape that fits its labels."""
     size, boundary = len(superelement.labels), superelement.boundary_size
-    recovery, errors, truncation = (
-        superelement.recovery,
-        superelement.errors,
-        superelement.errors.truncation,
-    )
+    recovery = superelement.recovery
+    errors = superelement.errors
+    truncation = superelement.errors.truncation
     points = 0 if recovery is None else len(recovery.points)
     arrays: dict[str, tuple[FloatArray | None, tuple[int, ...]]] = {
         name: (getattr(holder, name), (size, size))

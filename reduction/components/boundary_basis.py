@@ -70,7 +70,7 @@ class _BoundaryNode:
         if self.shapes is None:
             return self.patch.average_operator()
         fields, weighted = self.fields(), self.weighted_fields()
-        return np.asarray(scipy.linalg.solve(fields.T @ weighted, weighted.T, assume_a="pos").T)
+        return scipy.linalg.solve(fields.T @ weighted, weighted.T, assume_a="pos").T
 
     def weighted_fields(self) -> FloatArray:
         """Return the fields integrated against the shape functions of the patch."""
@@ -373,7 +373,7 @@ def _independent_rows(rows: FloatArray) -> FloatArray:
     scale = np.where(scale > 0.0, scale, 1.0)
     _, singular, vectors = np.linalg.svd(rows / scale, full_matrices=False)
     kept = vectors[singular > DEPENDENCE_TOLERANCE * singular[0]] * scale
-    return np.asarray(np.linalg.qr(kept.T)[0].T)
+    return np.linalg.qr(kept.T)[0].T
 
 
 def boundary_labels(basis: BoundaryBasis) -> list[tuple[str, str]]:

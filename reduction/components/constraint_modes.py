@@ -80,11 +80,9 @@ class MeanConstraints:
             # the boundary node, so psi is rigid and phi free of them
             mean = _mass_mean(operators, supported, middle, free)
             columns, selectors, count = [mean.operator], [mean.values.T], 6
-            self.loose_frame, self.body_motions, self.fixed = (
-                Frame(mean.center),
-                mean.motions @ mean.values,
-                mean.fixed,
-            )
+            self.loose_frame = Frame(mean.center)
+            self.body_motions = mean.motions @ mean.values
+            self.fixed = mean.fixed
             self.node_frames = (self.loose_frame,)
         if len(basis.held.nodes):
             # the points of supports in turned directions: each a mean of its own, which vanishes
@@ -142,7 +140,7 @@ def _mass_mean(
 
 def _local_dofs(operators: ElasticOperators) -> IntArray:
     """Return the mesh dofs ``(3 n_owned,)`` behind the rows this rank owns."""
-    return np.asarray((3 * operators.nodes[:, None] + np.arange(3)).ravel())
+    return (3 * operators.nodes[:, None] + np.arange(3)).ravel()
 
 
 def find_dofs(operators: ElasticOperators, dofs: IntArray) -> BoolArray:
@@ -280,9 +278,7 @@ def dependent_rows(
     prescribed = _prescribe_patches(basis, means, solver)
     rows = means.dependent.T @ (means.select - solver.product(means.full, prescribed))
     sizes = np.linalg.norm(rows, axis=1, keepdims=True)
-    return np.asarray(
-        (rows / np.where(sizes > 0.0, sizes, 1.0))[sizes[:, 0] > DEPENDENCE_TOLERANCE]
-    )
+    return (rows / np.where(sizes > 0.0, sizes, 1.0))[sizes[:, 0] > DEPENDENCE_TOLERANCE]
 
 
 def _prescribe_patches(

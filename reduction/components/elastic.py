@@ -342,7 +342,7 @@ def _estimate_errors(
     extra[:, :size] = extra[:, :size] @ strained
 
     def of_dofs(change: FloatArray) -> FloatArray:
-        return np.asarray(strained @ change[:size, :size] @ strained)
+        return strained @ change[:size, :size] @ strained
 
     return ErrorEstimates(
         missing_energy=of_dofs(estimates.missing_energy),
@@ -472,9 +472,7 @@ def _reduce_loads(
 
 
 def _order_fields(operators: ElasticOperators, vectors: FloatArray) -> RowBlocks:
-    """Return the vectors ``(3 n_owned, k)`` of all ranks as ``(n_points, 3, k)`` in the order of
-    the mesh.
-    """
+    """Return the vectors ``(3 n_owned, k)`` of all ranks as ``(n_points, 3, k)``, as meshed."""
     by_node = vectors.reshape(len(operators.nodes), 3, vectors.shape[1])
     return order_rows(operators.comm, operators.nodes, by_node, operators.total_nodes)
 

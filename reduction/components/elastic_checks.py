@@ -79,7 +79,7 @@ def _free_combinations(points: FloatArray, held: HeldPoints, length: float) -> F
     if not len(rows):
         return np.eye(6)
     values, vectors = np.linalg.eigh(rows.T @ rows)
-    return np.asarray(
+    return (
         np.repeat([1.0, 1.0 / length], 3)[:, None] * vectors[:, values <= FIXED_LIMIT * len(rows)]
     )
 

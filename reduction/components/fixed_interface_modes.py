@@ -77,11 +77,9 @@ def find_fixed_interface_modes(
     none = FixedInterfaceModes(np.zeros(0), np.zeros((owned, 0)), 0.0, 0.0)
     dimension = solver.free_total - solver.constraints.shape[1]
     if target is None or target.count == 0 or dimension <= 0:
-        return (
-            none
-            if dimension > 0
-            else FixedInterfaceModes(np.zeros(0), np.zeros((owned, 0)), np.inf, 0.0)
-        )
+        if dimension > 0:
+            return none
+        return FixedInterfaceModes(np.zeros(0), np.zeros((owned, 0)), np.inf, 0.0)
     remarks: tuple[str, ...] = ()
     many = target.up_to_hz is None and (target.count or 0) > DENSE_SHARE * dimension
     if (dimension <= DENSE_LIMIT and many) or dimension <= SMALL:
@@ -147,7 +145,7 @@ def _draw_numbers(nodes: IntArray, count: int, *, seed: int) -> FloatArray:
     state = (state ^ (state >> np.uint64(27))) * SPLIT_MIX[2]
     state ^= state >> np.uint64(31)
     # the upper 53 bits are as many as a double holds
-    return np.asarray((state >> np.uint64(11)) * 2.0**-52 - 1.0)
+    return (state >> np.uint64(11)) * 2.0**-52 - 1.0
 
 
 def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> EigenPairs:
@@ -194,13 +192,11 @@ def _dense_modes(solver: ConstrainedSolver, target: ModeTarget) -> EigenPairs:
 
 def _congruence(basis: FloatArray, matrix: FloatArray) -> FloatArray:
     product = basis.T @ (0.5 * (matrix + matrix.T)) @ basis
-    return np.asarray(0.5 * (product + product.T))
+    return 0.5 * (product + product.T)
 
 
 class _Improved(NamedTuple):
-    """Eigenvalues ``(m,)`` [rad^2/s^2], shapes ``(n, m)``, and the largest relative change of an
-    eigenvalue.
-    """
+    """Eigenvalues ``(m,)`` [rad^2/s^2], shapes ``(n, m)``, the largest relative change."""
 
     values: FloatArray
     shapes: FloatArray
@@ -257,7 +253,7 @@ def _fix_signs(solver: ConstrainedSolver, shapes: FloatArray) -> FloatArray:
     """Return the shapes with signs that do not depend on the number of ranks."""
     weights = _draw_numbers(solver.operators.nodes, 3, seed=SIGN_SEED).reshape(1, -1)
     signs = np.sign(sum_over_ranks(solver.comm, weights @ shapes))
-    return np.asarray(shapes * np.where(signs == 0.0, 1.0, signs))
+    return shapes * np.where(signs == 0.0, 1.0, signs)
 
 
 def measure_truncation(

@@ -55,7 +55,7 @@ class MeshPatch:
         gram = scale[:, None] * (rigid.T @ weighted) * scale
         total = float(self.weights.sum())
         inverse = np.linalg.pinv(gram / total, rcond=DEPENDENCE_TOLERANCE, hermitian=True) / total
-        return np.asarray(weighted @ (scale[:, None] * inverse * scale))
+        return weighted @ (scale[:, None] * inverse * scale)
 
     def undetermined_rotations(self) -> FloatArray:
         """Return the rotation axes ``(k, 3)`` about which the patch's own nodes do not move: none
@@ -66,7 +66,7 @@ class MeshPatch:
         inertia = np.trace(moments) * np.eye(3) - moments
         values, vectors = np.linalg.eigh(inertia)
         extent = max(float(values[-1]), np.finfo(float).tiny)
-        return np.asarray(vectors[:, values <= DEPENDENCE_TOLERANCE * extent].T)
+        return vectors[:, values <= DEPENDENCE_TOLERANCE * extent].T
 
     def _mean_square_radius(self) -> float:
         arms = self.points - self.centroid
@@ -150,9 +150,7 @@ def _facet_rule(size: int) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def _triangle_rule() -> tuple[FloatArray, FloatArray]:
-    """Return the conical product of Gauss rules on the unit triangle, exact to degree 6 (Stroud
-    1971).
-    """
+    """Return the conical product of Gauss rules on the unit triangle: degree 6 (Stroud 1971)."""
     line, weights = np.polynomial.legendre.leggauss(5)
     u, w = 0.5 * (line + 1.0), 0.5 * weights
     points = np.array([[a, (1.0 - a) * b] for a in u for b in u])

@@ -425,7 +425,7 @@ def _missing_energy(
     if count:
         coarse = scipy.linalg.eigh(rough.inner, eigvals_only=True, subset_by_index=[0, count - 1])
         modal[:count] = np.maximum(coarse / density - modes.squares[:count], 0.0)
-    return np.asarray(scipy.linalg.block_diag(boundary, np.diag(modal)))
+    return scipy.linalg.block_diag(boundary, np.diag(modal))
 
 
 def _measure_truncation(whole: _Condensed, modes: _Modes, density: float) -> Truncation:

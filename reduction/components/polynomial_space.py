@@ -55,16 +55,14 @@ class PolynomialSpace:
         across = local[:, list(in_plane_axes(self.bar.axis))]
         section = _products(across, self.half, self.degrees, None) @ self.mix
         along = _legendre(local[:, self.bar.axis], 0.5 * self.bar.length, self.along, False)
-        return np.asarray(np.einsum("ki,kj->kij", section, along).reshape(len(points), -1))
+        return np.einsum("ki,kj->kij", section, along).reshape(len(points), -1)
 
     def move(self, points: FloatArray, dofs: FloatArray) -> FloatArray:
         """Return the displacements ``(3 k, c)`` of points ``(k, 3)`` under dofs ``(3 n, c)``."""
         return _apply(self.values(points), dofs)
 
     def pull(self, points: FloatArray, forces: FloatArray) -> FloatArray:
-        """Return the forces ``(3 n, c)`` on the dofs by those on points ``(k, 3)``,
-        ``(3 k, c)``.
-        """
+        """Return forces ``(3 n, c)`` on the dofs by those on points ``(k, 3)``, ``(3 k, c)``."""
         return _apply(self.values(points).T, forces)
 
     def rigid_motion(self, origin: FloatArray) -> FloatArray:
@@ -182,7 +180,7 @@ def _products(
         _legendre(places[:, side], half[side], int(degrees[:, side].max()), side == slope)
         for side in (0, 1)
     )
-    return np.asarray(first[:, degrees[:, 0]] * second[:, degrees[:, 1]])
+    return first[:, degrees[:, 0]] * second[:, degrees[:, 1]]
 
 
 def _legendre(places: FloatArray, half: float, degree: int, slope: bool) -> FloatArray:
@@ -191,10 +189,10 @@ def _legendre(places: FloatArray, half: float, degree: int, slope: bool) -> Floa
     """
     norms = np.sqrt((np.arange(degree + 1) + 0.5) / half)
     if not slope:
-        return np.asarray(np.polynomial.legendre.legvander(places / half, degree) * norms)
+        return np.polynomial.legendre.legvander(places / half, degree) * norms
     slopes = np.polynomial.legendre.legder(np.eye(degree + 1))
     values = np.polynomial.legendre.legvander(places / half, max(degree - 1, 0)) @ slopes
-    return np.asarray(values * norms / half)
+    return values * norms / half
 
 
 def polynomial_limit(solid: Solid, material: Material) -> float:

@@ -120,9 +120,7 @@ def _find_singular_edges(
 
 
 def _slides(support: Support, normals: FloatArray) -> bool:
-    """Return whether a support fixes nothing but the motion along the normals ``(n, 3)`` of a flat
-    face.
-    """
+    """Return whether a support fixes only motion along the normals ``(n, 3)`` of a flat face."""
     if np.abs(normals - normals[0]).max(initial=0.0) > 1e-6:
         return all(direction == NORMAL for direction in support.directions)
     units = [
@@ -136,9 +134,7 @@ def _slides(support: Support, normals: FloatArray) -> bool:
 
 
 def _reentrant_nodes(mesh: ComponentMesh, surface: MeshSurface, normals: FloatArray) -> IntArray:
-    """Return the corner points of edges at which the surface turns inwards by more than 45
-    degrees.
-    """
+    """Return corner points of edges where the surface turns inwards by more than 45 degrees."""
     corners = surface.facets[:, : surface.corners]
     ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2)
     keys = np.sort(ends.reshape(-1, 2), axis=1)

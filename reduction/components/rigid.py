@@ -79,7 +79,7 @@ def _unfelt_rotations(component: Component, inertia: FloatArray) -> FloatArray:
     """
     if not isinstance(component.solid, PointMass):
         return np.zeros((0, 6))
-    return np.asarray(np.eye(6)[3:][inertia.diagonal() == 0.0])
+    return np.eye(6)[3:][inertia.diagonal() == 0.0]
 
 
 def _rigid_rails(

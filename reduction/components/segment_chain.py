@@ -46,7 +46,7 @@ def _spring_stiffness(
         raise ValueError("a spring runs in the direction of the bar's axis")
     stretch = np.hstack([-rigid_transfer(first, second), np.eye(6)])
     stiffness = stretch.T @ end @ stretch
-    return np.asarray(0.5 * (stiffness + stiffness.T))
+    return 0.5 * (stiffness + stiffness.T)
 
 
 def _end_flexibility(bar: PrismaticBar, material: Material, length: float) -> FloatArray:
@@ -387,7 +387,7 @@ def traction_load(
     """
     samples = _sample_surface(chain, solid, patches)
     motion = surface_motion(chain, samples.points).reshape(len(samples.points), 3, -1)
-    return np.asarray(np.einsum("k,kin->ni", samples.areas, motion))
+    return np.einsum("k,kin->ni", samples.areas, motion)
 
 
 def _tie_rows(chain: _SegmentChain, *, segment: int, node: int) -> FloatArray:
@@ -420,9 +420,7 @@ def _mean_rows(
     scale = np.repeat([1.0, 1.0 / radius], 3)
     gram = scale[:, None] * (rigid.T @ weighted) * scale / samples.areas.sum()
     inverse = np.linalg.pinv(gram, rcond=DEPENDENCE_TOLERANCE, hermitian=True) / samples.areas.sum()
-    return np.asarray(
-        -(scale[:, None] * inverse * scale) @ weighted.T @ surface_motion(chain, samples.points)
-    )
+    return -(scale[:, None] * inverse * scale) @ weighted.T @ surface_motion(chain, samples.points)
 
 
 def _join_rows(rows: Sequence[FloatArray], chained: int, means: int) -> FloatArray:

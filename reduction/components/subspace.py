@@ -138,4 +138,4 @@ def _mass_properties(operators: ElasticOperators) -> _MassProperties:
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (matrix + matrix.T))
+    return 0.5 * (matrix + matrix.T)

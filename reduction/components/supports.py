@@ -41,11 +41,9 @@ class HeldPoints:
         return len(self.dofs) > 0 or len(self.nodes) > 0
 
     def turned_motions(self, center: FloatArray) -> FloatArray:
-        """Return the motion ``(m, 6)`` along the turned directions in unit rigid motions about a
-        point.
-        """
+        """Return the motion ``(m, 6)`` along the directions in unit rigid motions about a point."""
         motions = rigid_map(self.points, center).reshape(-1, 3, 6)
-        return np.asarray(np.einsum("mi,mij->mj", self.directions, motions))
+        return np.einsum("mi,mij->mj", self.directions, motions)
 
 
 def hold_points(
@@ -126,7 +124,7 @@ def _find_normals(
     }:
         # those of the mesh are a little off, and would stop the tube from turning about its axis
         radial = mesh.points[nodes] * [1.0, 1.0, 0.0]
-        return np.asarray(radial / np.linalg.norm(radial, axis=1, keepdims=True))
+        return radial / np.linalg.norm(radial, axis=1, keepdims=True)
     mean = normals.mean(axis=0)
     if np.abs(normals - mean).max() <= FLAT:
         return np.tile(mean / np.linalg.norm(mean), (len(nodes), 1))

@@ -132,9 +132,8 @@ def _stacked_load(layout: DofLayout, load: Load) -> FloatArray:
         )
     if load.kind == "force":
         end = JointEnd(load.component, load.interface)
-        return np.asarray(
-            motion_rows(layout, end, locate_interface(layout, end)).T
-            @ np.asarray(load.vector, dtype=float)
+        return motion_rows(layout, end, locate_interface(layout, end)).T @ np.asarray(
+            load.vector, dtype=float
         )
     stacked = np.zeros(layout.size)
     local = _combine(layout, load.component, load_factors(layout.placements[load.component], load))
@@ -147,9 +146,7 @@ def _stacked_load(layout: DofLayout, load: Load) -> FloatArray:
 
 
 def _combine(layout: DofLayout, name: str, factors: dict[str, float]) -> FloatArray | None:
-    """Return the sum of unit loads of a superelement, turned to machine axes; None when it lacks
-    one.
-    """
+    """Return the sum of a superelement's unit loads, turned to machine axes; None if lacking."""
     superelement = layout.superelements[name]
     if not all(key in superelement.loads for key in factors):
         return None
@@ -157,7 +154,7 @@ def _combine(layout: DofLayout, name: str, factors: dict[str, float]) -> FloatAr
         (factor * superelement.loads[key].vector for key, factor in factors.items()),
         np.zeros(len(superelement.labels)),
     )
-    return np.asarray(turn_dofs(superelement, layout.placements[name]).T @ local)
+    return turn_dofs(superelement, layout.placements[name]).T @ local
 
 
 def _weight(
@@ -177,4 +174,4 @@ def _weight(
         turn_dofs(superelement, placement).T
         @ rigid_motions(superelement, superelement.center_of_mass)[:, :3]
     )
-    return np.asarray(matrices.masses[name] @ (motions @ local))
+    return matrices.masses[name] @ (motions @ local)

@@ -136,7 +136,7 @@ def _shape_moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointE
 
     def carry(points: FloatArray) -> FloatArray:
         placed = here.origin + points @ here.rotation.T
-        return np.asarray((placed - there.origin) @ there.rotation)
+        return (placed - there.origin) @ there.rotation
 
     parallel = abs(turn[far.normal, near.normal]) > 1.0 - MATCH
     if not parallel or not _cover_each_other(near, far, carry):
@@ -152,7 +152,7 @@ def _shape_moments(joint: Joint, layout: DofLayout, one: JointEnd, other: JointE
     turned = np.einsum("ji,kjm->kim", turn, fields)
     tested = shape_fields(near, points).reshape(len(points), 3, -1)
     result = np.einsum("k,kim,kin->mn", weights, tested, turned)
-    return np.asarray(np.where(np.abs(result) > ROUNDOFF, result, 0.0))
+    return np.where(np.abs(result) > ROUNDOFF, result, 0.0)
 
 
 def _cover_each_other(
@@ -249,4 +249,4 @@ def _rigid_stiffness(
     per_area = layer.shear * np.eye(3) + (layer.normal - layer.shear) * np.outer(normal, normal)
     motions = rigid_map(placed, np.zeros(3)).reshape(len(points), 3, 6)
     total = np.einsum("k,kia,ij,kjb->ab", area * weights, motions, per_area, motions)
-    return np.asarray(0.5 * (total + total.T))
+    return 0.5 * (total + total.T)

@@ -101,9 +101,7 @@ class CoupledMachine:
         """
         size = self.layout.size
         sources = [source for source in (self.errors, self.displaced) if source is not None]
-        return np.asarray(
-            np.sum([np.zeros(size), *(source.offset(size) for source in sources)], axis=0)
-        )
+        return np.sum([np.zeros(size), *(source.offset(size) for source in sources)], axis=0)
 
     @property
     def offsets(self) -> dict[str, slice]:
@@ -187,7 +185,11 @@ def couple(
             *parts.grading.warnings,
             *shapes.warnings,
             *_redundancy_warnings(parts.elimination, fixed.sources),
-            *_floating_warnings(floating, machine),
+            *(
+                f"{' + '.join(group)} float(s): no joint or support connects to ground"
+                for group in floating
+                if not all(machine.components[name].free for name in group)
+            ),
             *warn_of_held_displacements(machine, parts.springs),
             *(warn_of_stress(machine, layout) if machine.gravity_stiffening else ()),
         ),
@@ -353,12 +355,4 @@ def _redundancy_warnings(elimination: Elimination, sources: tuple[str, ...]) -> 
     return (
         f"{len(elimination.redundant)} fixed motion(s) are fixed more than once ({', '.join(names)}): "
         "the machine moves as described, but how the joints share the forces is not unique",
-    )
-
-
-def _floating_warnings(floating: tuple[tuple[str, ...], ...], machine: Machine) -> tuple[str, ...]:
-    return tuple(
-        f"{' + '.join(group)} float(s): no joint or support connects to ground"
-        for group in floating
-        if not all(machine.components[name].free for name in group)
     )

@@ -135,7 +135,7 @@ def clean_stiffness(superelement: Superelement) -> FloatArray:
             f"component {superelement.name!r}: a rigid motion meets {change:.2g} of its stiffness, limit {RIGID_NOISE_LIMIT:g}; "
             "mark the component as supported if it is fixed"
         )
-    return np.asarray(0.5 * (cleaned + cleaned.T))
+    return 0.5 * (cleaned + cleaned.T)
 
 
 def free_deformations(superelement: Superelement) -> FloatArray:
@@ -187,7 +187,7 @@ def _free_rotations(superelement: Superelement) -> FloatArray:
 def _rotation_products(superelement: Superelement, rows: FloatArray) -> FloatArray:
     """Return ``R^T R`` for the columns ``(m, 3)`` of each node's rotations: ``(nodes, 3, 3)``."""
     turns = rows[:, : superelement.node_size].reshape(len(rows), -1, 6)[:, :, 3:].transpose(1, 2, 0)
-    return np.asarray(turns @ turns.transpose(0, 2, 1))
+    return turns @ turns.transpose(0, 2, 1)
 
 
 def _has_free_rotations(superelement: Superelement, stiffness: FloatArray) -> bool:
@@ -213,7 +213,7 @@ def locate_interface(
     component, interface = _named_end(layout, end)
     superelement, placement = layout.superelements[component], layout.placements[component]
     local = superelement.interface_position(interface) + np.asarray(offset)
-    return np.asarray(placement.origin + placement.rotation @ local)
+    return placement.origin + placement.rotation @ local
 
 
 def is_rail(layout: DofLayout, end: JointEnd) -> bool:
@@ -278,7 +278,7 @@ def _rail_rows(
     carried = rigid_transfer(
         placement.origin + placement.rotation @ carriage_center, point
     ) @ rotate_dofs(placement.rotation)
-    return np.asarray(carried @ local_rows @ turn_dofs(superelement, placement))
+    return carried @ local_rows @ turn_dofs(superelement, placement)
 
 
 def _named_end(layout: DofLayout, end: JointEnd) -> tuple[str, str]:

@@ -245,7 +245,7 @@ def find_moved_mass(system: SecondOrderSystem, slides: FloatArray) -> FloatArray
     right = np.zeros((size + count, count))
     right[size:] = level * np.eye(count)
     moved = np.linalg.solve(whole, right)[:size]
-    return np.asarray(np.einsum("ik,ij,jk->k", moved, system.mass, moved))
+    return np.einsum("ik,ij,jk->k", moved, system.mass, moved)
 
 
 @dataclass(frozen=True, eq=False)
@@ -408,17 +408,15 @@ def _length_row(
             tip = frames[joint.name].origin
             rows = motion_rows(coupled.layout, carried["platform"], tip)[:3]
             rows = rows - motion_rows(coupled.layout, standing, base)[:3]
-            return np.asarray(rows.T)
+            return rows.T
     raise ModelError(
         f"leg {leg}: no joint between its tip and the platform, so a scale has no length to read; join them"
     )
 
 
 def _thread_row(spring: PlacedJoint) -> FloatArray:
-    """Return the motion that stretches a screw: along it, less what turns of the nut do along the
-    thread.
-    """
-    return np.asarray(spring.stiffness[0] / spring.stiffness[0, 0] @ spring.rows)
+    """Return the motion that stretches a screw: along it, less what turns of the nut do."""
+    return spring.stiffness[0] / spring.stiffness[0, 0] @ spring.rows
 
 
 def _travel_sign(joint: Joint, moves: tuple[str, ...], along: float) -> float:
@@ -447,4 +445,4 @@ def _scale_row(coupled: CoupledMachine, machine: Machine, point: str, axis: str)
     carrier = machine.axes[axis]
     row = carrier.direction @ point_rows(coupled.layout, machine.points[point])[:3]
     carries_tool = machine.points[point].tool.component in carrier.moves
-    return np.asarray(row if carries_tool else -row)
+    return row if carries_tool else -row

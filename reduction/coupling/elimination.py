@@ -163,9 +163,7 @@ class _Split:
 
 
 def _tie_dofs(pattern: BoolArray, ends: IntArray) -> list[_Set]:
-    """Return the sets by where rows ``(m, n_all)`` have entries, and the numbers at which their
-    blocks end.
-    """
+    """Return sets by where rows ``(m, n_all)`` have entries, and where their blocks end."""
     sparse, (count, size) = csr_matrix(pattern), pattern.shape
     graph = bmat([[csr_matrix((count, count)), sparse], [sparse.T, csr_matrix((size, size))]])
     names = connected_components(graph, directed=False)[1]

@@ -269,9 +269,7 @@ def move_rows(rows: FloatArray, moved: FloatArray) -> FloatArray:
     roundoff, which no spline along a path could follow.
     """
     products = rows @ moved
-    return np.asarray(
-        np.where(np.abs(products) > ROUNDOFF * np.abs(rows) @ np.abs(moved), products, 0.0)
-    )
+    return np.where(np.abs(products) > ROUNDOFF * np.abs(rows) @ np.abs(moved), products, 0.0)
 
 
 def _modal_rates(
@@ -286,7 +284,7 @@ def _modal_rates(
     modal = damped.damping - physical
     if not modal.any():
         return np.zeros_like(inertial)
-    return np.asarray(modal @ np.linalg.lstsq(system.mass, inertial)[0])
+    return modal @ np.linalg.lstsq(system.mass, inertial)[0]
 
 
 def check_offsets(coupled: CoupledMachine, travel: ErrorTravel) -> None:

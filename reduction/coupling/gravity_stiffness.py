@@ -125,7 +125,7 @@ def find_gravity_stiffness(
         if machine.components[name].fidelity == "segmented":
             contacts += _segment_contacts(name, layout, inner[name])
     whole = extra + sum((_second_order(contact) for contact in contacts), np.zeros_like(extra))
-    return np.asarray(0.5 * (whole + whole.T))
+    return 0.5 * (whole + whole.T)
 
 
 def warn_of_stress(machine: Machine, layout: DofLayout) -> tuple[str, ...]:
@@ -206,7 +206,11 @@ def _component_bodies(
     superelement, placement = layout.superelements[name], layout.placements[name]
     dofs = layout.offsets[name]
     if machine.components[name].fidelity == "segmented":
-        nodes = _chain_nodes(matrices.stiffnesses[name])
+        # the nodes of a row of segments: those that springs act on
+        stiffness = matrices.stiffnesses[name]
+        count = len(stiffness) // 6
+        sizes = np.abs(stiffness.diagonal()).reshape(count, 6).max(axis=1)
+        nodes = [int(node) for node in np.flatnonzero(sizes > 0.0)]
         places = np.array(
             [
                 placement.origin + placement.rotation @ superelement.frames[node].origin
@@ -237,13 +241,6 @@ def _component_bodies(
     rotation[:, dofs] = (np.linalg.pinv(rigid.T @ heavy) @ heavy.T)[3:]
     body = _Body(center, rotation)
     return lambda point, interface: body
-
-
-def _chain_nodes(stiffness: FloatArray) -> list[int]:
-    """Return the nodes of a row of segments: those that springs act on."""
-    count = len(stiffness) // 6
-    sizes = np.abs(stiffness.diagonal()).reshape(count, 6).max(axis=1)
-    return [int(node) for node in np.flatnonzero(sizes > 0.0)]
 
 
 def _node_rows(layout: DofLayout, start: int, node: int) -> FloatArray:

@@ -75,11 +75,11 @@ class ErrorLoads:
     @property
     def load(self) -> FloatArray:
         """Of all sources ``(n,)``."""
-        return np.asarray(np.sum(list(self.loads.values()), axis=0))
+        return np.sum(list(self.loads.values()), axis=0)
 
     def offset(self, size: int) -> FloatArray:
         """Return the offsets of all sources ``(size,)``."""
-        return np.asarray(np.sum([*self.offsets.values(), np.zeros(size)], axis=0))
+        return np.sum([*self.offsets.values(), np.zeros(size)], axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +100,7 @@ class FixedRows:
     first: int
 
     def values(self, by_joint: Mapping[str, FloatArray]) -> FloatArray:
-        """Return the values ``(c,)`` that the constraint rows must take for offsets ``(6,)`` of
-        joints.
-        """
+        """Return the values ``(c,)`` that constraint rows must take for joint offsets ``(6,)``."""
         wanted = np.zeros(len(self.constraints))
         first = self.first
         for spring in self.springs:
@@ -193,9 +191,7 @@ def sample_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str,
 
 
 def find_offsets(machine: Machine, places: ErrorPlaces) -> dict[str, dict[str, FloatArray]]:
-    """Find the offsets ``(6,)`` of the joints in one pose by source and joint; see
-    ``sample_offsets``.
-    """
+    """Find joints' offsets ``(6,)`` in one pose by source and joint: ``sample_offsets``."""
     return {
         source: {joint: offset[0] for joint, offset in offsets.items()}
         for source, offsets in sample_offsets(machine, places).items()
@@ -299,7 +295,7 @@ def follow_fixed(constraints: FloatArray, wanted: FloatArray, layout: DofLayout)
     scaled = np.linalg.lstsq(constraints * scale, wanted)[0]
     # no spline along a path could follow roundoff
     scaled[np.abs(scaled) < ROUNDOFF * np.abs(scaled).max(axis=0, initial=0.0)] = 0.0
-    return np.asarray(scale[:, None] * scaled)
+    return scale[:, None] * scaled
 
 
 def _check_fixed(
@@ -340,9 +336,7 @@ def _rail_place(joint: Joint, frame: Frame, layout: DofLayout) -> float:
 
 
 def _rail_side(joint: Joint, layout: DofLayout) -> JointEnd:
-    """Return the end that a joint slides along: a rail, else the second, or the first where that is
-    ground.
-    """
+    """Return the end that a joint slides along: a rail, else the second that is not ground."""
     first, second = joint.ends
     return first if first.component is None or is_rail(layout, first) else second
 

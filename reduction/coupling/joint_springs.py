@@ -179,11 +179,9 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> PlacedJoin
     elif joint.screw is not None:
         spring = _place_shaft(joint, joint.screw, spring, layout)
     beta = machine.rayleigh.beta
-    return (
-        dataclasses.replace(spring, damping=spring.damping + beta * spring.stiffness)
-        if beta
-        else spring
-    )
+    if beta:
+        return dataclasses.replace(spring, damping=spring.damping + beta * spring.stiffness)
+    return spring
 
 
 def _add_layer(spring: PlacedJoint, layer: PlacedLayer) -> PlacedJoint:
@@ -476,7 +474,7 @@ def _stiff_deformations(
 
 def _turned_deformations(element: Superelement, placement: Frame) -> FloatArray:
     """Return the rows ``(n - 6, n)`` of a component in machine axes."""
-    return np.asarray(free_deformations(element) @ turn_dofs(element, placement))
+    return free_deformations(element) @ turn_dofs(element, placement)
 
 
 def _ratio_warnings(

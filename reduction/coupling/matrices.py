@@ -258,7 +258,7 @@ def _sum_shared(
 def _sum_terms(part: FloatArray, matrix: FloatArray) -> FloatArray:
     """Return the sizes ``(k,)`` of the terms of the diagonal of ``P^T A P``."""
     size = np.abs(part)
-    return np.asarray(np.einsum("ij,ij->j", size, np.abs(matrix) @ size))
+    return np.einsum("ij,ij->j", size, np.abs(matrix) @ size)
 
 
 def _is_identity(part: FloatArray) -> bool:
@@ -275,4 +275,4 @@ def _is_identity(part: FloatArray) -> bool:
 def _congruence(turn: FloatArray, matrix: FloatArray) -> FloatArray:
     # axis-parallel components, which are most, need no products
     turned = matrix if _is_identity(turn) else turn.T @ matrix @ turn
-    return np.asarray(0.5 * (turned + turned.T))
+    return 0.5 * (turned + turned.T)

@@ -57,7 +57,7 @@ def inertia_load(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) 
     Raises:
         ModelError: A component that travels is itself fixed to the machine frame.
     """
-    return np.asarray(-coupled.basis.T @ find_momenta(coupled, rigid_travel(coupled, directions)))
+    return -coupled.basis.T @ find_momenta(coupled, rigid_travel(coupled, directions))
 
 
 def rigid_travel(coupled: CoupledMachine, directions: Mapping[str, FloatArray]) -> FloatArray:
@@ -88,16 +88,15 @@ def body_travel(coupled: CoupledMachine, name: str) -> FloatArray:
     local = rigid_motions(superelement, superelement.center_of_mass) @ rotate_dofs(
         placement.rotation.T
     )
-    return np.asarray(turn_dofs(superelement, placement).T @ local)
+    return turn_dofs(superelement, placement).T @ local
 
 
 def body_loads(coupled: CoupledMachine, name: str) -> FloatArray:
     """Return the generalised loads ``(n, 6)`` per unit acceleration of a component as a rigid body:
     its mass times that motion, reversed.
     """
-    return np.asarray(
-        -coupled.basis[coupled.offsets[name]].T
-        @ (coupled.matrices.masses[name] @ body_travel(coupled, name))
+    return -coupled.basis[coupled.offsets[name]].T @ (
+        coupled.matrices.masses[name] @ body_travel(coupled, name)
     )
 
 
@@ -277,7 +276,7 @@ def housing_loads(trains: Sequence[DriveTrain], turned: FloatArray, total: int) 
         turned: ``(d, k)`` turn of each housing about its screw, as travel.
     """
     rows, masses = _turning_masses(trains, total)
-    return np.asarray(-rows.T @ (masses[:, None] * np.repeat(turned, 2, axis=0)))
+    return -rows.T @ (masses[:, None] * np.repeat(turned, 2, axis=0))
 
 
 def _turning_masses(trains: Sequence[DriveTrain], total: int) -> tuple[FloatArray, FloatArray]:

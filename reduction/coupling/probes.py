@@ -93,13 +93,11 @@ def carry_probe(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> Flo
     """Return what a probe sees ``(9, ...)`` of motions of the stacked dofs ``(n_all, ...)``,
     machine axes.
     """
-    superelement, placement = (
-        coupled.layout.superelements[probe.component],
-        coupled.placements[probe.component],
-    )
+    superelement = coupled.layout.superelements[probe.component]
+    placement = coupled.placements[probe.component]
     local = turn_dofs(superelement, placement) @ moved[coupled.offsets[probe.component]]
     to_machine = scipy.linalg.block_diag(placement.rotation, turn_stress(placement.rotation))
-    return np.asarray(to_machine @ superelement.probes[probe.name].values @ local)
+    return to_machine @ superelement.probes[probe.name].values @ local
 
 
 def travel_inertia(coupled: CoupledMachine, probe: Probe, direction: FloatArray) -> FloatArray:
@@ -113,13 +111,11 @@ def moved_inertia(coupled: CoupledMachine, probe: Probe, moved: FloatArray) -> F
     """Return the same ``(9, ...)`` per acceleration of the dofs of its component
     ``(n_own, ...)``.
     """
-    superelement, placement = (
-        coupled.layout.superelements[probe.component],
-        coupled.placements[probe.component],
-    )
+    superelement = coupled.layout.superelements[probe.component]
+    placement = coupled.placements[probe.component]
     local = (turn_dofs(superelement, placement) @ moved)[: superelement.boundary_size]
     to_machine = scipy.linalg.block_diag(placement.rotation, turn_stress(placement.rotation))
-    return np.asarray(to_machine @ superelement.probes[probe.name].inertia @ local)
+    return to_machine @ superelement.probes[probe.name].inertia @ local
 
 
 def component_factors(

@@ -175,7 +175,7 @@ class CoupledSlopes:
         """``C^+`` ``(n_all, m)``: smallest motion that gives the fixed rows unit values."""
         rows = np.vstack(list(self.pieces.constraints.values()))
         scale = scale_dofs(self.coupled.layout)
-        return np.asarray(scale[:, None] * np.linalg.pinv(rows * scale, rcond=RANK_TOLERANCE))
+        return scale[:, None] * np.linalg.pinv(rows * scale, rcond=RANK_TOLERANCE)
 
     @cached_property
     def _places(self) -> dict[str, slice]:
@@ -244,7 +244,7 @@ class CoupledSlopes:
         total = np.zeros_like(forces)
         for name, change in slope.constraints.items():
             total -= change.T @ multipliers[self._places[name]]
-        return np.asarray(self.coupled.basis.T @ total)
+        return self.coupled.basis.T @ total
 
     def _component_forces(
         self, matrices: Mapping[str, FloatArray], motions: FloatArray

@@ -85,7 +85,7 @@ def _soften(stiffness: FloatArray, missing: FloatArray) -> FloatArray:
     kept = values > ROUNDING * values[-1]
     rows = (shapes[:, kept] / np.sqrt(values[kept])).T * scale @ missing
     softer = stiffness - missing + rows.T @ rows
-    return np.asarray(0.5 * (softer + softer.T))
+    return 0.5 * (softer + softer.T)
 
 
 def _correct_load(load: StaticLoad, share: float) -> StaticLoad:

@@ -100,9 +100,7 @@ def find_border_changes(
 def _add_modes_at_chatter(
     space: ResponseSpace, find: FindBorder, chatter: FloatArray, plain: Border
 ) -> Border:
-    """Return the changes by the lower and upper bound of the modes left out, at the frequencies of
-    chatter.
-    """
+    """Return changes by the lower and upper bound of modes left out, at chatter frequencies."""
     unknown = np.full(len(chatter), np.nan)
     bounds = Border(unknown.copy(), unknown.copy())
     with np.errstate(invalid="ignore"):
@@ -163,7 +161,7 @@ class _Follower:
 
     def shape(self, mode: int) -> FloatArray:
         """Return the coordinates ``(m,)`` of a mode."""
-        return np.asarray(self._modes.field[:, mode])
+        return self._modes.field[:, mode]
 
 
 def _mode_set(model: FrfModel, count: int) -> ModeSet:

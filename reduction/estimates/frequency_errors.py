@@ -158,4 +158,4 @@ def new_directions(block: FloatArray, space: FloatArray, mass: FloatArray) -> Fl
         block = block - space @ (space.T @ (mass @ block))
     values, vectors = np.linalg.eigh(block.T @ mass @ block)
     kept = values > DEPENDENT
-    return np.asarray(block @ (vectors[:, kept] / np.sqrt(values[kept])))
+    return block @ (vectors[:, kept] / np.sqrt(values[kept]))

@@ -222,7 +222,7 @@ def _frequency_change(part: MeshedPart, change: _PartChange, modes: ModalResult)
         )
     )
     share = stiffer / squares - np.where(elastic, heavier, 0.0)
-    return np.asarray(0.5 * modes.frequencies_hz * np.abs(share))
+    return 0.5 * modes.frequencies_hz * np.abs(share)
 
 
 def compliance_shape_errors(
@@ -282,7 +282,7 @@ def _compliance_change(
     part: MeshedPart, change: _PartChange, displacements: FloatArray
 ) -> FloatArray:
     strains = part.strain(displacements)
-    return np.asarray(np.abs(np.einsum("im,ij,jm->m", strains, change.stiffness, strains)))
+    return np.abs(np.einsum("im,ij,jm->m", strains, change.stiffness, strains))
 
 
 def compliance_mesh_errors(
@@ -337,10 +337,8 @@ def interface_kind_energies(
         node = element.interface_maps[interface].node
         rows = slice(6 * node, 6 * node + 6)
         forces = element.stiffness[rows] @ local_rows - (element.mass[rows] @ local_rows) * squares
-        radius, modulus = (
-            np.sqrt(area / np.pi),
-            parts[name].youngs_modulus / (1.0 - parts[name].poisson_ratio ** 2),
-        )
+        radius = np.sqrt(area / np.pi)
+        modulus = parts[name].youngs_modulus / (1.0 - parts[name].poisson_ratio ** 2)
         forces_2, moments_2 = (forces[:3] ** 2).sum(axis=0), (forces[3:] ** 2).sum(axis=0)
         energies[f"{name}.{interface}"] = (
             FORCE_DOUBT * forces_2 / radius + MOMENT_DOUBT * moments_2 / radius**3

@@ -289,7 +289,7 @@ class ResponseSpace:
         if self.control is not None:
             added = self.control.dynamic_stiffness(np.array([2.0 * np.pi * near_hz]))[0].real
             stiffness = stiffness + symmetrise(added)
-        return np.asarray(eigh(stiffness, mass, eigvals_only=True))
+        return eigh(stiffness, mass, eigvals_only=True)
 
     def softening(self, hz: float) -> float:
         """Return the frequency of the nearest mode with finer meshes over its present one."""
@@ -300,9 +300,7 @@ class ResponseSpace:
     def participations(
         self, squares: FloatArray, only: str | None = None
     ) -> tuple[ComplexArray, ComplexArray]:
-        """Return the lower and upper bound of ``lambda^2 R`` ``(n_freq, m, m)``, of one component
-        or of all.
-        """
+        """Return lower and upper bound of ``lambda^2 R`` ``(n_freq, m, m)``, of one part or all."""
         shape = (len(squares), *self._mass.shape)
         least, most = np.zeros(shape, dtype=complex), np.zeros(shape, dtype=complex)
         column, omega = squares[:, None, None], np.sqrt(squares)[:, None, None]
@@ -452,9 +450,7 @@ class ResponseErrors:
         """Error by the modes left out ``(n_freq, n_outputs, n_inputs)``: the larger change and the
         difference of both.
         """
-        return np.asarray(
-            np.maximum(np.abs(self.least), np.abs(self.most)) + np.abs(self.most - self.least)
-        )
+        return np.maximum(np.abs(self.least), np.abs(self.most)) + np.abs(self.most - self.least)
 
 
 def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> ResponseErrors:
@@ -533,7 +529,7 @@ def soften_response(space: ResponseSpace, frequencies_hz: FloatArray) -> Complex
 
 
 def _respond(space: ResponseSpace, dynamic: ComplexArray) -> ComplexArray:
-    return np.asarray(space.rows @ np.linalg.solve(dynamic, space.loads.astype(complex)))
+    return space.rows @ np.linalg.solve(dynamic, space.loads.astype(complex))
 
 
 @dataclass(frozen=True, eq=False)

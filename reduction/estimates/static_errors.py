@@ -105,7 +105,7 @@ def estimate_deviation(
 def _is_silent(coupled: CoupledMachine, motions: FloatArray) -> FloatArray:
     """Return which motions ``(n, m)`` strain dofs whose mesh error is not known."""
     energies = np.einsum("im,ij,jm->m", motions, coupled.system.stiffness, motions)
-    return np.asarray(silent_energies(coupled, motions) > SILENT_SHARE * energies)
+    return silent_energies(coupled, motions) > SILENT_SHARE * energies
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +207,7 @@ def moved_locally(strain_reach: float, local: ComplexArray | FloatArray) -> Floa
     """
     shears = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
     squares = np.tensordot(shears, (np.abs(local) ** 2).sum(axis=0), axes=1)
-    return np.asarray(MOVED_SHARE * strain_reach * np.sqrt(squares))
+    return MOVED_SHARE * strain_reach * np.sqrt(squares)
 
 
 def bound_von_mises(stress: FloatArray, errors: RestErrors) -> tuple[float, float]:

@@ -24,6 +24,7 @@ MOTION_NAMES = (
     "C rotation",
 )
 MOVING_SHARE = 1e-6
+FAMILIES_SHOWN = 4
 RANK_TOLERANCE = 1e-9
 
 
@@ -56,9 +57,7 @@ class BodyMotion:
 def center_of_mass(coupled: CoupledMachine, name: str) -> FloatArray:
     """Return the centre of mass ``(3,)`` of a component in the machine frame [m]."""
     placement = coupled.placements[name]
-    return np.asarray(
-        placement.origin + placement.rotation @ coupled.layout.superelements[name].center_of_mass
-    )
+    return placement.origin + placement.rotation @ coupled.layout.superelements[name].center_of_mass
 
 
 def rigid_dofs(coupled: CoupledMachine, name: str, point: FloatArray) -> FloatArray:
@@ -68,9 +67,7 @@ def rigid_dofs(coupled: CoupledMachine, name: str, point: FloatArray) -> FloatAr
     Args:
         point: ``(3,)`` point about which it rotates, machine frame [m].
     """
-    return np.asarray(
-        coupled.matrices.rigid[name] @ rigid_transfer(point, coupled.placements[name].origin)
-    )
+    return coupled.matrices.rigid[name] @ rigid_transfer(point, coupled.placements[name].origin)
 
 
 def _body_motion(coupled: CoupledMachine, name: str, stacked: FloatArray) -> BodyMotion:
@@ -102,7 +99,7 @@ def split_motions(coupled: CoupledMachine, stacked: FloatArray) -> tuple[BodyMot
     return tuple(_body_motion(coupled, name, stacked) for name in coupled.offsets)
 
 
-def join_names(names: Sequence[str], limit: int = 4) -> str:
+def join_names(names: Sequence[str]) -> str:
     """Return ``a + pad_1..4``: numbered names of one family together, cut with an ellipsis where
     there are many.
     """
@@ -111,14 +108,12 @@ def join_names(names: Sequence[str], limit: int = 4) -> str:
         stem, number = split_number(name)
         families.setdefault(stem, []).extend([] if number is None else [number])
     parts = [_join_family(stem, sorted(numbers)) for stem, numbers in families.items()]
-    shown = " + ".join(parts[:limit])
-    return f"{shown} ..." if len(parts) > limit else shown
+    shown = " + ".join(parts[:FAMILIES_SHOWN])
+    return f"{shown} ..." if len(parts) > FAMILIES_SHOWN else shown
 
 
 def name_families(names: Iterable[str]) -> dict[str, list[str]]:
-    """Return the names that differ by a number only, by what they are called together:
-    ``pad_1..4``.
-    """
+    """Return names that differ by a number only, by a common name: ``pad_1..4``."""
     families: dict[str, list[str]] = {}
     for name in sorted(names):
         families.setdefault(split_number(name)[0], []).append(name)

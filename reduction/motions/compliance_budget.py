@@ -172,7 +172,7 @@ def weight_energy(coupled: CoupledMachine, first: FloatArray, second: FloatArray
     if coupled.geometric is None:
         return np.zeros(first.shape[1])
     moved = coupled.geometric @ (coupled.basis @ second)
-    return np.asarray(np.einsum("im,im->m", coupled.basis @ first, moved))
+    return np.einsum("im,im->m", coupled.basis @ first, moved)
 
 
 def _deformation(coupled: CoupledMachine, name: str, motion: FloatArray) -> FloatArray:
@@ -184,7 +184,7 @@ def _deformation(coupled: CoupledMachine, name: str, motion: FloatArray) -> Floa
         return motion
     placement = coupled.placements[name]
     first = placement.origin + placement.rotation @ superelement.frames[0].origin
-    return np.asarray(motion - rigid_dofs(coupled, name, first) @ motion[:6])
+    return motion - rigid_dofs(coupled, name, first) @ motion[:6]
 
 
 def _kinetic_energies(coupled: CoupledMachine, shape: FloatArray) -> dict[str, float]:

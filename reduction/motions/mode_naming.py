@@ -62,11 +62,9 @@ def _round_axis(moments: FloatArray, axes: FloatArray, places: FloatArray) -> Fl
         (axes[:, 2], axes[:, 0], axes[:, 1]) if first else (axes[:, 0], axes[:, 1], axes[:, 2])
     )
     angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False)
-    return (
-        np.asarray(axis)
-        if _is_even(places, np.outer(np.cos(angles), side) + np.outer(np.sin(angles), other))
-        else None
-    )
+    if _is_even(places, np.outer(np.cos(angles), side) + np.outer(np.sin(angles), other)):
+        return np.asarray(axis)
+    return None
 
 
 def _is_ball(moments: FloatArray, places: FloatArray) -> bool:
@@ -292,10 +290,8 @@ def _describe_deformation(coupled: CoupledMachine, motion: BodyMotion) -> tuple[
     sizes = (field**2).sum(axis=0)
     if not sizes.sum() > 0.0:
         return "deform", ""
-    superelement, rotation = (
-        coupled.layout.superelements[motion.component],
-        coupled.placements[motion.component].rotation,
-    )
+    superelement = coupled.layout.superelements[motion.component]
+    rotation = coupled.placements[motion.component].rotation
     moments, axes = np.linalg.eigh(superelement.inertia)
     long = rotation @ axes[:, 0]
     slender = moments[0] < SLENDER_RATIO * moments[1]
@@ -361,10 +357,8 @@ def _sample_field(coupled: CoupledMachine, motion: BodyMotion) -> tuple[FloatArr
 
     Mesh points where the recovery basis is kept, boundary nodes otherwise.
     """
-    superelement, placement = (
-        coupled.layout.superelements[motion.component],
-        coupled.placements[motion.component],
-    )
+    superelement = coupled.layout.superelements[motion.component]
+    placement = coupled.placements[motion.component]
     rotation = placement.rotation
     if superelement.recovery is None:
         origins = np.array([frame.origin for frame in superelement.frames]).reshape(-1, 3)

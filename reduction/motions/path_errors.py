@@ -133,7 +133,7 @@ def _static_gain(
     motions = find_offset_motions(coupled, travel, coupled.system)
     moved = solve_machine_static(coupled, motions.loads).displacements
     rows = np.array([coupled.system.outputs[channel] for channel in outputs])
-    return np.asarray(rows @ moved + _move_outputs(coupled, travel.machine, motions, outputs))
+    return rows @ moved + _move_outputs(coupled, travel.machine, motions, outputs)
 
 
 def _move_outputs(

@@ -63,7 +63,7 @@ class ToolDeviation:
     @property
     def total(self) -> FloatArray:
         """``(6,)``."""
-        return np.asarray(np.sum([np.zeros(6), *self.sources.values()], axis=0))
+        return np.sum([np.zeros(6), *self.sources.values()], axis=0)
 
 
 def fixed_offsets(coupled: CoupledMachine, machine: Machine, name: str) -> dict[str, FloatArray]:

@@ -114,9 +114,7 @@ class ContouringRequest(Request):
 
 
 class _ContouringTable(types.RequestTable):
-    """A square block milled around from outside, or a line of corners that the tool's centre
-    follows.
-    """
+    """A square block milled around from outside, or a line that the tool's centre follows."""
 
     loads_probes = "by itself"
 

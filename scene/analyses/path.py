@@ -450,13 +450,13 @@ def _follows_pose(scene: SceneTable, table: PathTable) -> bool:
     """A loop of linear axes under control is closed in the pose of the middle, unless something else
     is written.
     """
-    return (
-        scene.mechanism is not None
-        or bool(build_path(scene, table).turning)
-        or not build_drives(scene)
-        if table.pose_model is None
-        else table.pose_model == "pose_dependent"
-    )
+    if table.pose_model is None:
+        return (
+            scene.mechanism is not None
+            or bool(build_path(scene, table).turning)
+            or not build_drives(scene)
+        )
+    return table.pose_model == "pose_dependent"
 
 
 ANALYSIS = SceneAnalysis(

@@ -73,9 +73,7 @@ def build_axis(
 
 
 def _axis_direction(table: AxisTable, scene: SceneTable) -> FloatArray:
-    """Direction ``(3,)`` of an axis: as written, or that of the first guiding joint that has
-    one.
-    """
+    """Direction ``(3,)`` of an axis: as written, or the first guiding joint's."""
     if table.direction is not None:
         return np.array(table.direction)
     guides = _guiding_joints(scene, table)

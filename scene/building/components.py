@@ -312,11 +312,9 @@ def _find_face_fault(face: str, solid: Solid) -> str:
         return f"{face[:80]!r} is not a face of a point mass, which has one: {CENTER_FACE}"
     prefix, colon, rest = face.partition(":")
     if colon and prefix == "face":
-        return (
-            ""
-            if rest.isdecimal() and int(rest[:9]) > 0
-            else f"{face!r}: faces are counted from 1; write face:1"
-        )
+        if rest.isdecimal() and int(rest[:9]) > 0:
+            return ""
+        return f"{face!r}: faces are counted from 1; write face:1"
     if colon and prefix == "set" and isinstance(solid, MeshFile):
         return "" if rest else "names no set; write set:NAME with a surface set of the mesh"
     more = ["face:N", "set:NAME"] if isinstance(solid, MeshFile) else ["face:N"]
@@ -335,11 +333,9 @@ def find_patch_fault(table: PatchTable, solid: Solid) -> str:
         return fault
     if table.face not in PLANAR_FACES:
         if isinstance(solid, StepFile | MeshFile) and table.face not in ("outer", "inner"):
-            return (
-                ""
-                if shape.center is not None and len(shape.center) == 3
-                else "write the centre with all three coordinates"
-            )
+            if shape.center is not None and len(shape.center) == 3:
+                return ""
+            return "write the centre with all three coordinates"
         return f"disk, rect and strip need a flat face, {table.face!r} is not one; remove the shape to use the whole face"
     if _patch_center(table, solid) is None:
         return "the centre of this face is known from the file only; write the centre of the patch"
@@ -430,9 +426,7 @@ def check_presence(draft: Draft) -> None:
 
 
 def check_components(draft: Draft) -> None:
-    """Report what is wrong with components: their materials, names, meshes, segments and
-    patches.
-    """
+    """Report what is wrong with components: materials, names, meshes, segments, patches."""
     for name, table in draft.table.components.items():
         key: KeyPath = ("components", name)
         if table.material is not None:

@@ -188,9 +188,7 @@ def collect_sections(raw: TomlTable) -> dict[str, frozenset[str]]:
 
 
 def collect_interfaces(raw: TomlTable) -> dict[str, frozenset[str] | None]:
-    """Interface names of each component of a parsed scene, valid or not; None where only a file
-    knows them.
-    """
+    """Interface names of each component of a parsed scene; None where a file knows them."""
     interfaces: dict[str, frozenset[str] | None] = {}
     components = raw.get("components")
     for name, entry in components.items() if isinstance(components, dict) else ():

@@ -11,16 +11,14 @@ from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.scene.building.draft import Draft
 from headstock.scene.reading.findings import Findings, KeyPath
 from headstock.scene.reading.units import DAMPING
-from headstock.scene.schema.drives import DriveTable, FrictionTable
+from headstock.scene.schema.drives import DriveTable
 from headstock.scene.schema.effects import CONTOUR_EFFECTS, GRAVITY_STIFFENING, find_effect_fault
 from headstock.scene.schema.scene import SceneTable
 
-DRIVE_CONTROL, FRICTION, SCREW_INERTIA, TORQUE_RIPPLE = (
-    "drive_control",
-    "friction",
-    "screw_inertia",
-    "torque_ripple",
-)
+DRIVE_CONTROL = "drive_control"
+FRICTION = "friction"
+SCREW_INERTIA = "screw_inertia"
+TORQUE_RIPPLE = "torque_ripple"
 DEAD_CYCLES = 1.5  # one cycle of computing, and half a cycle during which a force stays
 
 
@@ -241,7 +239,13 @@ def _build_drive(name: str, table: DriveTable, scene: SceneTable) -> Drive:
         screw_inertia=(table.screw_inertia or 0.0) if SCREW_INERTIA in scene.active else 0.0,
         coupling=math.inf if table.coupling is None else table.coupling,
         scale=table.scale,
-        friction=None if friction is None else _build_friction(friction),
+        friction=None
+        if friction is None
+        else friction.fill(
+            GuideFriction,
+            breakaway=friction.coulomb if friction.breakaway is None else friction.breakaway,
+            viscous=0.0 if friction.viscous is None else friction.viscous.value,
+        ),
         cycle=table.sampling or 0.0,
         acceleration_share=table.feed_forward.acceleration,
         ripple=tuple(
@@ -264,14 +268,6 @@ def _build_control(table: DriveTable, lead: float) -> AxisControl:
         dead_time=late,
         current_lag=table.current_loop or 0.0,
         encoder=table.encoder,
-    )
-
-
-def _build_friction(table: FrictionTable) -> GuideFriction:
-    return table.fill(
-        GuideFriction,
-        breakaway=table.coulomb if table.breakaway is None else table.breakaway,
-        viscous=0.0 if table.viscous is None else table.viscous.value,
     )
 
 

@@ -294,11 +294,9 @@ def _joint_rotation(table: JointTable) -> FloatArray:
             axis = np.array([0.0, 0.0, 1.0])
         # columns: axis, second, third: a right-handed turn puts the axis last
         side = frame_axes(axis, normal)
-        return (
-            np.column_stack([side[:, 1], side[:, 2], side[:, 0]])
-            if normal is None
-            else frame_axes(normal - (normal @ axis) * axis, axis)
-        )
+        if normal is None:
+            return np.column_stack([side[:, 1], side[:, 2], side[:, 0]])
+        return frame_axes(normal - (normal @ axis) * axis, axis)
     if axis is None:
         if normal is None:
             return np.eye(3)

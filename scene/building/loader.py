@@ -360,9 +360,7 @@ def _build_components(scene: SceneTable, folder: Path) -> dict[str, Component]:
 
 
 def _build_joints(scene: SceneTable, parts: dict[str, Component]) -> dict[str, Joint]:
-    """The joints of a scene, and behind each screw with two fixed bearings its shaft as a tie
-    between them.
-    """
+    """The joints of a scene; behind each screw with two fixed bearings its shaft as a tie."""
     built: dict[str, Joint] = {}
     for key, table in scene.joints.items():
         joint = joints.build_joint(key, table)

@@ -147,9 +147,7 @@ def _check_displacement(key: KeyPath, table: LoadTable, draft: Draft) -> None:
 
 
 def check_scene_probes(draft: Draft) -> None:
-    """Report probes in components that are not meshed, and probes of a machine that nothing
-    loads.
-    """
+    """Report probes in unmeshed components, and probes of a machine that nothing loads."""
     scene = draft.table
     for name, probe in scene.probes.items():
         draft.check_name(("probes", name, "component"), probe.component, "components")

@@ -64,9 +64,7 @@ def _build_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) ->
 
 
 def check_sweeps(draft: Draft) -> None:
-    """Report sweeps that name unknown poses or have too many; positions are checked with those of
-    poses.
-    """
+    """Report sweeps with unknown poses or too many; positions are checked with poses'."""
     scene = draft.table
     for name, table in scene.sweeps.items():
         for index, position in enumerate(table.poses or ()):
@@ -119,9 +117,7 @@ def _values(position: PoseTable) -> dict[str, float]:
 
 
 def _step(table: SweepTable) -> tuple[float, str]:
-    """Largest distance of poses and its unit; without one a path has no poses between its
-    waypoints.
-    """
+    """Largest distance of poses and its unit; without one no poses between waypoints."""
     return (math.inf, "m") if table.step is None else (table.step.value, table.step.dimension.unit)
 
 
@@ -131,11 +127,9 @@ def _count_poses(name: str, scene: SceneTable, paths: Mapping[str, AxisPath]) ->
         return math.prod(span.positions for span in table.axes.values())
     waypoints = _waypoints(name, scene, paths)
     step, unit = _step(table)
-    return (
-        count_path(position_units(scene), waypoints, step, unit)
-        if waypoints
-        else len(table.poses or ())
-    )
+    if waypoints:
+        return count_path(position_units(scene), waypoints, step, unit)
+    return len(table.poses or ())
 
 
 def read_sweep_paths(scene: SceneTable, folder: Path, findings: Findings) -> dict[str, AxisPath]:

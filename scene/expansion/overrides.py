@@ -65,9 +65,7 @@ def apply_variant(raw: TomlTable, name: str | None, findings: Findings) -> TomlT
 
 
 def split_variant(name: str | None) -> list[str]:
-    """Variants that a choice such as ``calibrated+segmented+R`` applies, in order; none for
-    None.
-    """
+    """Variants that a choice such as ``calibrated+segmented+R`` applies; none for None."""
     return [] if name is None else name.split(VARIANT_JOINER)
 
 

@@ -317,9 +317,7 @@ def _copied(value: TomlValue) -> TomlValue:
 def _calculated(
     value: TomlValue, key: KeyPath, parameters: _Parameters, findings: Findings
 ) -> TomlValue:
-    """A value with every expression in it calculated; what cannot be stays as it is written and is
-    reported.
-    """
+    """A value with its expressions calculated; what cannot be stays, and is reported."""
     if isinstance(value, dict):
         return {
             name: _calculated(item, (*key, name), parameters, findings)

@@ -209,7 +209,7 @@ def _impulse(record: ForceRecord, times: FloatArray, axis: int) -> FloatArray:
     left = np.clip(np.searchsorted(record.times, times, side="right") - 1, 0, len(spans) - 1)
     part = times - record.times[left]
     slope = (force[left + 1] - force[left]) / spans[left]
-    return np.asarray(whole[left] + part * (force[left] + 0.5 * slope * part))
+    return whole[left] + part * (force[left] + 0.5 * slope * part)
 
 
 def _read_columns(
@@ -251,9 +251,7 @@ def _read_lines[Parsed](path: Path, parse: Callable[[list[str], _Rows], Parsed])
 def _parse_columns(
     path: Path, headings: str, optional: str, most_rows: str, advice: str
 ) -> dict[str, FloatArray]:
-    """``values`` of a CSV file, without a look at its size; arguments as `_read_columns` joins
-    them.
-    """
+    """``values`` of a CSV file, its size unchecked; arguments as `_read_columns` joins them."""
     most = int(most_rows) if most_rows else None
 
     def parse(head: list[str], rows: _Rows) -> FloatArray:

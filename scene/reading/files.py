@@ -217,9 +217,7 @@ def count_entries(value: TomlValue) -> int:
 
 
 def nesting_depth(raw: TomlValue) -> int:
-    """Nesting depth of parsed TOML, without recursion; not beyond the first level that is too
-    deep.
-    """
+    """Nesting depth of parsed TOML, without recursion; at most one level too deep."""
     depth = 0
     level: list[TomlValue] = [raw]
     while level:

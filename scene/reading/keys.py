@@ -80,11 +80,9 @@ def value_at(raw: TomlTable, key: KeyPath) -> TomlValue:
 def read_entries(raw: TomlTable, section: str) -> dict[str, TomlTable]:
     """Tables of the entries of a section of a parsed scene, by name."""
     entries = raw.get(section)
-    return (
-        {name: entry for name, entry in entries.items() if isinstance(entry, dict)}
-        if isinstance(entries, dict)
-        else {}
-    )
+    if isinstance(entries, dict):
+        return {name: entry for name, entry in entries.items() if isinstance(entry, dict)}
+    return {}
 
 
 def read_number(raw: TomlTable, key: KeyPath) -> Quantity:
@@ -159,11 +157,9 @@ def _step_down(
     before: KeyPath, table: TomlValue, part: str | int
 ) -> list[tuple[KeyPath, TomlValue]]:
     if isinstance(part, int):
-        return (
-            [((*before, part), table[part])]
-            if isinstance(table, list) and part < len(table)
-            else []
-        )
+        if isinstance(table, list) and part < len(table):
+            return [((*before, part), table[part])]
+        return []
     if not isinstance(table, dict):
         return []
     return [

@@ -177,10 +177,8 @@ def _unquote(token: str) -> str:
 
     def replace(match: re.Match[str]) -> str:
         code = match[1]
-        return (
-            chr(int(code[1:], 16))
-            if code[0] in "uU" and len(code) > 1
-            else _ESCAPES.get(code, code)
-        )
+        if code[0] in "uU" and len(code) > 1:
+            return chr(int(code[1:], 16))
+        return _ESCAPES.get(code, code)
 
     return _ESCAPE.sub(replace, token[1:-1])

@@ -156,14 +156,9 @@ def _follow(steps: tuple[Step, ...], value: object, label: str, values: dict[str
 def _present_name(value: object, name: str) -> str:
     """The name under which a table has a key that may have changed its name; as it is otherwise."""
     renamed = RESULT_KEYS["summary.json"].get(name)
-    return (
-        renamed
-        if renamed is not None
-        and isinstance(value, dict)
-        and name not in value
-        and renamed in value
-        else name
-    )
+    if renamed is not None and isinstance(value, dict) and name not in value and renamed in value:
+        return renamed
+    return name
 
 
 def _entry(value: object, name: str, label: str) -> object:

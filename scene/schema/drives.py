@@ -19,7 +19,7 @@ class _FeedForwardTable(types.StrictTable):
     """share of the inertia force of the axis that is fed forward"""
 
 
-class FrictionTable(types.StrictTable):
+class _FrictionTable(types.StrictTable):
     """Friction along the axis, smooth through zero velocity; used with the effect `friction`."""
 
     coulomb: types.NotNegativeForce = 0.0
@@ -86,7 +86,7 @@ class DriveTable(types.StrictTable):
     """dead time of the loop, in place of `sampling`; default: none"""
     current_loop: types.PositiveTime | None = None
     """time constant of the current control; default: none, the torque follows without delay"""
-    friction: FrictionTable | None = None
+    friction: _FrictionTable | None = None
     """friction of the axis; used with the effect `friction`"""
     torque_ripple: Annotated[list[_RippleTable], Field(min_length=1, max_length=20)] | None = None
     """waves of the motor's torque: `[{ torque = "0.01 N m", per_turn = 8 }]`; used along a path, effect `torque_ripple`"""

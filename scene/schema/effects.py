@@ -31,11 +31,9 @@ def find_effect_fault(name: str, value: object) -> str:
         hint = suggest_names(name, EFFECT_NAMES, what="effects of this version")
         return f"effect {name[:80]!r} is not available; {hint}"
     if name in PLAIN_EFFECTS:
-        return (
-            ""
-            if isinstance(value, bool)
-            else f"{quote_value(value)} is neither true nor false; write {name} = true"
-        )
+        if isinstance(value, bool):
+            return ""
+        return f"{quote_value(value)} is neither true nor false; write {name} = true"
     if name == "gravity":
         try:
             read_gravity(value)

@@ -132,11 +132,9 @@ class _LimitsTable(types.StrictTable):
 
 
 def _read_effects(value: object) -> object:
-    return (
-        dict.fromkeys(value, True)
-        if isinstance(value, list) and all(isinstance(name, str) for name in value)
-        else value
-    )
+    if isinstance(value, list) and all(isinstance(name, str) for name in value):
+        return dict.fromkeys(value, True)
+    return value
 
 
 _RATIOS = {"anyOf": [types.RATIO_FORM, {"type": "array", "items": types.RATIO_FORM, "minItems": 1}]}

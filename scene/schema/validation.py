@@ -210,11 +210,9 @@ def _prune(pruned: TomlTable, loc: tuple[int | str, ...]) -> None:
 def _resolve_model(annotation: object, path: KeyPath) -> type[BaseModel] | None:
     annotation = _unwrap(annotation)
     if not path:
-        return (
-            annotation
-            if isinstance(annotation, type) and issubclass(annotation, BaseModel)
-            else None
-        )
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            return annotation
+        return None
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return _resolve_model(_field_kind(annotation, str(path[0])), path[1:])
     arguments = get_args(annotation)

@@ -60,9 +60,7 @@ class ControlForces:
         """
         motors = self.pushed.T
         anchors = np.array([train.anchor for train in self.trains])[:, None] * motors
-        return np.asarray(
-            self.pushed @ (answer_motions(self.trains, omega, self.seen, motors) - anchors)
-        )
+        return self.pushed @ (answer_motions(self.trains, omega, self.seen, motors) - anchors)
 
 
 def control_forces(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> ControlForces:
@@ -93,7 +91,7 @@ class ClosedResponse:
         measured, motors, moved = np.split(open_response, [count, 2 * count], axis=1)
         answers = answer_motions(self.trains, omega, measured, motors)
         forces = np.linalg.solve(np.eye(count) + answers[..., :count], answers[..., count:])
-        return np.asarray(moved[..., count:] - moved[..., :count] @ forces)
+        return moved[..., count:] - moved[..., :count] @ forces
 
     def poles(self) -> ComplexArray:
         """Poles of the closed loops [rad/s]."""
@@ -149,4 +147,4 @@ def _rest(loop: ClosedLoop, outputs: int, inputs: int) -> FloatArray:
     space = loop.space
     loads = slice(space.b.shape[1] - inputs, None)
     moved = scipy.linalg.solve(space.a, space.b[:, loads])
-    return np.asarray(space.d[:outputs, loads] - space.c[:outputs] @ moved)
+    return space.d[:outputs, loads] - space.c[:outputs] @ moved

@@ -288,7 +288,7 @@ def _motor_rates(plant: StateSpace, trains: tuple[DriveTrain, ...], asked: int) 
     derivative.
     """
     first = asked + len(trains)
-    return np.asarray(plant.c[first : first + len(trains)] @ plant.a)
+    return plant.c[first : first + len(trains)] @ plant.a
 
 
 def _feed_back(

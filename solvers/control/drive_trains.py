@@ -171,9 +171,7 @@ def _turns_alone(train: DriveTrain) -> bool:
 
 
 def thread_stiffness(train: DriveTrain) -> float:
-    """Between the nut and what turns the thread: a coupling without a screw of its own stands in
-    series.
-    """
+    """Between the nut and what turns the thread: a coupling without a screw is in series."""
     if _turns_alone(train) or not math.isfinite(train.coupling):
         return train.thread
     return 1.0 / (1.0 / train.thread + 1.0 / train.coupling)
@@ -182,7 +180,7 @@ def thread_stiffness(train: DriveTrain) -> float:
 def _join(row: FloatArray, coordinate: FloatArray, stiffness: float) -> FloatArray:
     """What ``k (row q)^2`` lacks of ``k (row q - x)^2``."""
     cross = np.outer(row, coordinate)
-    return np.asarray(stiffness * (np.outer(coordinate, coordinate) - cross - cross.T))
+    return stiffness * (np.outer(coordinate, coordinate) - cross - cross.T)
 
 
 def _pad(values: FloatArray, total: int) -> FloatArray:

@@ -94,7 +94,7 @@ def take_off_anchors(receptance: ComplexArray, trains: Sequence[DriveTrain]) -> 
     count = len(trains)
     motors = receptance[:, count : 2 * count]
     pushed = np.linalg.solve(np.eye(count) - springs @ motors[..., :count], springs @ motors)
-    return np.asarray(receptance + receptance[..., :count] @ pushed)
+    return receptance + receptance[..., :count] @ pushed
 
 
 class _ControlPaths(NamedTuple):
@@ -112,9 +112,7 @@ class _ControlPaths(NamedTuple):
 
 
 def _control_paths(control: AxisControl, omega: FloatArray) -> _ControlPaths:
-    """Ways through a controller at angular frequencies ``(n_freq,)`` [rad/s]; the dead time is
-    exact.
-    """
+    """Ways through a controller at angular frequencies ``(n_freq,)`` [rad/s], delays exact."""
     s = 1j * omega
     late = np.exp(-s * control.dead_time) / (1.0 + s * control.current_lag)
     # an infinite time times a frequency is no complex number
@@ -140,14 +138,14 @@ def answer_motions(
     paths = [_control_paths(train.control, omega) for train in trains]
     feedback = np.stack([path.feedback for path in paths], axis=1)[..., None]
     gains = np.array([path.kv for path in paths])[:, None]
-    return np.asarray(feedback * (gains * seen + 1j * omega[:, None, None] * motors))
+    return feedback * (gains * seen + 1j * omega[:, None, None] * motors)
 
 
 def _follow(loops: ComplexArray, motion: ComplexArray, ahead: ComplexArray) -> ComplexArray:
     """Measured position of each drive per set position of its own ``(n_freq, n_drives)``."""
     count = loops.shape[1]
     forces = np.linalg.solve(np.eye(count) + loops, ahead[:, :, None] * np.eye(count))
-    return np.asarray(np.einsum("fij,fji->fi", motion, forces))
+    return np.einsum("fij,fji->fi", motion, forces)
 
 
 def _open_loop(loops: ComplexArray, number: int) -> ComplexArray:
@@ -158,7 +156,7 @@ def _open_loop(loops: ComplexArray, number: int) -> ComplexArray:
         return np.asarray(direct)
     rest = loops[:, others][:, :, others] + np.eye(len(others))
     through = np.linalg.solve(rest, loops[:, others, number][..., None])[..., 0]
-    return np.asarray(direct - np.einsum("fi,fi->f", loops[:, number, others], through))
+    return direct - np.einsum("fi,fi->f", loops[:, number, others], through)
 
 
 def _judge(

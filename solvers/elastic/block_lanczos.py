@@ -216,7 +216,7 @@ class _KrylovSpace:
 
     def _couple(self, coefficients: FloatArray) -> FloatArray:
         last = coefficients[len(coefficients) - self._coupling.shape[1] :]
-        return np.asarray(self._coupling @ last)
+        return self._coupling @ last
 
     def _vectors(self, count: int) -> SLEPc.BV:
         vectors = SLEPc.BV().create(self._problem.mass.getComm())

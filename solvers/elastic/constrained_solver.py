@@ -140,10 +140,8 @@ class ConstrainedSolver:
                     if before > 0.0
                     else 0.0
                 )
-                left, allowed = (
-                    change * rate / (1.0 - rate) if rate < 1.0 else np.inf,
-                    self.attainable_change,
-                )
+                left = change * rate / (1.0 - rate) if rate < 1.0 else np.inf
+                allowed = self.attainable_change
         raise ConvergenceError(
             f"a static solve keeps a relative residual of {size:.2g} (allowed {SOLVE_TOLERANCE:g}), and its displacements are off by "
             f"{left:.2g} (its conditioning allows {allowed:.2g}), after {REFINEMENT_STEPS} refinements: the stiffness is too badly "
@@ -237,7 +235,7 @@ class ConstrainedSolver:
             saddle.factors, saddle.scale[:, None] * right
         )
         count = self.constraints.shape[1]
-        return np.asarray(plain + saddle.lifted @ small[:count] + self.motions @ small[count:])
+        return plain + saddle.lifted @ small[:count] + self.motions @ small[count:]
 
     def _make_saddle(self, lifted: FloatArray) -> "_Saddle":
         count, rigid = self.constraints.shape[1], self.motions.shape[1]

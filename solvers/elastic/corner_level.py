@@ -71,12 +71,12 @@ class CornerLevel:
         """
         alone = np.diff(self.transfer.indptr) == 1  # a corner interpolates itself only
         chosen = marked.reshape(-1, 3) & alone[:, None]
-        return np.asarray(self.restrict(chosen.astype(float).ravel()) > 0.5)
+        return self.restrict(chosen.astype(float).ravel()) > 0.5
 
     def global_columns(self) -> FloatArray:
         """Return the number over all ranks of the corner behind each column of the stiffness."""
         count = self.stiffness_map.size_local + self.stiffness_map.num_ghosts
-        return np.asarray(self.stiffness_map.local_to_global(np.arange(count, dtype=np.int32)))
+        return self.stiffness_map.local_to_global(np.arange(count, dtype=np.int32))
 
 
 def interpolate_corners(

@@ -42,7 +42,7 @@ def gmsh_cell_order(shape: str, nodes: int) -> NDArray[np.int32]:
     Args:
         shape: ``tetrahedron`` or ``hexahedron``.
     """
-    return np.asarray(_GMSH.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), nodes))
+    return _GMSH.cell_perm_array(dolfinx.cpp.mesh.to_type(shape), nodes)
 
 
 def _create_mesh(
@@ -145,14 +145,10 @@ class ElasticOperators:
         """Return what rounding can make of ``x^T K x`` for each column of ``(3 n_owned, k)``: at
         most ``eps |x|^T |K| |x|`` (Gershgorin).
         """
-        return np.asarray(
-            np.finfo(float).eps * sum_over_ranks(self.comm, self.row_sizes @ vectors**2)
-        )
+        return np.finfo(float).eps * sum_over_ranks(self.comm, self.row_sizes @ vectors**2)
 
     def apply_mass(self, vectors: FloatArray) -> FloatArray:
-        """Return ``M x`` for a block of owned vectors ``(3 n_owned, k)``; the mass acts alike in x,
-        y and z.
-        """
+        """Return ``M x`` for a block of owned vectors ``(3 n_owned, k)``; x, y, z are alike."""
         if self.scalar_mass is None:
             raise AccuracyError(
                 "the mass matrix was not assembled, yet a dynamic quantity was asked for"
@@ -357,10 +353,8 @@ def _measure_rows(stiffness: scipy.sparse.bsr_matrix) -> tuple[FloatArray, Float
     sizes, sums = np.zeros((rows, 3)), np.zeros((rows, 3, 3))
     for first in range(0, rows, SUMMED_AT_A_TIME):
         last = min(first + SUMMED_AT_A_TIME, rows)
-        starts, data = (
-            pointers[first:last] - pointers[first],
-            stiffness.data[pointers[first] : pointers[last]],
-        )
+        starts = pointers[first:last] - pointers[first]
+        data = stiffness.data[pointers[first] : pointers[last]]
         sizes[first:last] = np.add.reduceat(np.abs(data).sum(axis=2), starts)
         # in double precision this sum would itself round by as much as it is to find
         sums[first:last] = np.add.reduceat(data.astype(np.longdouble), starts)

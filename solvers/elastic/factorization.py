@@ -236,9 +236,7 @@ def full_block(
 def _free_numbers(
     operators: ElasticOperators, fixed: BoolArray, free: NDArray[np.int64]
 ) -> NDArray[np.int32]:
-    """Return the number over all ranks of each local dof among those that are not fixed; -1 for
-    fixed ones.
-    """
+    """Return the number over all ranks of each free local dof; -1 for fixed ones."""
     comm: Any = operators.comm  # mpi4py's types leave out exscan
     offset = int(comm.exscan(len(free)) or 0)
     numbers = la.vector(operators.column_map, bs=3, dtype=np.int32)
@@ -275,9 +273,7 @@ def _upper_rows(
 def _elimination_order(
     operators: ElasticOperators, fixed: BoolArray
 ) -> tuple[NDArray[np.int64], bool]:
-    """Return the dofs that are not fixed, and whether they come in a good order for a factorisation
-    already.
-    """
+    """Return the free dofs, and whether their order is good for a factorisation already."""
     if operators.comm.size == 1 and _has_cholmod():
         stiffness = operators.stiffness
         count = len(fixed) // 3

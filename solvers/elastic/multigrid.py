@@ -180,9 +180,7 @@ class _CornerSolver:
 
 
 def _corner_matrix(level: CornerLevel, fixed: BoolArray) -> PETSc.Mat:
-    """Return the stiffness of the corners with fixed dofs on the diagonal alone, and its rigid
-    motions.
-    """
+    """Return the corners' stiffness, fixed dofs on the diagonal, and its rigid motions."""
     total = 3 * level.stiffness_map.size_global
     matrix = level.stiffness.tocsr()
     columns = (3 * level.global_columns()[:, None] + np.arange(3)).ravel()
@@ -253,7 +251,7 @@ def _inverse_blocks(operators: ElasticOperators, fixed: BoolArray) -> FloatArray
     blocks *= free[:, :, None] & free[:, None, :]
     blocks[~free[:, :, None] & np.eye(3, dtype=bool)] = operators.stiffness_scale
     inverse = np.linalg.inv(blocks)
-    return np.asarray(inverse * (free[:, :, None] & free[:, None, :]))
+    return inverse * (free[:, :, None] & free[:, None, :])
 
 
 class IterativeInverse:

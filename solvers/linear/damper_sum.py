@@ -86,7 +86,7 @@ class DamperSum:
         wanted = len(omega) if below is None else int(np.count_nonzero(omega <= below))
         few = find_lowest_poles(self.eigenvalues, damping, wanted, tolerance=PEAK_TOLERANCE)
         poles, _ = state_eigenpairs(self.eigenvalues, damping) if few is None else few
-        return np.asarray(poles[poles.imag >= 0.0])
+        return poles[poles.imag >= 0.0]
 
     def _evaluate_block(self, omega: FloatArray) -> ComplexArray:
         """Eliminate the modes far from each frequency, and solve for those near it."""
@@ -102,10 +102,8 @@ class DamperSum:
         weights = 1j * np.hstack([omega[:, None] * self.viscous.strengths, still])
         far = np.where(near, 0.0, 1.0 / np.where(near, 1.0, dynamic))
         plain = _products(far, self.rows.T, self.loads)
-        stretched, coupled = (
-            _products(far, factors, self.loads),
-            _products(far, self.rows.T, factors),
-        )
+        stretched = _products(far, factors, self.loads)
+        coupled = _products(far, self.rows.T, factors)
         # Woodbury: forces of the dampers on the far modes, f = (1 + W F^T g F)^-1 W F^T (...)
         coupling = weights[:, :, None] * _squares(far, factors)
         coupling[:, np.arange(factors.shape[1]), np.arange(factors.shape[1])] += 1.0
@@ -134,23 +132,17 @@ class DamperSum:
         loads: ComplexArray | FloatArray,
         square: float,
     ) -> ComplexArray:
-        """Answer of the modes near a frequency; NaN in entries that see an undamped one exactly
-        there.
-        """
+        """Answer of the modes near a frequency; NaN where an undamped one lies exactly there."""
         left, sizes, right = np.linalg.svd(matrix)
         resting = sizes <= 2.0 * SINGULAR * square
         inverse = np.where(resting, 0.0, 1.0 / np.where(resting, 1.0, sizes))
         given, observed = left.conj().T @ loads, rows @ right.conj().T
         response = (observed * inverse) @ given
         if resting.any():
-            reach, push = (
-                np.abs(self.rows).max(axis=1, initial=0.0),
-                np.abs(self.loads).max(axis=0, initial=0.0),
-            )
-            moved, excited = (
-                np.abs(observed[:, resting]) > UNSEEN * reach[:, None],
-                np.abs(given[resting]) > UNSEEN * push,
-            )
+            reach = np.abs(self.rows).max(axis=1, initial=0.0)
+            push = np.abs(self.loads).max(axis=0, initial=0.0)
+            moved = np.abs(observed[:, resting]) > UNSEEN * reach[:, None]
+            excited = np.abs(given[resting]) > UNSEEN * push
             response[(moved.astype(float) @ excited.astype(float)) > 0.0] = np.nan
         return np.asarray(response)
 
@@ -228,9 +220,7 @@ def _weighed(weights: ComplexArray, matrix: FloatArray) -> ComplexArray:
 
 
 def _whole(dampers: _CoupledDampers) -> FloatArray:
-    return np.asarray(
-        np.diag(dampers.diagonal) + (dampers.factors * dampers.strengths) @ dampers.factors.T
-    )
+    return np.diag(dampers.diagonal) + (dampers.factors * dampers.strengths) @ dampers.factors.T
 
 
 def _split(

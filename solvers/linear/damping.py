@@ -188,7 +188,7 @@ def _between_modes(damping: FloatArray, shapes: FloatArray) -> FloatArray:
     """Return the modal damping ``(m, m)``; only dofs that dampers act on take part."""
     damped = np.flatnonzero(damping.any(axis=0) | damping.any(axis=1))
     moved = shapes[damped]
-    return np.asarray(moved.T @ damping[np.ix_(damped, damped)] @ moved)
+    return moved.T @ damping[np.ix_(damped, damped)] @ moved
 
 
 def _elastic_poles(

@@ -224,7 +224,7 @@ def convert_receptance(
         ``(n_freq, n_outputs, n_inputs)``, the receptance times ``(i omega)^0``, ``^1`` or ``^2``.
     """
     factor = (2j * np.pi * frequencies_hz) ** DERIVATIVES[motion]
-    return np.asarray(receptance * factor[:, None, None])
+    return receptance * factor[:, None, None]
 
 
 def _choose_form(
@@ -264,7 +264,7 @@ def _general_rest(direct: DirectResponse) -> FloatArray:
     """Return the static compliance of a system without modal coordinates; NaN where it has none."""
     system = dataclasses.replace(direct.system, damping=None, hysteretic=None)
     try:
-        return np.asarray(direct.rows @ solve_static(system, direct.loads).displacements)
+        return direct.rows @ solve_static(system, direct.loads).displacements
     except ModelError:
         return np.full((len(direct.rows), direct.loads.shape[1]), np.nan)
 
@@ -293,7 +293,7 @@ def refine_grid(base_hz: FloatArray, poles: ComplexArray) -> FloatArray:
         offsets = offsets[offsets > 0.0] if bare else offsets
         grids.append(np.concatenate([center - offsets, center + offsets]))
     grid = np.unique(np.concatenate(grids))
-    return np.asarray(grid[(grid >= low) & (grid <= high)])
+    return grid[(grid >= low) & (grid <= high)]
 
 
 def _local_step(base: FloatArray, center: float) -> float:
@@ -313,7 +313,7 @@ def _offsets(width: float, step: float) -> FloatArray:
     )
     outer = largest * GROWTH ** np.arange(1, count + 1)
     offsets = np.concatenate([width * np.array(OFFSETS), outer])
-    return np.asarray(offsets[offsets <= max(step, width)])
+    return offsets[offsets <= max(step, width)]
 
 
 @dataclass(frozen=True)

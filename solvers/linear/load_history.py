@@ -101,9 +101,7 @@ class SteppedLoads:
         return np.diff(self.times)
 
     def evaluate(self) -> tuple[FloatArray, FloatArray]:
-        """Return the loads and their rates, each ``(n - 1, 2, k)`` at the begin and the end of each
-        step.
-        """
+        """Return loads and their rates, each ``(n - 1, 2, k)`` at begin and end of each step."""
         steps = self.steps[:, None]
         values = self.linear.copy()
         slope = (self.linear[:, 1] - self.linear[:, 0]) / steps
@@ -231,7 +229,7 @@ def _linear_part(load: LoadHistory, times: FloatArray) -> FloatArray:
     piece, acts = _active(load, times)
     since = np.stack([times[:-1], times[1:]], axis=1) - load.begins[piece][:, None]
     values = load.values[piece][:, None] + load.slopes[piece][:, None] * since
-    return np.asarray(np.where(acts[:, None], values, ends))
+    return np.where(acts[:, None], values, ends)
 
 
 def _sines(loads: Sequence[LoadHistory], times: FloatArray) -> tuple[_Sine, ...]:

@@ -159,7 +159,7 @@ def _with_sign(shapes: FloatArray) -> FloatArray:
     # rounding does not choose between equal entries of different signs
     first = np.argmax(sizes >= (1.0 - EQUAL_ENTRIES) * sizes.max(axis=0), axis=0)
     largest = shapes[first, np.arange(shapes.shape[1])]
-    return np.asarray(shapes * np.where(largest < 0.0, -1.0, 1.0))
+    return shapes * np.where(largest < 0.0, -1.0, 1.0)
 
 
 def _residuals(system: SecondOrderSystem, pairs: ModalPairs, shapes: FloatArray) -> FloatArray:
@@ -183,7 +183,7 @@ def _residuals(system: SecondOrderSystem, pairs: ModalPairs, shapes: FloatArray)
     residuals = np.sqrt(
         (residual**2 / weights).max(axis=0, initial=0.0) / np.maximum(sizes, np.finfo(float).tiny)
     )
-    return np.asarray(np.where(rigid & (highest == 0.0), 0.0, residuals))
+    return np.where(rigid & (highest == 0.0), 0.0, residuals)
 
 
 def _require_small(residuals: FloatArray, frequencies: FloatArray, limit: float) -> None:
@@ -251,7 +251,7 @@ def slope_squares(shapes: FloatArray, forces: FloatArray) -> FloatArray:
         shapes: ``(n, m)`` mass-normalised mode shapes ``phi_i``.
         forces: ``(n, m)`` column ``(dK - omega_i^2 dM) phi_i`` for each mode.
     """
-    return np.asarray(np.einsum("ij,ij->j", shapes, forces))
+    return np.einsum("ij,ij->j", shapes, forces)
 
 
 def slope_shape(
@@ -291,4 +291,4 @@ def slope_shape(
     right = np.zeros((size + count, forces.shape[1]))
     right[:size] = fixed @ (shapes[:, cluster].T @ forces) - forces
     turned = lu_solve(lu_factor(system, check_finite=False), right, check_finite=False)[:size]
-    return np.asarray(turned - 0.5 * np.outer(shapes[:, index], mass_terms))
+    return turned - 0.5 * np.outer(shapes[:, index], mass_terms)

@@ -251,7 +251,7 @@ def _elastic_displacements(
     rigid = modes.shapes[:, : modes.rigid_count]
     balanced = loads - system.mass @ (rigid @ (rigid.T @ loads))
     displacements = solve_pinned(system, find_null_space(system.stiffness).free, balanced)
-    return np.asarray(displacements - rigid @ (rigid.T @ (system.mass @ displacements)))
+    return displacements - rigid @ (rigid.T @ (system.mass @ displacements))
 
 
 def rigid_response(
@@ -280,7 +280,7 @@ def modal_motion(
     if coordinates.damped_apart:
         viscous, hysteretic = (0.0 if term is None else term.diagonal() for term in terms)
         lost = omega[:, None] * viscous + hysteretic
-        return np.asarray(loads / (coordinates.eigenvalues - square + 1j * lost))
+        return loads / (coordinates.eigenvalues - square + 1j * lost)
     viscous, hysteretic = (np.zeros((size, size)) if term is None else term for term in terms)
     moved = np.empty_like(loads)
     for row, value in enumerate(omega):
@@ -325,7 +325,7 @@ def _project(matrix: FloatArray | None, modes: ModalResult) -> FloatArray | None
     if matrix is None or not matrix.any():
         return None
     projected = modes.shapes.T @ matrix @ modes.shapes
-    return np.asarray(0.5 * (projected + projected.T))
+    return 0.5 * (projected + projected.T)
 
 
 def _dampers_have_mass(system: SecondOrderSystem, modes: ModalResult) -> bool:

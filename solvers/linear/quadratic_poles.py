@@ -58,7 +58,7 @@ class _Pencil:
 
     def allowed(self, poles: ComplexArray) -> FloatArray:
         """Return the errors ``(p,)`` of poles that are good enough [rad/s]."""
-        return np.asarray(self.tolerance * np.maximum(np.abs(poles), AT_REST * self.radius))
+        return self.tolerance * np.maximum(np.abs(poles), AT_REST * self.radius)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ class _ProjectedPencil:
         """Return the distances ``(p,)`` of picked poles to the next ones [rad/s]."""
         distances = np.abs(self.poles[picked, None] - self.poles)
         distances[np.arange(len(picked)), picked] = np.inf
-        return np.asarray(distances.min(axis=1, initial=np.inf))
+        return distances.min(axis=1, initial=np.inf)
 
 
 def state_eigenpairs(
@@ -174,7 +174,7 @@ def real_product(
 ) -> NDArray[np.complexfloating]:
     """Return a real matrix times complex columns as one real product, several times as fast."""
     product = matrix @ np.hstack([columns.real, columns.imag])
-    return np.asarray(product[:, : columns.shape[1]] + 1j * product[:, columns.shape[1] :])
+    return product[:, : columns.shape[1]] + 1j * product[:, columns.shape[1] :]
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,9 +34,7 @@ class ResponseForm(Protocol):
     """A form that evaluates a response at any frequency."""
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
-        """Return the receptance ``(n_freq, n_outputs, n_inputs)`` at positive angular
-        frequencies.
-        """
+        """Return the receptance ``(n_freq, n_outputs, n_inputs)``, angular frequencies > 0."""
 
     def poles(self) -> ComplexArray:
         """Return the poles at positive frequencies, and real ones [rad/s]."""
@@ -61,7 +59,7 @@ class RestTerms:
         """Return their receptance ``(n_freq, n_outputs, n_inputs)``."""
         square = omega[:, None, None] ** 2
         fading = 1.0 if np.isinf(self.square) else (self.square / (self.square + square)) ** 2
-        return np.asarray(self.residual * fading - self.rigid / square)
+        return self.residual * fading - self.rigid / square
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +92,7 @@ class ModalSum:
         return self.add_up(omega) + self.rest.evaluate(omega)
 
     def within(self, highest: float) -> "ModalSum | _BandSum":
-        """Return the same up to an angular frequency [rad/s], faster where many modes lie far
-        beyond.
-        """
+        """Return the same up to an angular frequency [rad/s], faster with many modes beyond."""
         far = np.abs(self.poles()) > FAR * highest
         if far.sum() < MANY:
             return self
@@ -136,11 +132,9 @@ class ModalSum:
         return receptance if singular is None else _blank_singular(receptance, singular, self.seen)
 
     def poles(self) -> ComplexArray:
-        """Return the pole of each mode at positive frequencies [rad/s]; of an overdamped one the
-        slower.
-        """
+        """Return each mode's pole at positive frequencies [rad/s]; if overdamped the slower."""
         root = np.sqrt(0.25 * self.viscous**2 - self.eigenvalues - 1j * self.hysteretic)
-        return np.asarray(-0.5 * self.viscous + np.where(root.imag < 0.0, -root, root))
+        return -0.5 * self.viscous + np.where(root.imag < 0.0, -root, root)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +160,7 @@ class _BandSum:
         places = 2.0 * omega / self.highest - 1.0
         smooth = np.polynomial.chebyshev.chebvander(places, SMOOTH_NODES - 1) @ self.coefficients
         receptance = self.near.add_up(omega) + self.every.rest.evaluate(omega)
-        return np.asarray(receptance + smooth.reshape(receptance.shape))
+        return receptance + smooth.reshape(receptance.shape)
 
     def poles(self) -> ComplexArray:
         """Return the poles of all modes [rad/s]."""
@@ -214,7 +208,7 @@ def _see_modes(
     """
     moved = np.abs(rows) > UNSEEN * np.abs(rows).max(axis=1, keepdims=True, initial=0.0)
     excited = np.abs(loads) > UNSEEN * np.abs(loads).max(axis=0, keepdims=True, initial=0.0)
-    return np.asarray(moved.T[:, :, None] & excited[:, None, :])
+    return moved.T[:, :, None] & excited[:, None, :]
 
 
 def _blank_singular(
@@ -274,8 +268,8 @@ class PoleSum:
         with np.errstate(divide="ignore"):
             inverse = 1.0 / self.flexibilities
         if self.first_order:
-            return np.asarray(inverse[inverse.imag >= 0.0])
-        return np.asarray(1j * np.sqrt(inverse))
+            return inverse[inverse.imag >= 0.0]
+        return 1j * np.sqrt(inverse)
 
 
 def sum_over_poles(coordinates: ModalCoordinates) -> PoleSum:
@@ -315,11 +309,9 @@ def sum_over_poles(coordinates: ModalCoordinates) -> PoleSum:
 def _softness(hysteretic: FloatArray | None, flexible: slice, omega: FloatArray) -> ComplexArray:
     """Return the inverse of the complex stiffness ``W^-1 (W^2 + i H) W^-1``, W = diag(omega)."""
     unit = np.eye(len(omega)) + 0j
-    return (
-        unit
-        if hysteretic is None
-        else _solve(unit + 1j * hysteretic[flexible, flexible] / np.outer(omega, omega), unit)
-    )
+    if hysteretic is None:
+        return unit
+    return _solve(unit + 1j * hysteretic[flexible, flexible] / np.outer(omega, omega), unit)
 
 
 def _solve(matrix: ComplexArray, right: ComplexArray) -> ComplexArray:
@@ -327,7 +319,7 @@ def _solve(matrix: ComplexArray, right: ComplexArray) -> ComplexArray:
 
 
 def _products(left: ComplexArray, right: ComplexArray) -> ComplexArray:
-    return np.asarray(np.einsum("ok,ki->koi", left, right))
+    return np.einsum("ok,ki->koi", left, right)
 
 
 def _eigenpairs(matrix: ComplexArray | FloatArray) -> tuple[ComplexArray, ComplexArray]:
@@ -357,10 +349,8 @@ def _find_poles(system: SecondOrderSystem) -> ComplexArray:
     size = len(system.mass)
     stiffness = system.stiffness + (0.0 if system.hysteretic is None else 1j * system.hysteretic)
     damping = np.zeros((size, size)) if system.damping is None else system.damping
-    stiff, heavy = (
-        float(np.abs(stiffness).max(initial=0.0)),
-        float(np.abs(system.mass).max(initial=0.0)),
-    )
+    stiff = float(np.abs(stiffness).max(initial=0.0))
+    heavy = float(np.abs(system.mass).max(initial=0.0))
     # s = scale z makes stiffness and mass equally large
     scale = np.sqrt(stiff / heavy) if stiff > 0.0 and heavy > 0.0 else 1.0
     level = max(stiff, heavy * scale**2) or 1.0
@@ -372,7 +362,7 @@ def _find_poles(system: SecondOrderSystem) -> ComplexArray:
     )
     finite = np.abs(denominator) > INFINITE * (np.abs(numerator) + np.abs(denominator))
     poles = scale * numerator[finite] / denominator[finite]
-    return np.asarray(poles[np.argsort(np.abs(poles), kind="stable")])
+    return poles[np.argsort(np.abs(poles), kind="stable")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,7 +391,7 @@ class DirectResponse:
     def poles(self) -> ComplexArray:
         """Return the poles at positive frequencies, and real ones [rad/s]."""
         all_poles = _find_poles(self.system)
-        return np.asarray(all_poles[all_poles.imag >= 0.0])
+        return all_poles[all_poles.imag >= 0.0]
 
     def displacements(self, omega: float) -> ComplexArray:
         """Return the displacements ``(n, n_inputs)`` at a positive angular frequency, NaN where the
@@ -426,4 +416,4 @@ class DirectResponse:
         right = scale[:, None] * self.loads + 0j
         solution, _ = zgetrs(factor, pivots, right)
         correction, _ = zgetrs(factor, pivots, right - scaled @ solution)
-        return np.asarray(scale[:, None] * (solution + correction))
+        return scale[:, None] * (solution + correction)

@@ -43,7 +43,7 @@ class _SparseFactor:
         scale = self.scale if loads.ndim == 1 else self.scale[:, None]
         right = scale * loads
         solution = self.factor.solve(right)
-        return np.asarray(scale * (solution + self.factor.solve(right - self.scaled @ solution)))
+        return scale * (solution + self.factor.solve(right - self.scaled @ solution))
 
     def reciprocal_condition(self) -> float:
         """Return the reciprocal condition of the scaled matrix in the 1-norm, estimated (Higham and
@@ -56,9 +56,7 @@ class _SparseFactor:
 
 
 def find_sparse(matrix: FloatArray) -> sp.csc_matrix | None:
-    """Find the entries that are not zero, or None where they are too many or the matrix is
-    small.
-    """
+    """Find entries that are not zero, or None where they are many or the matrix is small."""
     size = len(matrix)
     if size < SMALLEST or np.count_nonzero(matrix) > FILLED * size * size:
         return None

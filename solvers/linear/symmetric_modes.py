@@ -177,9 +177,7 @@ def _careful_modes(stiffness: FloatArray, mass: FloatArray, wanted: int) -> Moda
 def _condense_massless(
     stiffness: FloatArray, mass: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the Guyan condensation of the null space of M: exact, because nothing there has
-    inertia.
-    """
+    """Return the Guyan condensation of the null space of M: exact, as it has no inertia."""
     massless = find_null_space(mass, what="mass")
     if massless.dimension == 0:
         return np.eye(len(mass)), stiffness, mass
@@ -304,9 +302,7 @@ def _two_sided_modes(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArra
 
 
 def _widest_gap(eigenvalues: FloatArray, middle: float) -> int:
-    """Return the number of modes below the widest gap near the middle, so that no cluster is
-    cut.
-    """
+    """Return the number of modes below the widest gap near the middle: no cluster is cut."""
     inside = np.flatnonzero(
         (eigenvalues > middle / SPLIT_WINDOW) & (eigenvalues < middle * SPLIT_WINDOW)
     )

@@ -52,13 +52,11 @@ class _Propagator:
     def advance(self, state: FloatArray) -> FloatArray:
         """Return the free motion after one step."""
         if self.transition.ndim == 2:
-            return np.asarray(self.transition @ state)
+            return self.transition @ state
         pairs = state.reshape(-1, 2)
-        return np.asarray(
-            (
-                self.transition[:, :, 0] * pairs[:, :1] + self.transition[:, :, 1] * pairs[:, 1:]
-            ).ravel()
-        )
+        return (
+            self.transition[:, :, 0] * pairs[:, :1] + self.transition[:, :, 1] * pairs[:, 1:]
+        ).ravel()
 
 
 def solve_time_response(space: StateSpace, loads: FloatArray, step: float) -> TimeResponse:
@@ -241,11 +239,9 @@ def _pair_integrals(
 def _pair_matrices(pairs: UncoupledModes) -> FloatArray:
     """Return the state matrix ``(m, 2, 2)`` of every mode."""
     a = np.zeros((len(pairs.eigenvalues), 2, 2))
-    a[:, 0, 1], a[:, 1, 0], a[:, 1, 1] = (
-        pairs.scales,
-        -pairs.eigenvalues / pairs.scales,
-        -pairs.viscous,
-    )
+    a[:, 0, 1] = pairs.scales
+    a[:, 1, 0] = -pairs.eigenvalues / pairs.scales
+    a[:, 1, 1] = -pairs.viscous
     return a
 
 
@@ -259,10 +255,8 @@ def _pair_exponentials(
     rate = np.sqrt(np.abs(rest))
     swings = rest < 0.0
     # exp((mean + rate) h) and exp((mean - rate) h) never overflow, cosh and sinh would
-    grow, fall = (
-        np.exp((mean + np.where(swings, 0.0, rate)) * step),
-        np.exp((mean - np.where(swings, 0.0, rate)) * step),
-    )
+    grow = np.exp((mean + np.where(swings, 0.0, rate)) * step)
+    fall = np.exp((mean - np.where(swings, 0.0, rate)) * step)
     angle = rate * step
     safe = np.where(rate > 0.0, rate, 1.0)
     even = np.where(swings, grow * np.cos(angle), 0.5 * (grow + fall))
@@ -271,6 +265,6 @@ def _pair_exponentials(
         grow * np.sin(angle) / safe,
         np.where(angle > 1e-8, 0.5 * (grow - fall) / safe, grow * step),
     )
-    return np.asarray(
-        even[:, None, None] * np.eye(2) + odd[:, None, None] * (a - mean[:, None, None] * np.eye(2))
+    return even[:, None, None] * np.eye(2) + odd[:, None, None] * (
+        a - mean[:, None, None] * np.eye(2)
     )

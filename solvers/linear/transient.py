@@ -293,7 +293,7 @@ def _value_at(load: LoadHistory, time: float) -> float:
 def _stored_energy(space: StateSpace, states: FloatArray) -> FloatArray:
     """Return the kinetic and strain energy ``(n,)`` of states ``(n, 2 m)``."""
     elastic = states[:, 0::2] * (space.a[1::2, 0::2].diagonal() < 0.0)
-    return np.asarray(0.5 * ((elastic**2).sum(axis=1) + (states[:, 1::2] ** 2).sum(axis=1)))
+    return 0.5 * ((elastic**2).sum(axis=1) + (states[:, 1::2] ** 2).sum(axis=1))
 
 
 def _figures_of(

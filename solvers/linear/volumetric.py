@@ -74,7 +74,7 @@ class Squareness:
 def measure_range(values: FloatArray) -> FloatArray:
     """Return the range ``(6,)`` over a grid ``(..., 6)``; poses without a number are left out."""
     flat = values.reshape(-1, values.shape[-1])
-    return np.asarray(np.nanmax(flat, axis=0) - np.nanmin(flat, axis=0))
+    return np.nanmax(flat, axis=0) - np.nanmin(flat, axis=0)
 
 
 def axis_motions(

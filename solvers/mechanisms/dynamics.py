@@ -154,17 +154,13 @@ def evaluate_dynamics(
     load = (np.swapaxes(heavy, -1, -2) @ model.gravity).sum(axis=-2)
     tool = model.mechanism.markers.index(model.tool)
     if rates is None:
-        gamma, tool_bias = (
-            np.zeros(closures.shape[:-1]),
-            np.zeros_like(placement.positions[..., tool, :]),
-        )
+        gamma = np.zeros(closures.shape[:-1])
+        tool_bias = np.zeros_like(placement.positions[..., tool, :])
     else:
         bias = marker_bias(placement, rates)
         load = load - _inertial_forces(bodies, placement, bias, heavy=heavy, turning=turning)
-        gamma, tool_bias = (
-            closure_bias(model.mechanism, placement, bias),
-            bias.acceleration[..., tool, :],
-        )
+        gamma = closure_bias(model.mechanism, placement, bias)
+        tool_bias = bias.acceleration[..., tool, :]
     return MechanismDynamics(
         placement, mass, load, closures, gamma, kinematics.of_position[..., tool, :, :], tool_bias
     )

@@ -124,7 +124,7 @@ def _gravity_stiffness(
         force = evaluate_dynamics(model, kinematics).load
         maps = _free_maps(mechanism, kinematics, released)
         columns.append((np.swapaxes(maps, -1, -2) @ force[..., None])[..., 0].imag / TINY)
-    return np.asarray(-np.stack(columns, axis=-1))
+    return -np.stack(columns, axis=-1)
 
 
 def marker_motion(model: CompliantMechanism, motions: SmallMotions, marker: str) -> FloatArray:
@@ -141,7 +141,7 @@ def marker_motion(model: CompliantMechanism, motions: SmallMotions, marker: str)
     """
     index = model.mechanism.markers.index(marker)
     kinematics = motions.kinematics
-    return np.asarray(
+    return (
         np.concatenate(
             [kinematics.of_position[..., index, :, :], kinematics.of_rotation[..., index, :, :]],
             axis=-2,
@@ -193,9 +193,8 @@ def modal_damping(motions: SmallMotions, modes: _LumpedModes, ratios: FloatArray
     """
     spread = motions.mass @ modes.shapes
     zeta = np.concatenate([ratios, np.full(spread.shape[-1], ratios[-1])])[: spread.shape[-1]]
-    return np.asarray(
-        (spread * (4.0 * np.pi * zeta * modes.frequencies_hz)[..., None, :])
-        @ np.swapaxes(spread, -1, -2)
+    return (spread * (4.0 * np.pi * zeta * modes.frequencies_hz)[..., None, :]) @ np.swapaxes(
+        spread, -1, -2
     )
 
 
@@ -228,10 +227,8 @@ def tool_compliance(model: CompliantMechanism, motions: SmallMotions) -> FloatAr
     """
     tool = marker_motion(model, motions, model.tool)
     if motions.geometric is not None:
-        return np.asarray(
-            tool @ np.linalg.solve(motions.total_stiffness, np.swapaxes(tool, -1, -2))
-        )
-    return np.asarray((tool / motions.stiffness[..., None, :]) @ np.swapaxes(tool, -1, -2))
+        return tool @ np.linalg.solve(motions.total_stiffness, np.swapaxes(tool, -1, -2))
+    return (tool / motions.stiffness[..., None, :]) @ np.swapaxes(tool, -1, -2)
 
 
 def pose_system(

@@ -96,7 +96,7 @@ def _lagrange(nodes: FloatArray, weights: FloatArray, places: FloatArray) -> Flo
     degrees = np.arange(len(nodes))
     series = np.polynomial.legendre.legvander(nodes, len(nodes) - 1) * (degrees + 0.5)
     values = np.polynomial.legendre.legvander(places, len(nodes) - 1)
-    return np.asarray(values @ (series * weights[:, None]).T)
+    return values @ (series * weights[:, None]).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +195,7 @@ def _moving_axes(tip: TipPoles) -> FloatArray:
         np.concatenate([tip.outputs.real, tip.outputs.imag, tip.static], axis=1),
         full_matrices=False,
     )
-    return np.asarray(left[:, size > RANK * size.max(initial=0.0)])
+    return left[:, size > RANK * size.max(initial=0.0)]
 
 
 @functools.lru_cache(maxsize=256)

@@ -230,11 +230,9 @@ def drive_forces(
     """
     forces = []
     for part in chunk_slices(len(times)):
-        compliant, rate, guess = (
-            history.compliant[part],
-            history.rate[part],
-            drive.rigid_states(times[part]),
-        )
+        compliant = history.compliant[part]
+        rate = history.rate[part]
+        guess = drive.rigid_states(times[part])
         dynamics = _evaluate(
             model, drive.at(times[part]), guess, compliant=compliant, rate=rate, force=force[part]
         )
@@ -320,7 +318,7 @@ def _linear_forces(motion: LinearMotion, moved: CompliantHistory, part: slice) -
     total = sum(
         (motion.between(matrix, part) @ values[..., None])[..., 0] for matrix, values in terms
     )
-    return np.asarray(total - motion.load[part])
+    return total - motion.load[part]
 
 
 def thin_history(history: CompliantHistory, some: slice | NDArray[np.intp]) -> CompliantHistory:

@@ -164,17 +164,15 @@ def repeated_forces(cut: MillingCut, steps_per_turn: int, feed: FloatArray) -> F
     turn = 2.0 * np.pi / cut.spindle
     if cut.mill.runout > 0.0 or len(feed) < 2 * steps_per_turn:
         return cutting_forces(cut, np.arange(len(feed)) * turn / steps_per_turn, feed)
-    instants, one = (
-        np.arange(steps_per_turn) * turn / steps_per_turn,
-        float(feed.max(initial=1e-9)) or 1e-9,
-    )
+    instants = np.arange(steps_per_turn) * turn / steps_per_turn
+    one = float(feed.max(initial=1e-9)) or 1e-9
     # without runout no chip vanishes before the feed does, so forces are a line in it
     half, whole = (
         cutting_forces(cut, instants, np.full(steps_per_turn, share * one)) for share in (0.5, 1.0)
     )
     slope, edge = 2.0 * (whole - half) / one, 2.0 * half - whole
     phase = np.arange(len(feed)) % steps_per_turn
-    return np.asarray((slope[phase] * feed[:, None] + edge[phase]) * (feed > 0.0)[:, None])
+    return (slope[phase] * feed[:, None] + edge[phase]) * (feed > 0.0)[:, None]
 
 
 def tooth_angles(cut: MillingCut, times: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -230,7 +228,7 @@ def radius_differences(mill: EndMill, lag: FloatArray, back: int = 1) -> FloatAr
     """
     radii = mill.runout * np.cos(lag + mill.runout_angle)
     # in either sense the tooth with the larger lag has passed earlier
-    return np.asarray(radii - np.roll(radii, -back))
+    return radii - np.roll(radii, -back)
 
 
 def _chunk_forces(cut: MillingCut, times: FloatArray, feed: FloatArray) -> FloatArray:
@@ -247,7 +245,7 @@ def _chunk_forces(cut: MillingCut, times: FloatArray, feed: FloatArray) -> Float
     )
     force = push_tool(cut, cut.coefficients.chip, theta) * chip
     force += push_tool(cut, cut.coefficients.edge, theta)
-    return np.asarray((force * cutting).sum(axis=(2, 3)).T)
+    return (force * cutting).sum(axis=(2, 3)).T
 
 
 def regeneration_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
@@ -262,7 +260,7 @@ def regeneration_stiffness(cut: MillingCut, times: FloatArray) -> FloatArray:
     width = engaged(cut, theta) * cut.axial_depth / cut.slices
     force = push_tool(cut, cut.coefficients.chip, theta)
     normal = np.stack([np.cos(theta), np.sin(theta), np.zeros_like(theta)])
-    return np.asarray(np.einsum("njs,anjs,bnjs->nab", width, force, normal))
+    return np.einsum("njs,anjs,bnjs->nab", width, force, normal)
 
 
 def chip_stiffness(cut: MillingCut, times: FloatArray, depth: float) -> FloatArray:
@@ -297,7 +295,7 @@ def chip_stiffness(cut: MillingCut, times: FloatArray, depth: float) -> FloatArr
             [0.0, 0.0, 0.0, upwards, 0.0],
         ]
     )
-    return np.asarray((means.T @ (depth * shares.T)).reshape(-1, 3, 2))
+    return (means.T @ (depth * shares.T)).reshape(-1, 3, 2)
 
 
 def _engaged_products(cut: MillingCut, theta: FloatArray) -> FloatArray:
@@ -309,7 +307,7 @@ def _engaged_products(cut: MillingCut, theta: FloatArray) -> FloatArray:
     turns = np.floor((theta - begin) / (2.0 * np.pi))
     # from -pi/2 on the sine is minus the cosine of the angle since then, the cosine its sine
     since = np.minimum(theta - begin - 2.0 * np.pi * turns, arc)
-    return np.asarray(_integrate_products(since) + _whole_products(arc) * turns.sum(axis=0))
+    return _integrate_products(since) + _whole_products(arc) * turns.sum(axis=0)
 
 
 @functools.lru_cache(maxsize=16)

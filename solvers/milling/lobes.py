@@ -69,7 +69,7 @@ def mean_cutting_stiffness(cut: MillingCut) -> FloatArray:
             [upwards * cosine, upwards * sine],
         ]
     )
-    return np.asarray(stiffness * cut.mill.teeth / (2.0 * np.pi))
+    return stiffness * cut.mill.teeth / (2.0 * np.pi)
 
 
 def _chip_eigenvalues(response: ComplexArray, stiffness: FloatArray) -> ComplexArray:
@@ -149,7 +149,7 @@ def find_lobes(
 
 def _phase(values: ComplexArray) -> FloatArray:
     """Phase between two teeth at the limit, from 0 to 2 pi where the real part is positive."""
-    return np.asarray(np.pi + 2.0 * np.angle(values))
+    return np.pi + 2.0 * np.angle(values)
 
 
 def _crossings(
@@ -249,7 +249,7 @@ def _nearest(response: ComplexArray, stiffness: FloatArray, values: ComplexArray
     size = np.abs(both)
     # one that is roundoff beside the other moves nothing
     far = np.where(size < ROUNDOFF * size.max(axis=0), np.inf, np.abs(both - values))
-    return np.asarray(np.take_along_axis(both, np.argmin(far, axis=0)[None], axis=0)[0])
+    return np.take_along_axis(both, np.argmin(far, axis=0)[None], axis=0)[0]
 
 
 def chatter_eigenvalues(

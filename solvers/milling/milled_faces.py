@@ -225,7 +225,7 @@ def _edge_heights(
         times = passes + angle / spindle
         off = along(times) - radii * np.sin(angle) - positions
         angle = angle - off / (speed(times) / spindle - radii * np.cos(angle))
-    return np.asarray(outward(passes + angle / spindle) - radii * np.cos(angle))
+    return outward(passes + angle / spindle) - radii * np.cos(angle)
 
 
 def waviness_profile(profile: FloatArray, spacing: float, cut_off: float) -> FloatArray:
@@ -240,9 +240,7 @@ def waviness_profile(profile: FloatArray, spacing: float, cut_off: float) -> Flo
     sigma = CUT_OFF_SIGMA * cut_off / spacing
 
     def smooth(values: FloatArray) -> FloatArray:
-        return np.asarray(
-            scipy.ndimage.gaussian_filter1d(values, sigma, mode="constant", truncate=6.0)
-        )
+        return scipy.ndimage.gaussian_filter1d(values, sigma, mode="constant", truncate=6.0)
 
     return smooth(profile) / smooth(np.ones(len(profile)))
 

@@ -57,9 +57,7 @@ class PathDrive:
         return Drive(position, speed, acceleration)
 
     def rigid_states(self, times: FloatArray) -> FloatArray:
-        """``(..., n)`` rigid coordinates between the nodes, good enough to start Newton's method
-        from.
-        """
+        """``(..., n)`` rigid coordinates between nodes, good enough to start Newton from."""
         return np.asarray(scipy.interpolate.make_interp_spline(self.times, self.states, k=3)(times))
 
 

@@ -140,9 +140,7 @@ def _cut_force(cut: RegenerativeCut, step: int, moved: FloatArray) -> FloatArray
     fed[:, 0] += cut.feed[step] * np.arange(1, WAVES + 1)
     chip = (fed @ phase.normals + phase.runout).min(axis=0)
     cutting = chip > 0.0
-    return np.asarray(
-        cut.share[step] * ((phase.chip @ (chip * cutting) + phase.edge @ cutting) @ frame)
-    )
+    return cut.share[step] * ((phase.chip @ (chip * cutting) + phase.edge @ cutting) @ frame)
 
 
 def _phase(cut: MillingCut, theta: FloatArray, runout: FloatArray) -> _CuttingPhase:

@@ -48,7 +48,7 @@ class ToolMode:
     @property
     def projector(self) -> FloatArray:
         """``(3, 3)`` onto its directions."""
-        return np.asarray(self.directions @ self.directions.T)
+        return self.directions @ self.directions.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class MeasuredAssembly:
 
 def across_axis(axis: FloatArray) -> FloatArray:
     """``(3, 2)`` orthonormal columns across an axis ``(3,)``."""
-    return np.asarray(np.linalg.svd(axis[None, :])[2][1:].T)
+    return np.linalg.svd(axis[None, :])[2][1:].T
 
 
 Assembly = Sequence[ToolMode] | MeasuredAssembly
@@ -113,7 +113,7 @@ def couple_assembly(machine: ComplexArray, omega: FloatArray, assembly: Assembly
 
 
 def _springs(mode: ToolMode, omega: FloatArray) -> ComplexArray:
-    return np.asarray(mode.stiffness + 1j * omega * mode.damper)
+    return mode.stiffness + 1j * omega * mode.damper
 
 
 def _couple_measured(
@@ -125,7 +125,7 @@ def _couple_measured(
     axis = np.eye(3) - plane
     passed = _passed_force(machine, cross, base, assembly)
     own = tip[:, None, None] * plane - cross[:, None, None] * (plane @ passed)
-    return np.asarray(own + axis @ machine @ passed)
+    return own + axis @ machine @ passed
 
 
 def _passed_force(
@@ -139,7 +139,7 @@ def _passed_force(
     axis = np.eye(3) - plane
     stiff = np.linalg.inv(across.T @ machine @ across + base[:, None, None] * np.eye(2))
     meeting = cross[:, None, None] * plane - plane @ machine @ axis
-    return np.asarray(across @ stiff @ across.T @ meeting + axis)
+    return across @ stiff @ across.T @ meeting + axis
 
 
 class _TippedMachine(NamedTuple):

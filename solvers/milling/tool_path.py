@@ -62,9 +62,7 @@ class _PiecewisePath:
         value = np.zeros(len(times), dtype=_WIDE)
         for column in range(self.poly.shape[1] - 1, -1, -1):
             value = value * tau + self.poly[piece, column]
-        return np.asarray(
-            value + self.swing[piece] * np.exp(1j * self.rate[piece].astype(np.longdouble) * tau)
-        )
+        return value + self.swing[piece] * np.exp(1j * self.rate[piece].astype(np.longdouble) * tau)
 
     def antiderivative(self) -> "_PiecewisePath":
         """The integral from the start of the first piece."""
@@ -137,7 +135,7 @@ class _SmoothPath:
         # divided by the window thrice
         wide, window = times.astype(np.longdouble), np.longdouble(self.window)
         total = sum(weight * primitive.at(wide - k * window) for k, weight in enumerate(weights))
-        return np.asarray(total / window**AVERAGES)
+        return total / window**AVERAGES
 
 
 class ToolPath(Protocol):
@@ -193,7 +191,7 @@ class TracedPath:
 
     def velocity(self, times: FloatArray) -> FloatArray:
         """``(n, 3)`` velocities alone."""
-        return np.asarray(self.law(np.clip(times, *self.span), nu=1))
+        return self.law(np.clip(times, *self.span), nu=1)
 
 
 @dataclass(frozen=True)
@@ -460,10 +458,8 @@ def _straight_cuts(
     arcs = np.array([0.0, *(line.radius * half), 0.0])
     # a face ends where it meets the next one of the part, or where the arc begins
     meets = np.where(sign * turns < 0.0, max(line.radius, line.offset), line.radius) * half
-    before, after = (
-        np.array([line.lead, *meets]) - arcs[:-1],
-        np.array([*meets, line.lead]) - arcs[1:],
-    )
+    before = np.array([line.lead, *meets]) - arcs[:-1]
+    after = np.array([*meets, line.lead]) - arcs[1:]
     last, cuts = len(travels) - 1, list[StraightCut]()
     for number, (travel, feed) in enumerate(zip(travels, line.feeds, strict=True)):
         straight = lengths[number] - arcs[number] - arcs[number + 1]

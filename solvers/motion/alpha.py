@@ -228,7 +228,7 @@ class AlphaSteps:
 
     def predict(self, state: FloatArray) -> FloatArray:
         """Return predicted positions ``(c,)`` after a step with the acceleration of a state."""
-        return np.asarray(self._ahead[0] @ state + self.reach[0] * state[2])
+        return self._ahead[0] @ state + self.reach[0] * state[2]
 
     def advance(
         self,
@@ -261,7 +261,7 @@ class AlphaSteps:
             accel = np.asarray(np.linalg.solve(np.eye(size) - softer, accel))
         if self._motion.friction is not None:
             accel = self._add_friction(self._motion.friction, number, drift=drift, accel=accel)
-        return np.asarray(drift + self.reach[:, None] * accel)
+        return drift + self.reach[:, None] * accel
 
     def _add_friction(
         self, friction: CoordinateFriction, number: int, *, drift: FloatArray, accel: FloatArray
@@ -272,9 +272,7 @@ class AlphaSteps:
         units[at, np.arange(len(at))] = 1.0
         pushed = self.respond(number, units)
         speeds = drift[1, at] + self.reach[1] * accel[at]
-        return np.asarray(
-            accel + pushed @ friction.settle(number, speeds, self.reach[1] * pushed[at])
-        )
+        return accel + pushed @ friction.settle(number, speeds, self.reach[1] * pushed[at])
 
     def respond(self, number: int, load: FloatArray) -> FloatArray:
         """Return the accelerations ``(c,)`` or ``(c, k)`` at a step by loads of the same shape."""
@@ -282,9 +280,7 @@ class AlphaSteps:
         part = min(int(location), len(self._inverses) - 1)
         share, size = location - part, len(load)
         product = self._inverses[part] @ load
-        return np.asarray(
-            product[:size] + share * (product[size : 2 * size] + share * product[2 * size :])
-        )
+        return product[:size] + share * (product[size : 2 * size] + share * product[2 * size :])
 
     def _visit(self, number: int) -> float:
         """Return the position of a step between two nodes, with the matrices there cached."""
@@ -352,7 +348,7 @@ def _scheme_matrices(scheme: AlphaScheme, h: float) -> _SchemeMatrices:
 
 def _wave_stiffness(motion: LinearMotion, part: slice, regeneration: Regeneration) -> FloatArray:
     tool = motion.between(motion.tool, part)
-    return np.asarray(np.swapaxes(tool, -1, -2) @ regeneration.stiffness[part] @ tool)
+    return np.swapaxes(tool, -1, -2) @ regeneration.stiffness[part] @ tool
 
 
 def even_nodes(times: FloatArray, spacing: float) -> FloatArray:
@@ -374,12 +370,12 @@ def interpolate_nodes(times: FloatArray, nodes: FloatArray, values: FloatArray) 
     location = (times - nodes[0]) / (nodes[1] - nodes[0])
     left = np.clip(location.astype(np.intp), 0, len(nodes) - 2)
     share = (location - left).reshape(-1, *([1] * (values.ndim - 1)))
-    return np.asarray((1.0 - share) * values[left] + share * values[left + 1])
+    return (1.0 - share) * values[left] + share * values[left + 1]
 
 
 def apply_matrices(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     """Return the products ``(n, p)`` of matrices ``(n, p, c)`` with vectors ``(n, c)``."""
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
+    return (matrices @ vectors[..., None])[..., 0]
 
 
 def chunk_slices(count: int) -> list[slice]:
@@ -412,7 +408,7 @@ class ServoMotion:
         """Return the deviations ``(n, d)`` of readings from set points [m]."""
         states = history.compliant[:, : self.motors.stop]
         reads = self.motion.between(self.reads, slice(None))
-        return np.asarray((reads @ states[..., None])[..., 0] + self.fixed_readings)
+        return (reads @ states[..., None])[..., 0] + self.fixed_readings
 
     def forces(self, history: CompliantHistory) -> FloatArray:
         """Return the forces of the drives ``(n, d)`` [N]."""
@@ -423,9 +419,7 @@ class ServoMotion:
         given[:, :, POSITION] = read
         given[:, :, MOTOR_SPEED] = self.speeds + history.rate[:, self.motors]
         flat = given.reshape(len(states), -1)
-        return np.asarray(
-            states[:, self.motors.stop :] @ self.control.c.T + flat @ self.control.d.T
-        )
+        return states[:, self.motors.stop :] @ self.control.c.T + flat @ self.control.d.T
 
 
 def close_motors(

@@ -261,7 +261,7 @@ def _project_slow(a: FloatArray, limit: float) -> FloatArray:
     parting = scipy.linalg.solve_sylvester(
         triangular[first, first], -triangular[rest, rest], -triangular[first, rest]
     )
-    return np.asarray(basis[:, first] @ np.hstack([np.eye(count), -parting]) @ basis.T)
+    return basis[:, first] @ np.hstack([np.eye(count), -parting]) @ basis.T
 
 
 @dataclass(frozen=True)
@@ -550,4 +550,4 @@ def _part_poles(states: Sequence[FloatArray], limit_hz: float) -> FloatArray:
         range(below.min(), below.max() + 1),
         key=lambda number: float((ends[:, number + 1] / ends[:, number]).min()),
     )
-    return np.asarray(np.sqrt(ends[:, count] * ends[:, count + 1]))
+    return np.sqrt(ends[:, count] * ends[:, count + 1])

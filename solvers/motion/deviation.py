@@ -127,7 +127,7 @@ def filter_deviation(found: PathDeviation, low_pass: LowPass | None) -> PathDevi
             if low_pass.kind == "causal"
             else lambda *args, axis: scipy.signal.sosfiltfilt(*args, axis=axis, padtype=None)
         )
-        return np.asarray(run(sections, padded, axis=0)[padding:-padding])
+        return run(sections, padded, axis=0)[padding:-padding]
 
     parts = [apply(part) for part in (found.quasi_static, found.low_frequency, found.dynamic)]
     return dataclasses.replace(

@@ -246,7 +246,7 @@ def _posed_work(
     begin to its middle and on to its end.
     """
     positions = track.positions(grid)
-    return np.asarray(
+    return (
         _stored(track, middles, begun)
         - _stored(track, positions[:-1], begun)
         + _stored(track, positions[1:], ended)
@@ -273,7 +273,7 @@ def _observe(
 
     def outputs(model: FrictionLoop, which: slice | IntArray) -> FloatArray:
         space, rows = model.loop.space, slice(None) if track.rows is None else track.rows
-        return np.asarray(
+        return (
             states[which] @ space.c[rows].T
             + given[which] @ model.d[rows].T
             - friction_forces[which] @ model.feedthrough[rows].T

@@ -102,7 +102,7 @@ class CoordinateFriction:
         off = now + gain @ friction_forces - target
         for _ in range(MOST_PASSES):
             if np.abs(off).max() <= SETTLED * scale:
-                return np.asarray(-friction_forces)
+                return -friction_forces
             change = np.linalg.solve(np.eye(len(now)) + gain * slopes, -off)
             share, missed = 1.0, np.abs(off).max()
             while True:

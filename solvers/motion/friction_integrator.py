@@ -82,7 +82,7 @@ def find_rare_sizes(steps: FloatArray) -> BoolArray:
     _, which, counts = np.unique(
         np.round(steps / steps.max(), 9), return_inverse=True, return_counts=True
     )
-    return np.asarray(counts[which] < FEW_STEPS)
+    return counts[which] < FEW_STEPS
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ class _InterpolatedStep:
 
     def miss(self, off: FloatArray) -> FloatArray:
         """Return the error ``(n,)`` of the state by friction errors ``(3 k,)`` at checks."""
-        return np.asarray(self.shares @ (self.stack.missed @ off))
+        return self.shares @ (self.stack.missed @ off)
 
 
 @dataclass(frozen=True, eq=False)

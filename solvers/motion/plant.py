@@ -340,7 +340,7 @@ def align_modes(before: SampledModes, after: SampledModes, kept: int) -> FloatAr
     would jump and could not be interpolated.
     """
     left, _, right = np.linalg.svd(before.momenta[:, :kept].T @ after.motions[:, :kept])
-    return np.asarray(left @ right)
+    return left @ right
 
 
 def turn_plant(pose: SampledModes, turn: FloatArray) -> SampledPlant:
@@ -359,10 +359,8 @@ def turn_plant(pose: SampledModes, turn: FloatArray) -> SampledPlant:
     ) + np.abs(modes.residual)
     if len(modes.eigenvalues) > modes.rigid_count:
         # where rigid motion causes no deformation, the loads of elastic modes are roundoff
-        rows, columns = (
-            largest_entries(modes.outputs),
-            largest_entries(modes.inputs.T).T,
-        )
+        rows = largest_entries(modes.outputs)
+        columns = largest_entries(modes.inputs.T).T
         reach = reach + ROUNDOFF * rows * columns / modes.eigenvalues[flexible].min()
     return SampledPlant(
         channels=pose.channels,
@@ -378,12 +376,12 @@ def turn_plant(pose: SampledModes, turn: FloatArray) -> SampledPlant:
 
 def largest_entries(values: FloatArray) -> FloatArray:
     """Return the largest entry of each row."""
-    return np.asarray(np.abs(values).max(axis=-1, keepdims=True, initial=0.0))
+    return np.abs(values).max(axis=-1, keepdims=True, initial=0.0)
 
 
 def invert_sizes(size: FloatArray) -> FloatArray:
     """Return one over each entry; zero where it is zero."""
-    return np.asarray(np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0))
+    return np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -173,9 +173,7 @@ def _turn_poses(
 
 def _scales(sampled_poses: Mapping[float, SampledPlant]) -> FloatArray:
     middle = sampled_poses[find_middle(sampled_poses)]
-    return np.asarray(
-        np.sqrt(np.maximum(middle.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
-    )
+    return np.sqrt(np.maximum(middle.stiffness.diagonal(), (2.0 * np.pi * LEAST_HZ) ** 2))
 
 
 def _interpolate(sampled_poses: Mapping[float, SampledPlant]) -> dict[str, CubicSpline]:
@@ -252,7 +250,7 @@ class _TransportedPose:
     @property
     def momenta(self) -> FloatArray:
         """Return the momenta ``(n_all, m)`` of the transported modes."""
-        return np.asarray(self.pose.momenta[:, : len(self.turn)] @ self.turn)
+        return self.pose.momenta[:, : len(self.turn)] @ self.turn
 
 
 def sample_motion(
@@ -414,7 +412,7 @@ def _shares(omega: FloatArray, up_to_hz: float) -> FloatArray:
     """
     left = (FADED - omega / (2.0 * np.pi * up_to_hz)) / (FADED - 1.0)
     level = np.clip(left, 0.0, 1.0)
-    return np.asarray(level**3 * (10.0 + level * (6.0 * level - 15.0)))
+    return level**3 * (10.0 + level * (6.0 * level - 15.0))
 
 
 def _count_fading_modes(poses: Collection[SampledModes], up_to_hz: float) -> tuple[int, float]:

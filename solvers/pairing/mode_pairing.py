@@ -49,7 +49,7 @@ def correlate_modes(first: FloatArray, second: FloatArray) -> FloatArray:
 
     Source: Allemang and Brown (1982).
     """
-    return np.asarray((_unit_columns(first).T @ _unit_columns(second)) ** 2)
+    return (_unit_columns(first).T @ _unit_columns(second)) ** 2
 
 
 def pair_modes(
@@ -171,7 +171,7 @@ def _cluster_correlations(first: ModeSet, second: ModeSet) -> FloatArray:
 
 def _unit_columns(field: FloatArray) -> FloatArray:
     lengths = np.linalg.norm(field, axis=0)
-    return np.asarray(field / np.where(lengths > 0.0, lengths, 1.0))
+    return field / np.where(lengths > 0.0, lengths, 1.0)
 
 
 def _positive(frequencies_hz: FloatArray) -> FloatArray:

@@ -169,9 +169,7 @@ def measure_levels(model: FrfModel, levels: Sequence[ResponseLevel]) -> FloatArr
 
 
 def _resonances(coordinates: ModalCoordinates) -> tuple[FloatArray, FloatArray]:
-    """Return the undamped frequencies ``(m,)`` [Hz] and damping ratios ``(m,)``, couplings left
-    out.
-    """
+    """Return undamped frequencies ``(m,)`` [Hz], damping ratios ``(m,)``, uncoupled."""
     omega = coordinates.omega
     moving = np.where(omega > 0.0, omega, np.inf)
     ratios = np.zeros(len(omega))
@@ -183,9 +181,7 @@ def _resonances(coordinates: ModalCoordinates) -> tuple[FloatArray, FloatArray]:
 
 
 def _sample(model: FrfModel, hz: FloatArray, ratios: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the frequencies around resonances ``(n, w)`` and sizes ``(n, w, n_outputs, n_inputs)``
-    there.
-    """
+    """Return frequencies around resonances ``(n, w)``, sizes ``(n, w, n_outputs, n_inputs)``."""
     lines = hz[:, None] * (1.0 + ratios[:, None] * WINDOW)
     values = evaluate_frf(model, lines.ravel()).receptance
     return lines, np.abs(values).reshape(*lines.shape, *values.shape[1:])
@@ -247,4 +243,4 @@ def _matters(model: FrfModel, sizes: FloatArray) -> BoolArray:
         if channel in model.inputs:
             column = model.inputs.index(channel)
             rows[row] = columns[column] = sizes[row, column]
-    return np.asarray((sizes > 0.0) & (sizes >= COUNTED * np.sqrt(np.outer(rows, columns))))
+    return (sizes > 0.0) & (sizes >= COUNTED * np.sqrt(np.outer(rows, columns)))

@@ -168,9 +168,7 @@ def find_resolved_step(mesh: ComponentMesh) -> float:
 
 
 def _find_flatness(mesh: ComponentMesh, surface: MeshSurface) -> float:
-    """Find the width of tetrahedra at the surface of a mesh over the thickness of its walls, in the
-    mean.
-    """
+    """Find the mean width of tetrahedra at a mesh's surface over its walls' thickness."""
     areas, _ = facet_moments(mesh.points, surface.facets)
     # an even triangle of a side has 0.43 times its square
     return float(np.sqrt(2.3 * areas.mean()) * areas.sum() / (2.0 * mesh.quality.volume))
@@ -325,9 +323,7 @@ def _recover(
     counted: int | None,
     sides: FreeSides | None = None,
 ) -> tuple[StressArray, StressArray]:
-    """Return the stresses sampled in cells, and those recovered at the nodes of the counted
-    ones.
-    """
+    """Return the stresses sampled in cells, and those recovered at the counted nodes."""
     samples, _ = gauss_places(
         mesh.kind, SAMPLE_DEGREES[cell_family(mesh.kind), cell_order(mesh.kind)]
     )
@@ -434,9 +430,7 @@ def _feature_change(
 def _sample_stresses(
     mesh: ComponentMesh, material: Material, displacement: FloatArray, places: FloatArray
 ) -> StressArray:
-    """Return the stresses ``(n_cells, n_places, 6 k)``; per place and component one value per
-    field.
-    """
+    """Return stresses ``(n_cells, n_places, 6 k)``; by place and component one per field."""
     result = np.empty(
         (len(mesh.cells), len(places), COMPONENTS * displacement.shape[1]), dtype=np.float32
     )

@@ -116,7 +116,7 @@ def _find_stout(mesh: ComponentMesh, owners: IntArray, areas: FloatArray) -> NDA
     np.add.at(count, corners[owners], 1.0)
     # an even triangle of a side has 0.43 times its square; a wall has two sides
     widths = np.sqrt(2.3 * area / np.maximum(count, 1.0))
-    return np.asarray(widths * area < STOUT_WALL * 2.0 * volume)
+    return widths * area < STOUT_WALL * 2.0 * volume
 
 
 def _find_owners(mesh: ComponentMesh, facets: IntArray) -> IntArray:

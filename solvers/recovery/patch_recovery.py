@@ -62,9 +62,7 @@ class _StressOperators:
 
 
 def gauss_places(kind: CellKind, degree: int) -> tuple[FloatArray, FloatArray]:
-    """Return the reference places ``(n, 3)`` and weights ``(n,)`` of a rule that is exact up to a
-    degree.
-    """
+    """Return reference places ``(n, 3)`` and weights ``(n,)`` of a rule exact to a degree."""
     simplex = cell_family(kind) == "tet"
     places, weights = basix.make_quadrature(
         basix.CellType.tetrahedron if simplex else basix.CellType.hexahedron, degree
@@ -264,12 +262,10 @@ def recover_stresses(
 
 
 def _exponents(kind: CellKind) -> IntArray:
-    """Return the complete polynomials on tetrahedra, products on hexahedra: those of the
-    displacement.
-    """
+    """Return complete polynomials on tets, products on hexes: those of the displacement."""
     order = cell_order(kind)
     powers = np.array(sorted(product(range(order + 1), repeat=3), key=sum))
-    return np.asarray(powers[powers.sum(axis=1) <= order] if cell_family(kind) == "tet" else powers)
+    return powers[powers.sum(axis=1) <= order] if cell_family(kind) == "tet" else powers
 
 
 def _fit_operators(

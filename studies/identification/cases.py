@@ -96,12 +96,12 @@ class CaseState:
     @cached_property
     def frequencies_hz(self) -> FloatArray:
         """Natural frequencies above the floor ``(m,)``."""
-        return np.asarray(np.sqrt(self.eigenvalues) / (2.0 * np.pi))
+        return np.sqrt(self.eigenvalues) / (2.0 * np.pi)
 
     @cached_property
     def motions(self) -> FloatArray:
         """Mode shapes in stacked dofs ``(n_all, m)``."""
-        return np.asarray(self.coupled.basis @ self.shapes)
+        return self.coupled.basis @ self.shapes
 
     @cached_property
     def compliances(self) -> FloatArray:
@@ -113,7 +113,7 @@ class CaseState:
     @cached_property
     def answers(self) -> FloatArray:
         """The static motions in stacked dofs ``(n_all, 2 c)``."""
-        return np.asarray(self.coupled.basis @ self.displacements)
+        return self.coupled.basis @ self.displacements
 
     @cached_property
     def by_parameter(self) -> dict[int, CaseSlope]:
@@ -174,9 +174,7 @@ def solve_case(model: CaseModel, values: Mapping[str, float]) -> CaseState:
 
 
 def _slope_case(state: CaseState, parameter: Parameter) -> CaseSlope | None:
-    """Derivatives of a case by a parameter's value; None where the parameter does not touch the
-    case.
-    """
+    """Derivatives of a case by a parameter's value; None where it does not touch the case."""
     pieces = _slope_pieces(state, parameter)
     if pieces is None:
         return None
@@ -216,9 +214,8 @@ def slope_motions(state: CaseState, index: int, slopes: list[CaseSlope]) -> Floa
         forces=forces,
         mass_terms=terms,
     )
-    return np.asarray(
-        state.coupled.basis @ turned
-        + np.column_stack([slope.modes.carried[:, index] for slope in slopes])
+    return state.coupled.basis @ turned + np.column_stack(
+        [slope.modes.carried[:, index] for slope in slopes]
     )
 
 

@@ -129,7 +129,7 @@ def _places(problem: FitProblem, point: FitPoint) -> FloatArray:
     low = np.maximum(problem.lower - point.coordinates, -REACH)
     high = np.minimum(problem.upper - point.coordinates, REACH)
     shares = qmc.Sobol(len(low), rng=np.random.default_rng(SEED)).random(PLACES)
-    return np.asarray(low + shares * (high - low))
+    return low + shares * (high - low)
 
 
 def _pair(case: _LinearCase, move: FloatArray) -> Pairing:
@@ -146,9 +146,7 @@ def _solve(
     pairings: tuple[Pairing, ...],
     linear: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, float]:
-    """The best move under given pairings, kept within reach, and half the sum of squares it
-    leaves.
-    """
+    """Best move under given pairings, kept within reach, and half the sum of squares left."""
     residuals, jacobian = linear[0].copy(), linear[1].copy()
     for case, pairing in zip(cases, pairings, strict=True):
         for target, (row, mode) in enumerate(zip(case.rows, pairing.modes, strict=True)):

@@ -492,4 +492,4 @@ def _couplings(mass: FloatArray, nodes: int) -> FloatArray:
 def _sizes(couplings: FloatArray) -> FloatArray:
     """Length of each row, far above the noise of a mode that no boundary drives."""
     sizes = np.linalg.norm(couplings, axis=1)
-    return np.asarray(np.maximum(sizes, 1e-6 * sizes.max(initial=np.finfo(float).tiny)))
+    return np.maximum(sizes, 1e-6 * sizes.max(initial=np.finfo(float).tiny))

@@ -29,9 +29,7 @@ OTHER_NUMBER = 1e12  # cost of a mode of another number than the one that a targ
 
 @dataclass(frozen=True)
 class Pairing:
-    """Which mode of a case meets which target: index into the modes above the floor, one per mode
-    target.
-    """
+    """Which mode of a case meets which target: index into modes above the floor, one per target."""
 
     modes: tuple[int, ...]
 
@@ -94,7 +92,7 @@ def compare_shape(state: CaseState, shape: ShapeTarget) -> FloatArray:
     """
     observed, wanted = _seen_shapes(state, shape)
     sizes = np.maximum(np.einsum("ij,ij->j", observed, observed), np.finfo(float).tiny)
-    return np.asarray((wanted @ observed) ** 2 / sizes)
+    return (wanted @ observed) ** 2 / sizes
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +196,7 @@ def _shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
     """Part of the target at right angles to the mode ``(k,)``: its square is ``1 - MAC``."""
     observed, wanted = _seen_shapes(state, shape)
     unit = observed[:, mode] / max(float(np.linalg.norm(observed[:, mode])), np.finfo(float).tiny)
-    return np.asarray((wanted - (wanted @ unit) * unit) / shape.tolerance)
+    return (wanted - (wanted @ unit) * unit) / shape.tolerance
 
 
 def _shape_gap_slopes(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
@@ -239,9 +237,7 @@ def _limit_slopes(state: CaseState) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class FitProblem:
-    """Cases and parameters of a fit, in fitted coordinates: ln p or p over the width of its
-    bounds.
-    """
+    """Cases and parameters of a fit, in fitted coordinates: ln p or p over its bounds' width."""
 
     cases: tuple[CaseModel, ...]
     parameters: tuple[Parameter, ...]
@@ -364,14 +360,14 @@ def prior_residuals(problem: FitProblem, coordinates: FloatArray) -> FloatArray:
     """Distances from the priors in standard deviations, for parameters that have one."""
     means, sigmas = problem.priors
     with_prior = np.isfinite(sigmas)
-    return np.asarray((coordinates[with_prior] - means[with_prior]) / sigmas[with_prior])
+    return (coordinates[with_prior] - means[with_prior]) / sigmas[with_prior]
 
 
 def prior_jacobian(problem: FitProblem) -> FloatArray:
     """Derivatives of ``prior_residuals``."""
     _, sigmas = problem.priors
     with_prior = np.isfinite(sigmas)
-    return np.asarray(np.eye(len(sigmas))[with_prior] / sigmas[with_prior][:, None])
+    return np.eye(len(sigmas))[with_prior] / sigmas[with_prior][:, None]
 
 
 def _make_point(

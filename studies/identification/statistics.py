@@ -118,16 +118,14 @@ def assess(
 
 
 def _invert(information: FloatArray, allowed: FloatArray) -> FloatArray:
-    """Inverse of an information matrix; infinite variances where nothing is known of a
-    parameter.
-    """
+    """Inverse of an information matrix; infinite variances where nothing is known."""
     scaled = information * np.outer(allowed, allowed)
     values, vectors = np.linalg.eigh(scaled)
     determined = values > np.finfo(float).eps * len(values) * max(float(values[-1]), 1.0)
     inverse = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
     lost = np.einsum("ij,ij->i", vectors[:, ~determined], vectors[:, ~determined]) > 1e-9
     inverse[lost, lost] = np.inf
-    return np.asarray(inverse * np.outer(allowed, allowed))
+    return inverse * np.outer(allowed, allowed)
 
 
 def _name_direction(names: Sequence[str], direction: FloatArray) -> tuple[tuple[str, float], ...]:

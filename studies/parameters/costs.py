@@ -83,9 +83,7 @@ def weigh_costs(table: StudyTable) -> list[CostPoint]:
 
 
 def pareto_front(points: Sequence[CostPoint], cost: str) -> list[CostPoint]:
-    """Points that none is both cheaper and closer than, by rising cost: ``cpu``, ``memory`` or
-    ``dofs``.
-    """
+    """Points that none is cheaper and closer than, rising in ``cpu``, ``memory``, ``dofs``."""
     front: list[CostPoint] = []
     shown = [point for point in points if cost != "memory" or point.memory_known]
     for point in sorted(shown, key=lambda point: (read_cost(point, cost), point.error)):

@@ -101,9 +101,7 @@ def append_record(journal: Journal, record: StudyRecord) -> None:
 
 
 def _read_line(line: bytes) -> StudyRecord | None:
-    """A record, or None for a line that is of another version or no record: its point is then
-    computed anew.
-    """
+    """A record, or None for a line of another version or no record: computed anew."""
     try:
         entry = json.loads(line)
         if entry.pop("format") != FORMAT:

@@ -104,9 +104,7 @@ class StudyJob:
 
 @dataclass(frozen=True, eq=False)
 class StudyProgress:
-    """A point that is finished: its number, of how many, its record, and whether it was finished
-    before.
-    """
+    """A finished point: its number, of how many, its record, and whether it was finished before."""
 
     number: int
     total: int

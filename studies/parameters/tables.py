@@ -432,11 +432,9 @@ def _size_keys(family: StudyFamily) -> list[str]:
 
 
 def _others(row: StudyRow, family: StudyFamily, key: str) -> dict[str, TomlValue]:
-    return (
-        {}
-        if family.pairwise
-        else {other: value for other, value in row.record.varied.items() if other != key}
-    )
+    if family.pairwise:
+        return {}
+    return {other: value for other, value in row.record.varied.items() if other != key}
 
 
 def _make_series(

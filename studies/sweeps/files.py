@@ -59,21 +59,17 @@ def write_sweep(folder: Path, results: SweepResults) -> None:
 def _fill(file: "h5py.File", results: SweepResults) -> None:
     sweep = results.sweep
     file.attrs["format"], file.attrs["version"] = FORMAT, VERSION
-    file.attrs["name"], file.attrs["sweep"], file.attrs["kind"] = (
-        results.name,
-        sweep.name,
-        sweep.kind,
-    )
+    file.attrs["name"] = results.name
+    file.attrs["sweep"] = sweep.name
+    file.attrs["kind"] = sweep.kind
     file.attrs["key"] = results.key
     file["axes"], file["units"] = _words(sweep.axes), _words(sweep.units)
     file["shape"], file["positions"] = np.array(sweep.shape), sweep.positions
     file["states"], file["errors"] = _words(results.states), _words(results.errors)
     if results.modes is not None and results.tracked is not None:
         group = file.create_group("modal")
-        group["frequencies_hz"], group["rigid_count"] = (
-            results.modes.frequencies_hz,
-            results.modes.rigid,
-        )
+        group["frequencies_hz"] = results.modes.frequencies_hz
+        group["rigid_count"] = results.modes.rigid
         group["shapes"] = results.shapes
         tracked = group.create_group("tracked")
         tracked["frequencies_hz"], tracked["index"] = results.frequencies_hz, results.tracked.index
@@ -98,10 +94,8 @@ def _fill(file: "h5py.File", results: SweepResults) -> None:
 def _fill_point(group: h5py.Group, point: PointMap) -> None:
     group["compliance"], group["largest"] = point.compliance, point.largest
     group["direction"], group["ratio"] = point.direction, point.ratio
-    group["weakest"], group["weakest_share"] = (
-        _words([name for names in point.links for name in names], (-1, 3)),
-        point.link_shares,
-    )
+    group["weakest"] = _words([name for names in point.links for name in names], (-1, 3))
+    group["weakest_share"] = point.link_shares
 
 
 def _words(words: tuple[str, ...] | list[str], shape: tuple[int, ...] = (-1,)) -> object:

@@ -336,9 +336,7 @@ def _solve_taken(
 
 
 def _point_motion(shared: _LumpedPoses, motions: SmallMotions, point: Point) -> FloatArray:
-    """``(n, 3, c)`` translation of the tool of a point per compliant coordinate, ground frame of
-    the chains.
-    """
+    """``(n, 3, c)`` translation of a point's tool per compliant coordinate, ground frame."""
     name, interface = point.tool.component or "", point.tool.interface or ""
     marker, frame = shared.mechanism.carries[name], shared.own[name]
     tip = shared.superelements[name].interface_position(interface) + np.asarray(point.offset)
@@ -346,9 +344,7 @@ def _point_motion(shared: _LumpedPoses, motions: SmallMotions, point: Point) -> 
     marker_index = shared.model.mechanism.markers.index(marker)
     arm = motions.kinematics.placement.rotations[:, marker_index] @ local
     motion = marker_motion(shared.model, motions, marker)
-    return np.asarray(
-        motion[:, :3] + np.cross(motion[:, 3:], arm[:, :, None], axisa=1, axisb=1, axisc=1)
-    )
+    return motion[:, :3] + np.cross(motion[:, 3:], arm[:, :, None], axisa=1, axisb=1, axisc=1)
 
 
 def _weakest_parts(

@@ -48,9 +48,7 @@ POSES_NAMED = 3  # in a remark
 
 @dataclass(frozen=True)
 class Part:
-    """Which share of the poses a job computes: the first of one unless it is one of several
-    jobs.
-    """
+    """Share of the poses that a job computes: the first of one unless it is one of several."""
 
     number: int = 1
     of: int = 1

@@ -5,7 +5,7 @@ What stands behind ± on one part of the suite, beside the truth from a far fine
 """
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -67,10 +67,8 @@ if TYPE_CHECKING:
     pass
 
 # modes of a judged mesh, and of the true one among which theirs are sought
-WATCHED, PARTNERS = (
-    8,
-    14,
-)
+WATCHED = 8
+PARTNERS = 14
 JUDGED_MODES, TRUE_MODES = 24, 40  # fixed-interface modes kept
 LOSS_FACTOR = 0.03
 LINES = 150
@@ -79,18 +77,14 @@ SURE_CORRECTED = 0.2
 # factors were fitted on the first parts; the others were drawn and kept apart before that, a
 # product's part joined them
 CALIBRATION, HOLD_OUT = range(24), (*range(24, 48), PRODUCT)
-HEX_CALIBRATION, HEX_HOLD_OUT = (
-    range(FIRST_HEX, FIRST_HEX + 9),
-    range(FIRST_HEX + 9, FIRST_HEX + 24),
-)
+HEX_CALIBRATION = range(FIRST_HEX, FIRST_HEX + 9)
+HEX_HOLD_OUT = range(FIRST_HEX + 9, FIRST_HEX + 24)
 ADAPTED_PARTS = range(FIRST_ADAPTED, FIRST_ADAPTED + 12)  # nothing was fitted on them
 # what the next mesh should miss of the energy that one misses, of the judged and of the true ones
 ADAPTED_STEP, TRUE_STEP = 0.2, 0.1
 LARGE = 60_000  # points, from which on a true mesh is fine enough
-FRESH, NEW_PARTS = (
-    PRODUCT + 1,
-    24,
-)  # first seed of no part above, and how many are drawn from one on
+FRESH = PRODUCT + 1
+NEW_PARTS = 24  # first seed of no part above, and how many are drawn from one on
 SMOKE_PARTS = (8, 15)
 # errors of either sign that are spread normally: ± that covers 95 % of them is 2.9 times the median,
 # ± that covers 99 % 3.8 times
@@ -270,7 +264,7 @@ def _number_motions(coupled: CoupledMachine, modes: ModalResult, budget: PointBu
         modes.shapes[:, elastic] * np.sqrt(0.5) / (2.0 * np.pi * modes.frequencies_hz[elastic])
     )
     pushed = budget.displacements[:, :3] / np.sqrt(np.diag(budget.compliance)[:3])
-    return np.asarray(coupled.basis @ np.hstack([strained, pushed]))
+    return coupled.basis @ np.hstack([strained, pushed])
 
 
 def _follow_errors(solved: _Solved, step: float) -> MeshSettings:
@@ -314,9 +308,7 @@ def _cover_lines(
 def _respond(
     coupled: CoupledMachine, grid: FloatArray, *, finer: bool = False
 ) -> tuple[ComplexArray, FloatArray]:
-    """Receptances along x, y and z ``(n, 3)``, as computed or as finer meshes would have them, and
-    the ±.
-    """
+    """Receptances along x, y, z ``(n, 3)``, as computed or as on finer meshes, and the ±."""
     meshed = meshed_parts(coupled)
     if finer:  # as estimated, without what covers the doubt
         element = coupled.layout.superelements["part"]
@@ -341,39 +333,6 @@ def _respond(
     if finer and errors.mesh is not None:
         found = found + errors.mesh
     return np.diagonal(found, axis1=1, axis2=2), np.diagonal(total, axis1=1, axis2=2)
-
-
-def check_coverage() -> Iterator[ValidationRow]:
-    """Coverage of frequencies, compliances and frequency responses on the parts that factors were
-    fitted on, and on the others.
-    """
-    return SUITE.compare({"fitted on": CALIBRATION, "held out": HOLD_OUT})
-
-
-def check_hex_coverage() -> Iterator[ValidationRow]:
-    """Check the same on coarse hexahedra between the edges of patches, as searches begin with."""
-    return SUITE.compare({"fitted on": HEX_CALIBRATION, "held out": HEX_HOLD_OUT})
-
-
-def check_adapted_coverage() -> Iterator[ValidationRow]:
-    """Check the same on STEP parts whose meshes follow the errors of the one before; factors are
-    those of even meshes.
-    """
-    return SUITE.compare({"held out": ADAPTED_PARTS})
-
-
-def cover_new_parts(first: int) -> Iterator[ValidationRow]:
-    """Coverage on parts that nothing was fitted on or compared with before.
-
-    Args:
-        first: Seed of the first of them, ``FRESH`` at least.
-    """
-    return SUITE.compare_seeds(range(first, first + NEW_PARTS))
-
-
-def check_coverage_smoke() -> Iterator[ValidationRow]:
-    """Check a tube and a sheet in the same way, in seconds."""
-    return SUITE.compare({"two parts": SMOKE_PARTS})
 
 
 def _evaluate(what: str, parts: Sequence[_PartCoverage]) -> list[ValidationRow]:

@@ -33,7 +33,7 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import solve_static
 from headstock.solvers.mpi import MPI
 from headstock.solvers.stresses import largest_von_mises
-from headstock.validation.coverage.cases import CALIBRATION, HOLD_OUT, part_texts
+from headstock.validation.coverage.cases import part_texts
 from headstock.validation.coverage.coverage_case import (
     CHANNELS,
     SURE,
@@ -207,16 +207,6 @@ def _holds(mesh: ComponentMesh, material: Material, probe: Probe) -> bool:
     except ModelError:
         return False
     return True
-
-
-def check_probe_coverage() -> Iterator[ValidationRow]:
-    """Coverage at probes of the parts that factors were fitted on, and of the others."""
-    return SUITE.compare({"fitted on": CALIBRATION, "held out": HOLD_OUT})
-
-
-def check_probe_smoke() -> Iterator[ValidationRow]:
-    """Check one part in the same way, in seconds."""
-    return SUITE.compare({"one part": SMOKE_PARTS})
 
 
 def _evaluate(what: str, parts: Sequence[_ProbeCoverage]) -> Iterator[ValidationRow]:

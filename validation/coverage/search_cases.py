@@ -9,7 +9,7 @@ extrapolated from what they move by: neither tetrahedra nor an estimate of an er
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -183,21 +183,6 @@ class _SearchedPart:
     failure: str = ""
 
 
-def check_search() -> Iterator[ValidationRow]:
-    """Check whether what searches call met is met on the twelve parts, and ± covers their numbers."""
-    return SUITE.compare({"": PARTS})
-
-
-def check_fresh_search() -> Iterator[ValidationRow]:
-    """Check the eight fresh parts in the same way."""
-    return SUITE.compare({"": FRESH_PARTS})
-
-
-def check_search_smoke() -> Iterator[ValidationRow]:
-    """Check two of them in the same way."""
-    return SUITE.compare({"": SMOKE_PARTS})
-
-
 def _evaluate_searches(what: str, parts: Sequence[_SearchedPart]) -> list[ValidationRow]:
     """Compare how searches ended with the truth."""
     errors, given, unsure = (
@@ -335,9 +320,7 @@ def _place_section(solid: Tube | tuple[str, dict[str, float]], places: FloatArra
     radial = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     tangent = np.column_stack([-np.sin(angle), np.cos(angle), 0.0 * angle])
     upright = np.array([0.0, 0.0, 1.0])
-    return np.asarray(
-        (bend + out)[:, None] * radial + straight[:, None] * tangent + up[:, None] * upright
-    )
+    return (bend + out)[:, None] * radial + straight[:, None] * tangent + up[:, None] * upright
 
 
 def _find_walls(

@@ -199,7 +199,7 @@ def _compare(
         least: Those whose size is up to here are left out.
     """
     rows = np.array([row for numbers in machines for row in _list_sizes(numbers, wanted)])
-    return np.asarray(rows[:, rows[0] > least])
+    return rows[:, rows[0] > least]
 
 
 def _list_sizes(

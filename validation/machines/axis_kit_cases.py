@@ -222,9 +222,7 @@ def _measure_compliance(coupled: CoupledMachine, machine: Machine) -> FloatArray
     if not {"tcp", "push"} <= set(machine.points):
         raise ValueError("the scene has no points tcp and push")
     forces = np.column_stack([coupled.system.inputs["push", axis] for axis in "xyz"])
-    return np.asarray(
-        coupled.system.outputs["tcp", "z"] @ solve_static(coupled.system, forces).displacements
-    )
+    return coupled.system.outputs["tcp", "z"] @ solve_static(coupled.system, forces).displacements
 
 
 KitModels = Mapping[tuple[str, KitFidelity], _KitModel]
@@ -248,9 +246,7 @@ def check_axis_kit(comm: MPI.Comm) -> Iterator[ValidationRow]:
 
 
 def _match_table_3(variant: str, model: _KitModel) -> tuple[int, ...]:
-    """Index of the mode that meets each listed one of a variant; measured mode 9 moves the Y-slider
-    along Y.
-    """
+    """Mode that meets each listed one of a variant; measured mode 9 moves the Y-slider along Y."""
     penalty = np.zeros((len(TABLE_3[variant]), len(model.frequencies_hz)))
     if variant in MODE_9:
         along = np.abs(model.motions["y_slider"][:3])

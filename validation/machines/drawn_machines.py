@@ -139,9 +139,7 @@ class _Drawn:
         return body
 
     def stack(self, below: _Body) -> _Body:
-        """Add a body on top of another, bolted over an area or on four pads of two parallel
-        guides.
-        """
+        """Add a body on top of another, bolted over an area or on four pads of two guides."""
         shape = str(self.random.choice(SHAPES))
         body = self.add(shape, below.place[:2], below.top)
         # shifted as far as the smaller one stays on the larger one, whose middle is that of the contact
@@ -165,11 +163,9 @@ class _Drawn:
         sides = columns[0].sides
         span = 0.5 * (base.sides[1] - 1.4 * sides[1])
         for column, sign in zip(columns, (-1.0, 1.0), strict=True):
-            column.sides, column.model, column.material = (
-                sides,
-                columns[0].model,
-                columns[0].material,
-            )
+            column.sides = sides
+            column.model = columns[0].model
+            column.material = columns[0].material
             column.place = (base.place[0], base.place[1] + sign * span, base.top + 0.5 * sides[2])
             self._bolt(base, column, column.place[:2], (0.95 * sides[0], 0.95 * sides[1]))
         beam = self.add("plate", base.place[:2], columns[0].top)

@@ -112,10 +112,8 @@ def keep_fewer(element: Superelement, count: int) -> Superelement:
     boundary, size = element.boundary_size, element.boundary_size + count
     if element.errors.truncation is None or count >= element.modal_count:
         return element
-    left, eigenvalues = (
-        element.mass[:boundary, size:],
-        (2.0 * np.pi * element.modal_frequencies_hz[count:]) ** 2,
-    )
+    left = element.mass[:boundary, size:]
+    eigenvalues = (2.0 * np.pi * element.modal_frequencies_hz[count:]) ** 2
     first = element.errors.truncation.first + (left / eigenvalues) @ left.T
     second = element.errors.truncation.second + (left / eigenvalues**2) @ left.T
     limit = float(eigenvalues[0]) if count else lowest_participating(first, second)
@@ -317,7 +315,7 @@ class ErrorPairs:
     @property
     def clear(self) -> BoolArray:
         """Those with one, and a true error well above the roundoff of both methods."""
-        return np.asarray(self.given & (self.true > CLEAR))
+        return self.given & (self.true > CLEAR)
 
 
 def check_frequency_estimates() -> Iterator[ValidationRow]:
@@ -336,15 +334,11 @@ def check_frequency_estimates() -> Iterator[ValidationRow]:
 
 
 def check_step_estimates() -> Iterator[ValidationRow]:
-    """Check the same for a column from a STEP file with 195 000 dofs, against modes of the whole
-    mesh.
-    """
+    """Check the same for a column from a STEP file with 195 000 dofs, against whole-mesh modes."""
     specimen = _cast_column()
-    part, mesh, supports = (
-        specimen.machine.components["column"],
-        specimen.meshes["column"],
-        specimen.machine.supports,
-    )
+    part = specimen.machine.components["column"]
+    mesh = specimen.meshes["column"]
+    supports = specimen.machine.supports
     whole = full_model(
         mesh, part.material, comm=MPI.COMM_SELF, fixed=fixed_by(mesh, tuple(supports.values()))
     )

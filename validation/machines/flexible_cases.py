@@ -181,13 +181,9 @@ def _join_parts(body: _SplitBody, form: Form, flexible: int, modes: int) -> Coup
 
 
 def _find_joined_frequencies(coupled: CoupledMachine, count: int) -> FloatArray:
-    """Return the first elastic natural frequencies [Hz] ``(count,)``; infinite where there are
-    fewer.
-    """
+    """Return the first elastic natural frequencies [Hz] ``(count,)``; infinite where none."""
     found = solve_modal(coupled.system, count=RIGID_MOTIONS + count).frequencies_hz
-    return np.asarray(
-        np.pad(found, (0, RIGID_MOTIONS + count), constant_values=np.inf)[RIGID_MOTIONS:][:count]
-    )
+    return np.pad(found, (0, RIGID_MOTIONS + count), constant_values=np.inf)[RIGID_MOTIONS:][:count]
 
 
 def _count_shapes(coupled: CoupledMachine) -> int:

@@ -135,7 +135,7 @@ def _write_measured(truth: FitPoint, seed: int, noise: float) -> str:
 
 
 def _disturb(values: FloatArray, noise: float, rng: np.random.Generator) -> FloatArray:
-    return np.asarray(values * np.exp(noise * rng.standard_normal(len(values))))
+    return values * np.exp(noise * rng.standard_normal(len(values)))
 
 
 def _write_cases(frequencies_hz: Sequence[FloatArray], compliances: Sequence[FloatArray]) -> str:

@@ -56,9 +56,7 @@ Answer = tuple[FloatArray, FloatArray]  # compliance along x, y, z [m/N]; ten fr
 
 
 def check_three_axis_machine(comm: MPI.Comm) -> Iterator[ValidationRow]:
-    """Compliance at the TCP and natural frequencies in every pose of the scene, reduced and
-    unreduced.
-    """
+    """Compliance at the TCP and natural frequencies in every pose, reduced and unreduced."""
     scene = load_scene(MACHINES / "three_axis.toml")
     machine = scene.machine
     elastic = {
@@ -156,9 +154,7 @@ def _answer_same_mesh(machine: Machine, mesh: ComponentMesh, place: float) -> An
 
 
 def _answer_fresh_mesh(machine: Machine, place: float) -> Answer:
-    """Answer the same on a mesh of its own, with an evenly averaging patch imprinted under every
-    carriage.
-    """
+    """Answer the same on a mesh of its own, an evenly averaging patch under every carriage."""
     pose = Pose("p", {"X": place})
     fixed = fix_carriages(machine, pose)
     model = monolithic_machine(fixed, {"bed": mesh_component(fixed.components["bed"])}, pose)
@@ -195,10 +191,8 @@ def _compare_meshes(
 ) -> Iterator[ValidationRow]:
     fresh, same, apart = [], [], []
     for index, place in enumerate(np.linspace(-REACH, REACH, POSITIONS)):
-        found, expected = (
-            _answer_reduced(machine, parts, float(place)),
-            _answer_fresh_mesh(machine, float(place)),
-        )
+        found = _answer_reduced(machine, parts, float(place))
+        expected = _answer_fresh_mesh(machine, float(place))
         fresh.append(_relative_deviations(found, expected))
         if index % (POSITIONS // SAME_MESH_POSITIONS) == 0:
             alike = _answer_same_mesh(machine, mesh, float(place))

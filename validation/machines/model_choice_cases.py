@@ -95,21 +95,6 @@ class _ChosenScene:
     by_hand: dict[str, tuple[float, float]]
 
 
-def check_model_choice() -> Iterator[ValidationRow]:
-    """Check whether the errors of the machines are within what was asked, and what that costs."""
-    return MACHINE_SUITE.compare({"machine": MACHINES})
-
-
-def check_model_choice_smoke() -> Iterator[ValidationRow]:
-    """Check one machine of three bodies in the same way."""
-    return MACHINE_SUITE.compare({"machine": SMOKE_MACHINES})
-
-
-def check_part_choice() -> Iterator[ValidationRow]:
-    """Check parts alone in the same way, whose only lever is the mesh."""
-    return PART_SUITE.compare({"part": PARTS})
-
-
 def _measure(seed: int, scene: Scene, folder: Path) -> _ChosenScene:
     """Choose the models of a machine or part, whose truth is kept on its own: how settings are searched
     changes nothing of it.

@@ -173,25 +173,6 @@ def _cover_lines(plain: RunState, true: CoupledPose) -> FloatArray:
     return cover_lines(found, right, total=total, doubt=doubt)
 
 
-def check_model_estimates() -> Iterator[ValidationRow]:
-    """Coverage on the machines that margins were chosen on, and on the others."""
-    return SUITE.compare({"chosen on": CALIBRATION, "held out": HOLD_OUT})
-
-
-def compare_new_machines(first: int) -> Iterator[ValidationRow]:
-    """Coverage on machines that nothing was chosen on or compared with before.
-
-    Args:
-        first: Seed of the first of them, ``FRESH`` at least.
-    """
-    return SUITE.compare_seeds(range(first, first + len(HOLD_OUT)))
-
-
-def check_model_estimates_smoke() -> Iterator[ValidationRow]:
-    """Check one machine of three bodies in the same way."""
-    return SUITE.compare({"one machine": SMOKE_MACHINES})
-
-
 def _evaluate(what: str, machines: Sequence[_MachineNumbers]) -> Iterator[ValidationRow]:
     known = [
         (machine.unsure <= SURE * machine.estimates) & np.isfinite(machine.errors)

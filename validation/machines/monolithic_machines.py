@@ -124,7 +124,7 @@ def monolithic_compliance(model: MonolithicMachine, point: str) -> FloatArray:
     matrix, size = _bordered(model), model.stiffness.shape[0]
     right = np.zeros((matrix.shape[0], 6))
     right[:size] = rows.T.toarray()
-    return np.asarray(rows @ solve_symmetric(matrix, right)[:size])
+    return rows @ solve_symmetric(matrix, right)[:size]
 
 
 def monolithic_frequencies(model: MonolithicMachine, count: int, *, shift_hz: float) -> FloatArray:
@@ -142,7 +142,7 @@ def monolithic_frequencies(model: MonolithicMachine, count: int, *, shift_hz: fl
     eigenvalues, _ = lowest_symmetric_pairs(
         _bordered(model), mass, count, shift=shift, constraints=border
     )
-    return np.asarray(np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi))
+    return np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi)
 
 
 def _bordered(model: MonolithicMachine) -> csr_matrix:
@@ -162,13 +162,11 @@ class _Ports:
         columns: dict[str, int],
         size: int,
     ) -> None:
-        self._machine, self._bodies, self._placements, self._columns, self._size = (
-            machine,
-            bodies,
-            placements,
-            columns,
-            size,
-        )
+        self._machine = machine
+        self._bodies = bodies
+        self._placements = placements
+        self._columns = columns
+        self._size = size
 
     def relative_motion(self, tool: JointEnd, work: JointEnd) -> csr_matrix:
         place = self._origin(tool)
@@ -179,10 +177,8 @@ class _Ports:
         assert host.component is not None
         place = self._origin(host)
         if joint.point is not None:
-            resting, moved = (
-                self._machine.components[host.component].placement,
-                self._placements[host.component],
-            )
+            resting = self._machine.components[host.component].placement
+            moved = self._placements[host.component]
             place = moved.origin + moved.rotation @ (
                 resting.rotation.T @ (joint.point - resting.origin)
             )
@@ -199,9 +195,7 @@ class _Ports:
         if end.component is None or end.interface is None:
             raise ValueError("a tool end or joint point cannot be ground alone")
         frame = self._placements[end.component]
-        return np.asarray(
-            frame.origin + frame.rotation @ self._bodies[end.component].origins[end.interface]
-        )
+        return frame.origin + frame.rotation @ self._bodies[end.component].origins[end.interface]
 
     def _motion_at(self, end: JointEnd, place: FloatArray) -> csr_matrix:
         if end.component is None or end.interface is None:
@@ -280,9 +274,7 @@ def _elastic_body(
 def _rigid_patch_basis(
     mesh: ComponentMesh, patches: list[MeshPatch]
 ) -> tuple[csr_matrix, list[int]]:
-    """Displacements of all mesh points ``(3 n, m)`` in terms of the free ones and 6 dofs per rigid
-    patch.
-    """
+    """Displacements of all points ``(3 n, m)`` by the free ones and 6 dofs per rigid patch."""
     total = 3 * len(mesh.points)
     free = np.ones(total, dtype=bool)
     for patch in patches:
@@ -396,7 +388,7 @@ def _place_interface(machine: Machine, end: JointEnd, pose: Pose) -> FloatArray:
     """Middle ``(3,)`` of an interface in the machine frame in a pose [m]."""
     component = machine.components[str(end.component)]
     frame = place_components(machine, pose)[component.name]
-    return np.asarray(
+    return (
         frame.origin
         + frame.rotation @ describe_component(component).patch_centroids[str(end.interface)]
     )

@@ -95,7 +95,7 @@ class _AbsoluteMachine:
         number = int(np.clip(np.searchsorted(self.places, position) - 1, 0, len(self.places) - 2))
         low, high = self.places[number : number + 2]
         share = (position - low) / (high - low)
-        return np.asarray((1.0 - share) * values[number] + share * values[number + 1])
+        return (1.0 - share) * values[number] + share * values[number + 1]
 
 
 def _place_absolutely(
@@ -326,4 +326,4 @@ def _second_road(
     reach = move.feed * (WINDOW - 0.5 * move.ramp.time_constant)
     places = np.linspace(0.0, 1.01 * reach, round(reach / SPACING))
     absolute = _place_absolutely(parts, machine, path, outputs, np.asarray(places, dtype=float))
-    return np.asarray(_integrate_absolutely(absolute, move, times, 1e-9)[:, 0])
+    return _integrate_absolutely(absolute, move, times, 1e-9)[:, 0]

@@ -150,7 +150,7 @@ def _direct_response(model: MonolithicMachine, hz: float) -> ComplexArray:
         diag_pivot_thresh=0.0,
         options={"SymmetricMode": True},
     )
-    return np.asarray(rows @ factor.solve(rows.T.astype(complex)))
+    return rows @ factor.solve(rows.T.astype(complex))
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,10 +205,8 @@ def _compare_meshes(
     lines, direct, depths = [], [], []
     for mesh in meshes:
         found = _respond(_reduced(machine, mesh), places)
-        true, estimated = (
-            np.abs(found.lines.receptance - right.lines.receptance) / sizes,
-            found.changes / sizes,
-        )
+        true = np.abs(found.lines.receptance - right.lines.receptance) / sizes
+        estimated = found.changes / sizes
         along, foreseen = (np.diagonal(each, axis1=1, axis2=2) for each in (true, estimated))
         lines.append(ErrorPairs(true.ravel(), estimated.ravel()))
         direct.append(ErrorPairs(along.ravel(), foreseen.ravel()))

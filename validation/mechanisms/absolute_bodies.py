@@ -112,9 +112,7 @@ class AbsoluteState:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A vector in motion: value, rate, bias acceleration and Jacobian ``(3, 6 b)`` by all
-    velocities.
-    """
+    """A vector in motion: value, rate, bias acceleration, Jacobian ``(3, 6 b)`` by velocities."""
 
     value: FloatArray
     rate: FloatArray
@@ -123,9 +121,7 @@ class Motion:
 
 
 class _ScalarMotion(NamedTuple):
-    """A number in motion: value, rate, bias acceleration and Jacobian ``(6 b,)`` by all
-    velocities.
-    """
+    """A number in motion: value, rate, bias acceleration, Jacobian ``(6 b,)`` by velocities."""
 
     value: float
     rate: float
@@ -270,10 +266,8 @@ def _masses(system: AbsoluteSystem, state: AbsoluteState) -> tuple[FloatArray, F
         inertia = rotation @ system.inertia[body] @ rotation.T
         place = slice(6 * body, 6 * body + 3), slice(6 * body + 3, 6 * body + 6)
         mass[place[0], place[0]], mass[place[1], place[1]] = kilograms * np.eye(3), inertia
-        applied[place[0]], applied[place[1]] = (
-            kilograms * system.gravity,
-            -_cross(spin, inertia @ spin),
-        )
+        applied[place[0]] = kilograms * system.gravity
+        applied[place[1]] = -_cross(spin, inertia @ spin)
     return mass, applied
 
 
@@ -285,9 +279,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class LegStiffness:
-    """Stiffness across a leg [N/m], and along it as compliance = constant + per_length times its
-    length.
-    """
+    """Stiffness across a leg [N/m]; along it compliance = constant + per_length times length."""
 
     across: float
     constant: float
@@ -448,9 +440,7 @@ class _Builder:
         ]
 
     def _turning(self, index: int, plane: tuple[int, int]) -> Local:
-        """Square to where the turned axis points: the second axis of a plane, turned by a driven
-        angle.
-        """
+        """Square to the turned axis: the second axis of a plane, turned by a driven angle."""
         first, second = (np.eye(3)[axis] for axis in plane)
 
         def local(time: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -458,10 +448,8 @@ class _Builder:
             angle, speed, change = (
                 float(part[index]) for part in (drive.position, drive.speed, drive.acceleration)
             )
-            along, square = (
-                np.cos(angle) * first + np.sin(angle) * second,
-                np.cos(angle) * second - np.sin(angle) * first,
-            )
+            along = np.cos(angle) * first + np.sin(angle) * second
+            square = np.cos(angle) * second - np.sin(angle) * first
             return square, -speed * along, -change * along - speed**2 * square
 
         return local

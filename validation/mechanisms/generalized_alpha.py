@@ -99,9 +99,7 @@ class _Progress:
 
 @dataclass(frozen=True)
 class _Rules:
-    """How an integration is carried out: scheme, tolerance of Newton's method, and the local error
-    allowed.
-    """
+    """Settings of an integration: scheme, Newton's tolerance, and the local error allowed."""
 
     scheme: AlphaScheme
     tolerance: float
@@ -331,11 +329,9 @@ def _newton_solver(
     )
     size, count = len(effective), len(tangent.constraints)
     matrix = np.zeros((size + count, size + count))
-    matrix[:size, :size], matrix[:size, size:], matrix[size:, :size] = (
-        effective,
-        tangent.constraints.T,
-        tangent.constraints,
-    )
+    matrix[:size, :size] = effective
+    matrix[:size, size:] = tangent.constraints.T
+    matrix[size:, :size] = tangent.constraints
     # rows of forces are brought to the size of the constraints
     scale = 1.0 / max(float(np.abs(effective).max()), np.finfo(float).tiny)
     matrix[:size, :size] *= scale

@@ -70,10 +70,8 @@ def check_mechanism_derivatives(comm: MPI.Comm) -> list[ValidationRow]:
     tripteor = load_tripteor()
     mechanism, rng = tripteor.model.mechanism, np.random.default_rng(20100)
     state, rates = rng.normal(size=(2, len(mechanism.coordinates)))
-    found, weightless = (
-        evaluate_kinematics(mechanism, state),
-        dataclasses.replace(tripteor.model, gravity=np.zeros(3)),
-    )
+    found = evaluate_kinematics(mechanism, state)
+    weightless = dataclasses.replace(tripteor.model, gravity=np.zeros(3))
     bias = closure_bias(mechanism, found.placement, marker_bias(found.placement, rates))
     inertial = -evaluate_dynamics(weightless, found, rates).load
     closures = _complex_step(lambda q: closure_residual(mechanism, q), state)
@@ -274,9 +272,7 @@ def _absolute_frequencies(tripteor: Tripteor, state: FloatArray) -> FloatArray:
     mass, stiffness = linearise_rest(
         absolute_tripteor(tripteor, still), absolute_state(tripteor, state, np.zeros_like(state))
     )
-    return np.asarray(
-        np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi)
-    )
+    return np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)) / (2.0 * np.pi)
 
 
 def _at_rest(
@@ -300,7 +296,7 @@ def _static_rest(model: CompliantMechanism, state: FloatArray, force: FloatArray
         motion = _at_rest(model, state, compliant, force)
         compliant = motion.load / motion.stiffness
     moved = _at_rest(model, state, compliant, force).dynamics.placement.positions[tool]
-    return np.asarray(moved - place_markers(model.mechanism, state).positions[tool])
+    return moved - place_markers(model.mechanism, state).positions[tool]
 
 
 def _swing_frequencies(model: CompliantMechanism, state: FloatArray) -> FloatArray:
@@ -317,7 +313,7 @@ def _swing_frequencies(model: CompliantMechanism, state: FloatArray) -> FloatArr
             ends.append(np.linalg.solve(motion.mass, motion.load - motion.stiffness * compliant))
         columns.append((ends[1] - ends[0]) / (2.0 * AMPLITUDE))
     eigenvalues = np.linalg.eigvals(np.stack(columns, axis=1)).real
-    return np.asarray(np.sqrt(np.sort(eigenvalues)) / (2.0 * np.pi))
+    return np.sqrt(np.sort(eigenvalues)) / (2.0 * np.pi)
 
 
 def _complex_step(function: Callable[[FloatArray], FloatArray], state: FloatArray) -> FloatArray:

@@ -236,10 +236,8 @@ class ConstrainedMotion:
         stiffness, damping = np.zeros((size, size)), np.zeros((size, size))
         springs = self.model.springs.stiffness(self.drive(state.time).position)
         last = slice(size - compliant, size)
-        stiffness[last, last], damping[last, last] = (
-            np.diag(springs),
-            _damping(self.model, compliant),
-        )
+        stiffness[last, last] = np.diag(springs)
+        damping[last, last] = _damping(self.model, compliant)
         return Linearisation(
             dynamics.mass[self.free, self.free],
             damping,
@@ -265,11 +263,9 @@ class ConstrainedMotion:
         inner = dynamics.closure_jacobian[:, self.free]
         count, size = inner.shape
         matrix = np.zeros((size + count, size + count))
-        matrix[:size, :size], matrix[:size, size:], matrix[size:, :size] = (
-            dynamics.mass[self.free, self.free],
-            inner.T,
-            inner,
-        )
+        matrix[:size, :size] = dynamics.mass[self.free, self.free]
+        matrix[:size, size:] = inner.T
+        matrix[size:, :size] = inner
         bare = MotionState(time, position, velocity, zero.acceleration, np.zeros(count))
         force = self._balance(bare, dynamics, coordinates, accelerations)[self.free]
         outer = (

@@ -199,7 +199,7 @@ def _reference(
 ) -> FloatArray:
     first = np.concatenate([*start, [0.0]])
     done = scipy.integrate.solve_ivp(motion.state_rates, (0.0, span), first, **EXACT)
-    return np.asarray(done.y[:, -1])
+    return done.y[:, -1]
 
 
 def _full_problem(

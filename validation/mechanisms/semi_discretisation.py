@@ -42,11 +42,9 @@ def floquet_multipliers(
     matrix[:, :size, size : size + directions] = -delayed
     matrix[:, size : size + directions, size + directions :] = np.eye(directions) * steps / period
     ahead = np.asarray(scipy.linalg.expm(matrix * (period / steps)))[:, :size]
-    own, start, growth = (
-        ahead[:, :, :size],
-        ahead[:, :, size : size + directions],
-        ahead[:, :, size + directions :],
-    )
+    own = ahead[:, :, :size]
+    start = ahead[:, :, size : size + directions]
+    growth = ahead[:, :, size + directions :]
     # rows: the state, then the outputs one to m steps ago
     whole = np.eye(size + steps * directions)
     state, waves = whole[:size], list(whole[size:].reshape(steps, directions, -1))
@@ -56,7 +54,7 @@ def floquet_multipliers(
         later = waves[-1] if waves else now
         state = own[step] @ state + (start[step] - growth[step]) @ oldest + growth[step] @ later
         waves.insert(0, now)
-    return np.asarray(np.linalg.eigvals(np.concatenate([state, *waves])))
+    return np.linalg.eigvals(np.concatenate([state, *waves]))
 
 
 def largest_multiplier(tip: TipDynamics, gains: FloatArray, period: float) -> float:
@@ -78,7 +76,7 @@ def milling_gains(cut: MillingCut, steps: int) -> FloatArray:
         (np.arange(steps * SAMPLES_PER_STEP) + 0.5) * cut.tooth_period / (steps * SAMPLES_PER_STEP)
     )
     gains = regeneration_stiffness(cut, fine)[:, :, :2]
-    return np.asarray(gains.reshape(steps, SAMPLES_PER_STEP, *gains.shape[1:]).mean(axis=1))
+    return gains.reshape(steps, SAMPLES_PER_STEP, *gains.shape[1:]).mean(axis=1)
 
 
 def single_frequency_limit(tip: TipDynamics, gains: FloatArray, period: float) -> float:

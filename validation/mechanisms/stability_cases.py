@@ -89,11 +89,9 @@ def _limit_rows(
 def _one_mode() -> TipDynamics:
     """Return the single mode of the published case."""
     omega = 2.0 * np.pi * HZ
-    mass, damping, stiffness = (
-        MASS * np.eye(1),
-        2.0 * ZETA * omega * MASS * np.eye(1),
-        MASS * omega**2 * np.eye(1),
-    )
+    mass = MASS * np.eye(1)
+    damping = 2.0 * ZETA * omega * MASS * np.eye(1)
+    stiffness = MASS * omega**2 * np.eye(1)
     return tip_dynamics(mass, damping, stiffness, forced=np.eye(1))
 
 
@@ -101,7 +99,7 @@ def _slotting_gain(times: FloatArray, period: float, depth: float) -> FloatArray
     """``(n,)`` force per motion of two teeth in a full slot, up-milling [N/m]."""
     angle = np.pi * times / period
     # one of two teeth is in the cut at any time
-    return np.asarray(
+    return (
         -depth
         * (CHIP * np.cos(angle % np.pi) + NORMAL * np.sin(angle % np.pi))
         * np.sin(angle % np.pi)

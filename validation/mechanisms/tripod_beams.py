@@ -108,14 +108,14 @@ def solve_tripod(
         eigvals_only=True,
         subset_by_index=(0, count - 1),
     )
-    return np.asarray(np.sqrt(eigenvalues) / (2.0 * np.pi))
+    return np.sqrt(eigenvalues) / (2.0 * np.pi)
 
 
 def _rigid_mass(part: RigidPart, origin: FloatArray) -> FloatArray:
     own = np.zeros((6, 6))
     own[:3, :3], own[3:, 3:] = part.mass * np.eye(3), part.inertia
     carry = rigid_transfer(origin, part.center)
-    return np.asarray(carry.T @ own @ carry)
+    return carry.T @ own @ carry
 
 
 def _leg_grid(leg: ElasticLeg) -> FloatArray:
@@ -222,10 +222,8 @@ def _base_rows(leg: ElasticLeg, sleeve: slice, size: int, frame_center: FloatArr
         return rows
     normal = np.cross(leg.placement.rotation[:, 0], leg.second_axis)
     turned = np.zeros((1, size))
-    turned[0, sleeve.start + 3 : sleeve.stop], turned[0, FRAME.start + 3 : FRAME.stop] = (
-        normal,
-        -normal,
-    )
+    turned[0, sleeve.start + 3 : sleeve.stop] = normal
+    turned[0, FRAME.start + 3 : FRAME.stop] = -normal
     return np.vstack([rows, turned])
 
 

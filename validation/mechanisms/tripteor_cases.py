@@ -198,9 +198,7 @@ def _likeness_rows(tripteor: LeggedTripteor, pose: str) -> list[ValidationRow]:
 
 
 def _platform_motion(coupled: CoupledMachine, count: int) -> FloatArray:
-    """Motion of platform, wrist and spindle in the first modes, weighed by the root of their
-    mass.
-    """
+    """Motion of platform, wrist and spindle in the first modes, weighed by root of mass."""
     stacked = coupled.basis @ solve_modal(coupled.system, count=count).shapes
     roots = []
     for name in PLATFORM_PARTS:
@@ -272,9 +270,7 @@ def check_paper_statements(comm: MPI.Comm) -> Iterator[ValidationRow]:
 
 
 def check_modal_cost(comm: MPI.Comm) -> list[ValidationRow]:
-    """Processor time of one configuration, which took the paper 0.5 s, and of a map of 100 x
-    100.
-    """
+    """Processor time of one configuration (0.5 s in the paper) and of a map of 100 x 100."""
     tripteor = load_tripteor()
     state = tripteor.poses["config_1"]
     one = _least_time(lambda: solve_lumped_modes(linearise_poses(tripteor.model, state)), 50)

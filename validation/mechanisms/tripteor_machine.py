@@ -86,11 +86,9 @@ def oscillating_drive(start: FloatArray) -> DriveLaw:
     """Return every driven coordinate on a sine of its own, tens of millimetres and several hertz:
     nothing in the equations stays small.
     """
-    amplitude, omega, phase = (
-        np.array([0.05, 0.04, -0.06, 0.3, 0.2]),
-        np.array([9.0, 7.0, 11.0, 6.0, 8.0]),
-        0.3,
-    )
+    amplitude = np.array([0.05, 0.04, -0.06, 0.3, 0.2])
+    omega = np.array([9.0, 7.0, 11.0, 6.0, 8.0])
+    phase = 0.3
 
     def law(time: float) -> Drive:
         sine, cosine = np.sin(omega * time + phase), np.cos(omega * time + phase)
@@ -106,7 +104,7 @@ def oscillating_drive(start: FloatArray) -> DriveLaw:
 def steady_force(time: float) -> FloatArray:
     """Return a force on the tool that comes on smoothly and turns [N]."""
     grown = 1.0 - np.exp(-50.0 * time)
-    return np.asarray(500.0 * grown * np.array([np.cos(90.0 * time), np.sin(70.0 * time), -0.5]))
+    return 500.0 * grown * np.array([np.cos(90.0 * time), np.sin(70.0 * time), -0.5])
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,9 +167,7 @@ def solve_beams(tripteor: LeggedTripteor, pose: str, count: int) -> FloatArray:
     placed = place_markers(mounted.mechanism, state)
 
     def locate(marker: str) -> FloatArray:
-        return np.asarray(
-            mounting.origin + mounting.rotation @ placed.positions[markers.index(marker)]
-        )
+        return mounting.origin + mounting.rotation @ placed.positions[markers.index(marker)]
 
     frames = place_components(machine, Pose(pose, positions))
     lengths = {leg: float(state[mounted.mechanism.index(LENGTHS[leg - 1])]) for leg in (1, 2, 3)}
@@ -230,8 +226,6 @@ def _rigid_part(tripteor: LeggedTripteor, frames: dict[str, Frame], name: str) -
 
 def _reduce_unmeshed(component: Component) -> Superelement:
     properties = describe_component(component)
-    return (
-        reduce_rigid(component, properties)
-        if component.fidelity == "rigid"
-        else reduce_segmented(component, properties)
-    )
+    if component.fidelity == "rigid":
+        return reduce_rigid(component, properties)
+    return reduce_segmented(component, properties)

@@ -170,9 +170,7 @@ def _theory(name: str, numbers: Sequence[int], values: FloatArray, *notes: str) 
 
 
 def check_cantilever_statics(comm: MPI.Comm) -> Iterator[ValidationRow]:
-    """Compliances of the column's top face, moved and loaded as a mean, by the static
-    superelement.
-    """
+    """Compliances of the column's top face, moved and loaded as a mean, by superelement."""
     reference, half = reference_case("kono-cantilever-static"), CANTILEVER.width / 2.0
     finest: FloatArray = np.zeros(COUNT)
     for kind, sizes in COLUMN_SIZES.items():

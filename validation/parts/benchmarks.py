@@ -88,9 +88,7 @@ POINT_D = np.array([2.0, 0.0, THICKNESS])
 
 
 def check_deep_beam(comm: MPI.Comm) -> Iterator[ValidationRow]:
-    """FV5: a deep beam whose end sections are supported in the mean, by averaging interfaces and
-    joints.
-    """
+    """FV5: a deep beam, its ends supported in the mean by averaging interfaces and joints."""
     for kind in SECOND_ORDER_KINDS:
         element, machine, _ = reduce_deep_beam(kind, comm)
         found = _coupled_frequencies({"beam": element}, machine, 9)
@@ -241,9 +239,7 @@ def check_straight_cantilever(comm: MPI.Comm) -> Iterator[ValidationRow]:
 
 
 def check_thick_plate(comm: MPI.Comm) -> Iterator[ValidationRow]:
-    """LE10: stress at a point of a thick elliptic plate under pressure, on imported curved
-    meshes.
-    """
+    """LE10: stress in a thick elliptic plate under pressure, on imported curved meshes."""
     stresses = [_plate_stress(cells, comm) for cells in PLATE_CELLS]
     for (a, b, c), value in zip(PLATE_CELLS[:-1], stresses[:-1], strict=True):
         quantity = f"sigma_yy at D, {a} x {b} x {c} hex27"

@@ -84,7 +84,7 @@ def _block_frequencies(block: _SprungBlock) -> FloatArray:
     eigenvalues = [kz / block.mass, (kx * b**2 + ky * a**2) / iz]
     eigenvalues += _sway_rock_pair(kx, block.mass, kz * a**2, iy, h)
     eigenvalues += _sway_rock_pair(ky, block.mass, kz * b**2, ix, h)
-    return np.asarray(np.sqrt(np.sort(eigenvalues)) / (2.0 * math.pi))
+    return np.sqrt(np.sort(eigenvalues)) / (2.0 * math.pi)
 
 
 def _sway_rock_pair(

@@ -67,9 +67,7 @@ class FullModel:
         return self.fixed[self.operators.nodes].ravel()
 
     def everywhere(self, vectors: FloatArray) -> FloatArray:
-        """Return the field on all mesh points ``(n_points, 3, k)`` of owned rows ``(3 n_owned,
-        k)``.
-        """
+        """Return the field on all mesh points ``(n_points, 3, k)`` of rows ``(3 n_owned, k)``."""
         field = np.zeros((len(self.mesh.points), 3, vectors.shape[1]))
         field[self.operators.nodes] = vectors.reshape(-1, 3, vectors.shape[1])
         return sum_over_ranks(self.operators.comm, field)
@@ -77,9 +75,7 @@ class FullModel:
 
 @dataclass(frozen=True, eq=False)
 class FullModes:
-    """Natural frequencies [Hz] ``(m,)`` and mass-normalised shapes on this rank's rows ``(3
-    n_owned, m)``.
-    """
+    """Natural frequencies [Hz] ``(m,)``, mass-normalised shapes on own rows ``(3 n_owned, m)``."""
 
     frequencies_hz: FloatArray
     shapes: FloatArray
@@ -169,7 +165,7 @@ def free_motions(model: FullModel) -> FloatArray:
     sizes = np.linalg.norm(means_of_motions, axis=1, keepdims=True)
     rows = means_of_motions / np.where(sizes > 0.0, sizes, 1.0)
     values, vectors = np.linalg.eigh(blocked + rows.T @ rows)
-    return np.asarray(motions @ vectors[:, values < _FREE * max(values[-1], 1.0)])
+    return motions @ vectors[:, values < _FREE * max(values[-1], 1.0)]
 
 
 def rigid_frequencies(model: FullModel) -> FloatArray:
@@ -182,7 +178,7 @@ def rigid_frequencies(model: FullModel) -> FloatArray:
     mass = sum_over_ranks(comm, motions.T @ model.operators.apply_mass(motions))
     factor = np.linalg.cholesky(mass)
     values = np.linalg.eigvalsh(np.linalg.solve(factor, np.linalg.solve(factor, stiffness).T))
-    return np.asarray(np.sqrt(np.abs(values)) / (2.0 * np.pi))
+    return np.sqrt(np.abs(values)) / (2.0 * np.pi)
 
 
 def full_displacement(model: FullModel, loads: FloatArray) -> FloatArray:
@@ -297,15 +293,13 @@ def all_frequencies(matrices: ConstrainedMatrices) -> FloatArray:
     values = scipy.linalg.eigh(
         matrices.stiffness.toarray(), matrices.mass.toarray(), eigvals_only=True
     )
-    return np.asarray(np.sqrt(np.abs(values)) / (2.0 * np.pi))
+    return np.sqrt(np.abs(values)) / (2.0 * np.pi)
 
 
 def lowest_frequencies(matrices: ConstrainedMatrices, count: int) -> FloatArray:
-    """Return the lowest natural frequencies [Hz] ``(count,)``, rigid ones among them, by shift and
-    invert.
-    """
+    """Return the lowest natural frequencies [Hz] ``(count,)``, rigid ones too, by shift-invert."""
     eigenvalues, _ = lowest_symmetric_pairs(matrices.stiffness, matrices.mass, count, shift=_SHIFT)
-    return np.asarray(np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi))
+    return np.sqrt(np.abs(eigenvalues)) / (2.0 * np.pi)
 
 
 def guyan_matrices(matrices: ConstrainedMatrices) -> tuple[FloatArray, FloatArray]:

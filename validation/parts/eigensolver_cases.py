@@ -93,6 +93,6 @@ def _dense_frequencies(stiffness: FloatArray, mass: FloatArray, fixed: BoolArray
     kept = np.ix_(~fixed, ~fixed)
     if fixed.any():
         values = scipy.linalg.eigh(mass[kept], stiffness[kept], eigvals_only=True)[::-1]
-        return np.asarray(1.0 / (2.0 * np.pi * np.sqrt(values)))
+        return 1.0 / (2.0 * np.pi * np.sqrt(values))
     values = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[6:]
-    return np.asarray(np.sqrt(values) / (2.0 * np.pi))
+    return np.sqrt(values) / (2.0 * np.pi)

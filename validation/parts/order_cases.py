@@ -126,7 +126,7 @@ def _closest_shape(model: FullModel, modes: FullModes, number: int) -> int:
 
 
 def _cube_displacement(places: FloatArray) -> FloatArray:
-    return np.asarray(np.prod(np.sin(np.pi * places), axis=1)[:, None] * DIRECTIONS)
+    return np.prod(np.sin(np.pi * places), axis=1)[:, None] * DIRECTIONS
 
 
 def _cube_force(places: FloatArray, material: Material) -> FloatArray:
@@ -141,6 +141,4 @@ def _cube_force(places: FloatArray, material: Material) -> FloatArray:
     for i in range(3):
         for j in set(range(3)) - {i}:
             gradient[:, j] += DIRECTIONS[i] * cosines[:, i] * cosines[:, j] * sines[:, 3 - i - j]
-    return np.asarray(
-        np.pi**2 * (3.0 * shear * _cube_displacement(places) - (lame + shear) * gradient)
-    )
+    return np.pi**2 * (3.0 * shear * _cube_displacement(places) - (lame + shear) * gradient)

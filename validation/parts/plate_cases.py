@@ -112,9 +112,7 @@ def _plate_frequencies(factors: FloatArray, thickness: float) -> FloatArray:
     Source: Leissa (1973).
     """
     rigidity = STEEL.youngs_modulus * thickness**3 / (12.0 * (1.0 - STEEL.poisson_ratio**2))
-    return np.asarray(
-        factors / (2.0 * np.pi * SIDE**2) * np.sqrt(rigidity / (STEEL.density * thickness))
-    )
+    return factors / (2.0 * np.pi * SIDE**2) * np.sqrt(rigidity / (STEEL.density * thickness))
 
 
 class _Solved(NamedTuple):

@@ -142,7 +142,7 @@ def _local_compliance(seen: Rows, flexibility: FloatArray) -> FloatArray:
     carriage at every place.
     """
     rows = np.array([seen(float(place))[[2, 4]] for place in PLACES])
-    return np.asarray(np.einsum("pin,nm,pim->pi", rows, flexibility, rows))
+    return np.einsum("pin,nm,pim->pi", rows, flexibility, rows)
 
 
 def _describe(name: str, found: FloatArray, right: FloatArray) -> Iterator[ValidationRow]:

@@ -84,9 +84,7 @@ def check_all_modes(comm: MPI.Comm) -> Iterator[ValidationRow]:
 
 
 def check_static_exactness(comm: MPI.Comm) -> Iterator[ValidationRow]:
-    """Check that the response to interface loads is that of the whole model, whatever the number of
-    modes.
-    """
+    """Check that interface loads give the whole model's response, whatever the number of modes."""
     component, mesh = _column("rigid", FINE, comm)
     exact: FloatArray = np.zeros((6, 6))
     for count in MODE_COUNTS:
@@ -179,9 +177,7 @@ def check_rigid_body_content(comm: MPI.Comm) -> Iterator[ValidationRow]:
 
 
 def check_mean_truncation(comm: MPI.Comm) -> Iterator[ValidationRow]:
-    """Check the free column with averaging interfaces, which stiffen nothing, against its whole
-    model.
-    """
+    """Check the free column with averaging interfaces, which stiffen nothing, against its whole."""
     component, mesh = _column("average", FINE, comm)
     element = _reduce(component, mesh, MOST_MODES // 2, comm)
     found = _frequencies(element.stiffness, element.mass)[RIGID : RIGID + WATCHED]
@@ -227,6 +223,4 @@ def _reduce(component: Component, mesh: ComponentMesh, count: int, comm: MPI.Com
 
 
 def _frequencies(stiffness: FloatArray, mass: FloatArray) -> FloatArray:
-    return np.asarray(
-        np.sqrt(np.abs(scipy.linalg.eigh(stiffness, mass, eigvals_only=True))) / (2.0 * np.pi)
-    )
+    return np.sqrt(np.abs(scipy.linalg.eigh(stiffness, mass, eigvals_only=True))) / (2.0 * np.pi)

@@ -161,7 +161,7 @@ def direct_response(whole: ConstrainedMatrices, hz: float) -> ComplexArray:
     dynamic = (lossy - (2.0 * np.pi * hz) ** 2 * whole.mass[6:, 6:]).tocsc()
     loads = np.zeros((dynamic.shape[0], 3), dtype=complex)
     loads[:3] = np.eye(3)
-    return np.asarray(scipy.sparse.linalg.splu(dynamic).solve(loads)[:3])
+    return scipy.sparse.linalg.splu(dynamic).solve(loads)[:3]
 
 
 def check_rod_step(comm: MPI.Comm) -> list[ValidationRow]:
@@ -174,9 +174,17 @@ def check_rod_step(comm: MPI.Comm) -> list[ValidationRow]:
         space, np.ones((PERIODS * STEPS_PER_PERIOD + 1, 1)), period / STEPS_PER_PERIOD
     )
     moved: FloatArray = np.asarray(found.outputs[:, 0] / axial_extension(ROD, 1.0), dtype=float)
-    crossings = _rising_crossings(found.times, moved)
+    # times at which values rise through one, by linear interpolation
+    before = np.flatnonzero((moved[:-1] < 1.0) & (moved[1:] >= 1.0))
+    share = (1.0 - moved[before]) / (moved[before + 1] - moved[before])
+    crossings = found.times[before] + share * (found.times[before + 1] - found.times[before])
     note = f"largest value, {ROD_ELEMENTS} quadratic elements: the mesh rounds the corner"
-    corner = _meet_flanks(np.asarray(found.times / period, dtype=float), moved)
+    # value at which the rising and the falling flank of the first triangle meet, times in
+    # periods
+    times = np.asarray(found.times / period, dtype=float)
+    inside = [(times > low) & (times < high) for low, high in FLANKS]
+    (rise, start), (fall, top) = (np.polyfit(times[part], moved[part], 1) for part in inside)
+    corner = float(start + rise * (top - start) / (rise - fall))
     return [
         compare_value(
             "tip peak over static",
@@ -215,22 +223,6 @@ def check_rod_peak(comm: MPI.Comm) -> list[ValidationRow]:
             "what the peak lacks", 2.0 - peak, "-", f"2 / (pi^2 N) = {lacking:.3e} for right modes"
         ),
     ]
-
-
-def _meet_flanks(times: FloatArray, values: FloatArray) -> float:
-    """Value at which the rising and the falling flank of the first triangle meet, times in
-    periods.
-    """
-    inside = [(times > low) & (times < high) for low, high in FLANKS]
-    (rise, start), (fall, top) = (np.polyfit(times[part], values[part], 1) for part in inside)
-    return float(start + rise * (top - start) / (rise - fall))
-
-
-def _rising_crossings(times: FloatArray, values: FloatArray) -> FloatArray:
-    """Times at which values rise through one, by linear interpolation."""
-    before = np.flatnonzero((values[:-1] < 1.0) & (values[1:] >= 1.0))
-    share = (1.0 - values[before]) / (values[before + 1] - values[before])
-    return np.asarray(times[before] + share * (times[before + 1] - times[before]))
 
 
 @dataclass(frozen=True, eq=False)

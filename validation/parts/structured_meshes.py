@@ -132,9 +132,7 @@ def _monomials(kind: CellKind, places: FloatArray) -> tuple[FloatArray, FloatArr
 
 
 def _gauss_rule(kind: CellKind) -> tuple[FloatArray, FloatArray]:
-    """Points ``(m, 3)`` and weights ``(m,)``; on the simplex by collapsing a cube (Duffy
-    (1982)).
-    """
+    """Points ``(m, 3)``, weights ``(m,)``; a simplex is a collapsed cube (Duffy (1982))."""
     nodes, weights = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
     line, weight = 0.5 * (nodes + 1.0), 0.5 * weights
     a, b, c = (grid.ravel() for grid in np.meshgrid(line, line, line, indexing="ij"))

@@ -60,9 +60,7 @@ class PrismaticBeam:
 
     @property
     def polar_moment(self) -> float:
-        """Polar second moment of area about the centroid, which carries the rotary inertia of
-        torsion [m^4].
-        """
+        """Polar second moment of area about the centroid, for rotary inertia of torsion [m^4]."""
         return self.area * (self.width**2 + self.depth**2) / 12.0
 
     @property
@@ -196,23 +194,17 @@ def strip_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> F
 
 
 def cantilever_force_deflection(beam: PrismaticBeam, force: float) -> float:
-    """Tip deflection [m] of a clamped-free beam under a force [N] at its tip: ``F L^3 / (3 E
-    I)``.
-    """
+    """Tip deflection [m] of a clamped-free beam under a tip force [N]: ``F L^3 / (3 E I)``."""
     return force * beam.length**3 / (3.0 * beam.bending_stiffness)
 
 
 def cantilever_moment_deflection(beam: PrismaticBeam, moment: float) -> float:
-    """Tip deflection [m] of a clamped-free beam under a moment [N m] at its tip: ``M L^2 / (2 E
-    I)``.
-    """
+    """Tip deflection [m] of a clamped-free beam under a tip moment [N m]: ``M L^2 / (2 E I)``."""
     return moment * beam.length**2 / (2.0 * beam.bending_stiffness)
 
 
 def fixed_beam_deflection(beam: PrismaticBeam, force: float) -> float:
-    """Mid-span deflection [m] of a clamped-clamped beam under a force [N] there: ``F L^3 / (192 E
-    I)``.
-    """
+    """Mid-span deflection [m], clamped-clamped, under a force [N]: ``F L^3 / (192 E I)``."""
     return force * beam.length**3 / (192.0 * beam.bending_stiffness)
 
 
@@ -257,9 +249,7 @@ def cantilever_shear_deflection(beam: PrismaticBeam, force: float) -> float:
 
 
 def fixed_beam_shear_deflection(beam: PrismaticBeam, force: float) -> float:
-    """Mid-span deflection [m] of a clamped-clamped beam: ``F L^3 / (192 E I) + F L / (4 kappa G
-    A)``.
-    """
+    """Mid-span deflection [m], clamped-clamped: ``F L^3 / (192 E I) + F L / (4 kappa G A)``."""
     return fixed_beam_deflection(beam, force) + force * beam.length / (4.0 * _shear_stiffness(beam))
 
 
@@ -307,9 +297,7 @@ def axial_frequencies(beam: PrismaticBeam, ends: EndConditions, count: int) -> F
 
 
 def axial_extension(beam: PrismaticBeam, force: float) -> float:
-    """End displacement [m] of a rod fixed at the other end under an axial force [N]: ``F L / (E
-    A)``.
-    """
+    """End displacement [m] of a rod fixed at one end under an axial force [N]: ``F L / (E A)``."""
     return force * beam.length / (beam.material.youngs_modulus * beam.area)
 
 
@@ -352,9 +340,7 @@ def cantilever_twist(beam: PrismaticBeam, moment: float) -> float:
 
 
 def fixed_beam_twist(beam: PrismaticBeam, moment: float) -> float:
-    """Mid-span twist [rad] of a beam fixed at both ends under a torque [N m] there: ``T L / (4 G
-    J)``.
-    """
+    """Mid-span twist [rad] of a beam fixed at both ends under a torque [N m]: ``T L / (4 G J)``."""
     return moment * beam.length / (4.0 * _torsional_stiffness(beam))
 
 

@@ -96,7 +96,10 @@ def _brick_stiffness(brick: FloatArray, material: Material, *, bending: bool = T
         brick: ``(3,)`` sides [m].
         bending: With a shape ``1 - xi^2`` in each direction; else the plain trilinear element.
     """
-    elastic = _elasticity(material)
+    shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
+    lame = 2.0 * shear * material.poisson_ratio / (1.0 - 2.0 * material.poisson_ratio)
+    elastic = np.diag([2.0 * shear] * 3 + [shear] * 3)
+    elastic[:3, :3] += lame
     half = np.asarray(np.asarray(brick) / 2.0, dtype=np.float64)
     whole = np.zeros((33, 33))
     for place in itertools.product((-GAUSS, GAUSS), repeat=3):
@@ -170,14 +173,6 @@ def _number_cells(counts: tuple[int, int, int]) -> IntArray:
     index = starts[:, None, :] + ((CORNERS + 1.0) / 2.0).astype(np.int64)[None]
     _, second, third = (count + 1 for count in counts)
     return np.asarray((index[..., 0] * second + index[..., 1]) * third + index[..., 2])
-
-
-def _elasticity(material: Material) -> FloatArray:
-    shear = material.youngs_modulus / (2.0 * (1.0 + material.poisson_ratio))
-    lame = 2.0 * shear * material.poisson_ratio / (1.0 - 2.0 * material.poisson_ratio)
-    matrix = np.diag([2.0 * shear] * 3 + [shear] * 3)
-    matrix[:3, :3] += lame
-    return matrix
 
 
 def _strain_rows(place: FloatArray, half: FloatArray) -> FloatArray:

@@ -107,14 +107,10 @@ def _cantilever_references() -> dict[str, _BeamReference]:
         _BeamReference(name, "static", UM * analytic, UM * beam, right, note)
         for (name, analytic, beam, note), right in zip(static, solid, strict=True)
     ]
-    slender_x, slender_y = (
-        euler_bernoulli_frequencies(thin, "clamped-free", 3),
-        euler_bernoulli_frequencies(wide, "clamped-free", 2),
-    )
-    deep_x, deep_y = (
-        timoshenko_frequencies(thin, "clamped-free", 3),
-        timoshenko_frequencies(wide, "clamped-free", 2),
-    )
+    slender_x = euler_bernoulli_frequencies(thin, "clamped-free", 3)
+    slender_y = euler_bernoulli_frequencies(wide, "clamped-free", 2)
+    deep_x = timoshenko_frequencies(thin, "clamped-free", 3)
+    deep_y = timoshenko_frequencies(wide, "clamped-free", 2)
     torsion = float(torsional_frequencies(thin, "clamped-free", 1)[0])
     modal = [
         ("X1", slender_x[0], deep_x[0], CLAMP),
@@ -157,10 +153,8 @@ def _fixed_beam_references() -> dict[str, _BeamReference]:
     found = [
         _BeamReference(name, "static", UM * a, UM * b, c, note) for name, a, b, c, note in static
     ]
-    slender, deep = (
-        euler_bernoulli_frequencies(flat, "clamped-clamped", 2),
-        timoshenko_frequencies(flat, "clamped-clamped", 2),
-    )
+    slender = euler_bernoulli_frequencies(flat, "clamped-clamped", 2)
+    deep = timoshenko_frequencies(flat, "clamped-clamped", 2)
     torsion = float(torsional_frequencies(flat, "clamped-clamped", 1)[0])
     modal = [
         ("X1", slender[0], deep[0], wide),

@@ -165,9 +165,7 @@ class _Statement:
         )
 
     def shrinks(self) -> EvaluatedStatement | None:
-        """No deviation grows from one model to the next; where nothing is left to shrink that is
-        said.
-        """
+        """No deviation grows from one model to the next; says where nothing is left to shrink."""
         by_quantity = [deviations(self.series, [name]) for name in self.quantities]
         steps = [
             (abs(fine.value) - abs(coarse.value), fine)
@@ -249,9 +247,7 @@ class _Statement:
         return self._decide(False, f"{found}, MAC {smallest.macs[name]:.2f}", found.value)
 
     def softer_than(self, stiffer: RefinementSeries) -> EvaluatedStatement | None:
-        """Check that the smallest of these models gives larger displacements than the smallest of
-        others.
-        """
+        """Check that the smallest of these models moves more than the smallest of others."""
         if not (self.series.points and stiffer.points):
             return None
         own, other = self.series.points[0], stiffer.points[0]
@@ -308,11 +304,9 @@ class _Statement:
         needed, enough = (
             ndof_within(series, self.quantities, limit) for series in (self.series, few)
         )
-        models, share, last = (
-            f"{few.models}, {self.series.models}",
-            f"{100 * limit:g} %",
-            self.series.points[-1].ndof,
-        )
+        models = f"{few.models}, {self.series.models}"
+        share = f"{100 * limit:g} %"
+        last = self.series.points[-1].ndof
         if enough is None:
             return self._decide(
                 False, f"{few.models} does not stay within {share}", None, models=models
