@@ -443,9 +443,12 @@ def test_areas_of_interfaces_and_rails_lie_on_their_faces_and_look_outward(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn: list[LabelledSurface] = []
-    monkeypatch.setattr(
-        showing, "draw_numbered", lambda surface: (drawn.append(surface), (b"", set[int]()))[1]
-    )
+
+    def draw(surface: LabelledSurface) -> tuple[bytes, set[int]]:
+        drawn.append(surface)
+        return b"", set()
+
+    monkeypatch.setattr(showing, "draw_numbered", draw)
     mill = Path(__file__).parents[3] / "machines" / "mill.toml"
     assert main(["show", str(mill), "--pose", "low"]) == 0
     (surface,) = drawn
