@@ -174,5 +174,5 @@ def _outlines(face: PlanarFace, patch: Patch) -> list[FloatArray]:
     rects = patch_rects(face, patch)
     if rects is not None:
         return [np.array([[a, c], [b, c], [b, d], [a, d]]) for a, b, c, d in rects]
-    middle = [patch.center[axis] for axis in in_plane_axes(face.axis)]
+    middle = np.array([patch.center[axis] for axis in in_plane_axes(face.axis)])
     return [middle + 0.5 * patch.size[0] * np.column_stack([np.cos(CIRCLE), np.sin(CIRCLE)])]

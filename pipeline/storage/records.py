@@ -98,7 +98,7 @@ def read_record[T](group: h5py.Group, kind: type[T]) -> T:
         RecordError: A field without default is missing, or holds something else than its type hint
             says.
     """
-    hints = _read_hints(kind)
+    hints = _read_hints(typing.cast(Any, kind))
     values: dict[str, Any] = {}
     for field in dataclasses.fields(typing.cast(Any, kind)):
         has_default = (

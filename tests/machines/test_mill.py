@@ -67,7 +67,7 @@ def test_the_whole_rigid_machine_on_its_shoes_bounds_the_first_mode(rigid: hs.Re
         (steel * np.pi / 4.0 * (0.18**2 - 0.11**2) * 0.34, 1.18),
         (steel * np.pi / 4.0 * (0.06**2 - 0.022**2) * 0.43, 1.165),
     ]
-    mass = sum(m * np.array([[1.0, h], [h, h**2]]) for m, h in bodies)
+    mass = np.sum([m * np.array([[1.0, h], [h, h**2]]) for m, h in bodies], axis=0)
     stiffness = np.diag([6.0 * 60e6, 6.0 * 200e6 * 0.33**2])
     bound = np.sqrt(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).min()) / (2.0 * np.pi)
     assert 0.8 * bound < rigid.modes["reference"].frequencies_hz[0] < bound

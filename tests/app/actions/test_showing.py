@@ -378,9 +378,12 @@ def test_areas_of_interfaces_and_rails_lie_on_their_faces_and_look_outward(
     shell: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn: list[LabelledSurface] = []
-    monkeypatch.setattr(
-        showing, "draw_numbered", lambda surface: (drawn.append(surface), (b"", set[int]()))[1]
-    )
+
+    def draw(surface: LabelledSurface) -> tuple[bytes, set[int]]:
+        drawn.append(surface)
+        return b"", set()
+
+    monkeypatch.setattr(showing, "draw_numbered", draw)
     shell(f"show {MACHINES / 'mill.toml'} --pose low")
     (surface,) = drawn
     assert ("rail: 4", (0.25, 0.27, 0.3)) in surface.legend

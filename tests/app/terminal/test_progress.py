@@ -135,11 +135,12 @@ def test_a_narrow_terminal_gets_one_line_and_a_stage_nobody_can_estimate_gets_it
 def test_what_is_expected_is_revised_by_earlier_stages_and_by_the_stage_itself(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    clock, told = [0.0], []
+    clock = [0.0]
+    told: list[str] = []
     shown = progress.Progress()
-    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr("headstock.app.terminal.progress.time.monotonic", lambda: clock[0])
     monkeypatch.setattr(shown, "_start", lambda: None)
-    monkeypatch.setattr(shown, "_tell", lambda text: told.append(text))
+    monkeypatch.setattr(shown, "_tell", told.append)
     for seconds, taken in ((10.0, 30.0), (4.0, 0.0)):
         shown.begin("reduce  part", seconds)
         clock[0] += taken
