@@ -98,7 +98,7 @@ class Host:
         return own | more
 
     def launch(self, line: str, *words: str, cwd: Path = ROOT, **more: str) -> Done:
-        command = [ROOT / "headstock", *shlex.split(line), *words]
+        command: list[str | Path] = [ROOT / "headstock", *shlex.split(line), *words]
         return run(command, self.environment(**more), cwd)
 
     def enter(self, **more: str) -> Done:

@@ -180,8 +180,8 @@ def test_the_commit_of_a_checkout_and_of_a_worktree_is_read_without_git(
     for folder in (main_folder, tree):
         found = find_version(folder)
         assert (found.version, found.commit) == ("9.8.7", commit)
-    for head, known in ((commit, commit), ("ref: refs/heads/none", UNKNOWN)):
-        (linked / "HEAD").write_text(f"{head}\n")
+    for text, known in ((commit, commit), ("ref: refs/heads/none", UNKNOWN)):
+        (linked / "HEAD").write_text(f"{text}\n")
         find_version.cache_clear()
         assert find_version(tree).commit == known
 

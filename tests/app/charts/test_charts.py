@@ -150,7 +150,13 @@ def make_variant() -> dict[str, object]:
     seconds = dict.fromkeys(STEPS, 1.0)
     effort = {"seconds": seconds, "cpu_seconds": seconds, "elastic_components": 0}
     effort |= {"from_store": 0, "peak_rss_mb": 100.0}
-    variant = {"static": {"tcp": point}, "frf": [], "others": {}, "mac": [], "failures": []}
+    variant: dict[str, object] = {
+        "static": {"tcp": point},
+        "frf": [],
+        "others": {},
+        "mac": [],
+        "failures": [],
+    }
     variant |= {"effort": effort, "error_hz": [0.5] * 4, "error_left_out": [], "rigid_count": 0}
     variant |= dict.fromkeys(("full_dofs", "reduced_dofs", "coupled_dofs"), 6)
     return variant | {"error_share": [{"discretisation": 0.5}] * 4}
