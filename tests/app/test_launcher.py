@@ -97,7 +97,7 @@ class Host:
         }
         return own | more
 
-    def launch(self, line: str, *words: str, cwd: Path = ROOT, **more: str) -> Done:
+    def launch(self, line: str, *words: str, cwd: str | Path = ROOT, **more: str) -> Done:
         command: list[str | Path] = [ROOT / "headstock", *shlex.split(line), *words]
         return run(command, self.environment(**more), cwd)
 
@@ -105,7 +105,7 @@ class Host:
         """The shortest command that needs the root."""
         return self.launch("exec true", **more)
 
-    def plan(self, line: str, *words: str, cwd: Path = ROOT, **more: str) -> list[str]:
+    def plan(self, line: str, *words: str, cwd: str | Path = ROOT, **more: str) -> list[str]:
         """What the launcher would start."""
         done = self.launch(line, *words, cwd=cwd, HEADSTOCK_DRY_RUN="1", **more)
         assert done.returncode == 0, done.stderr
@@ -135,7 +135,7 @@ class Host:
         return len(self.log.read_text().splitlines()) if self.log.exists() else 0
 
 
-def run(command: list[str | Path], environment: Mapping[str, str], cwd: Path = ROOT) -> Done:
+def run(command: list[str | Path], environment: Mapping[str, str], cwd: str | Path = ROOT) -> Done:
     return run_process(command, env=environment, cwd=cwd, timeout=60)
 
 
@@ -843,7 +843,7 @@ def test_a_python_of_the_callers_choice_is_taken_as_it_is(host: Host) -> None:
 # ---- running on a Python that is there ----
 
 
-def direct(folder: Path, line: str, *words: str, cwd: Path = ROOT, **more: str) -> Done:
+def direct(folder: Path, line: str, *words: str, cwd: str | Path = ROOT, **more: str) -> Done:
     passed = {key: value for key, value in os.environ.items() if key in {"PATH", "HOME"}}
     own = {"HEADSTOCK_PYTHON": sys.executable, "XDG_CACHE_HOME": str(folder / "cache")}
     return run([folder / "headstock", *shlex.split(line), *words], passed | own | more, cwd)

@@ -214,7 +214,7 @@ def test_a_cold_study_uses_an_empty_store_and_keeps_nothing(
         "components.column.mesh.cells": "hex",
         "components.column.mesh.order": 1,
     }
-    sizes = {"components.column.mesh.size": ("200 mm",)}
+    sizes: dict[str, tuple[TomlValue, ...]] = {"components.column.mesh.size": ("200 mm",)}
     study = dataclasses.replace(vary(sizes, settings=elastic, analyses=("static",)), repeats=2)
     (record,), _ = bench.compute(dataclasses.replace(study, cold=True), "cold")
     assert len(record.seconds) == len(record.cpu_seconds) == 2
