@@ -117,7 +117,10 @@ def lumped_machine(
         "lumped",
         {component.name: component for component, _ in bodies},
         {joint.name: joint for joint in joints},
-        {name: Point(name, *map(_end, ends)) for name, ends in (points or {}).items()},
+        {
+            name: Point(name, _end(tool), _end(work))
+            for name, (tool, work) in (points or {}).items()
+        },
     )
     return {superelement.name: superelement for _, superelement in bodies}, machine
 

@@ -1,6 +1,7 @@
 """A machine with its interfaces, joints, supports and points as a surface with labels."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from headstock.geometry.parts.patches import (
     patch_rects,
 )
 from headstock.pipeline.preview.rigid_view import SupportView
-from headstock.pipeline.results.views import JointView, MachineView, PoseView
+from headstock.pipeline.results.views import JointView, MachineView, PointView, PoseView
 
 # kinds that move or hold along an axis: the columns of their frame that it is
 AXIS_COLUMNS = {
@@ -39,6 +40,57 @@ FREE_KINDS = ("revolute", "universal", "spherical", "prismatic")
 BALL_SHARE, ARROW_SHARE, CONE_SHARE = 0.007, 0.06, 0.03
 
 
+@dataclass(frozen=True)
+class _Sketch:
+    """Marks, names and legend of a picture, in the order in which they are drawn."""
+
+    marks: list[Marks] = field(default_factory=list)
+    notes: list[Note] = field(default_factory=list)
+    legend: list[tuple[str, Color]] = field(default_factory=list)
+
+    def count(self, what: str, number: int, color: Color) -> None:
+        """Add to the legend what there is at all."""
+        if number:
+            self.legend.append((f"{what}: {number}", color))
+
+    def draw_joints(self, joints: Mapping[str, JointView]) -> None:
+        """Draw balls and axes at joints, cones at mounts."""
+        groups: dict[str, list[tuple[str, JointView]]] = {}
+        for name, joint in joints.items():
+            groups.setdefault(_group(joint), []).append((name, joint))
+        for group, members in groups.items():
+            color = GROUPS[group]
+            places = np.array([joint.frame.origin for _, joint in members])
+            if group == "mount":
+                into = np.array([-joint.frame.rotation[:, 2] for _, joint in members])
+                self.marks.append(Marks(places, color, CONE_SHARE, True, "cone", into))
+            else:
+                self.marks.append(Marks(places, color, BALL_SHARE, True))
+                self.marks.extend(_axis_arrows([joint for _, joint in members], color))
+            self.notes.extend(Note(name, joint.frame.origin, color) for name, joint in members)
+            self.count(group, len(members), color)
+
+    def draw_supports(self, supports: Mapping[str, SupportView]) -> None:
+        """Draw a cone for each direction that is fixed."""
+        for name, support in supports.items():
+            places = np.repeat(support.places, len(support.directions), axis=0)
+            along = np.tile(support.directions, (len(support.places), 1))
+            self.marks.append(Marks(places, SUPPORT, CONE_SHARE, True, "cone", along))
+            self.notes.extend(Note(name, place, SUPPORT) for place in support.places)
+        self.count("support, a cone per fixed direction", len(supports), SUPPORT)
+
+    def draw_points(self, points: Mapping[str, PointView]) -> None:
+        """Draw both places of each point, tools named."""
+        tools = np.array([point.tool_place for point in points.values()]).reshape(-1, 3)
+        works = [point.work_place for point in points.values() if point.work_place is not None]
+        self.marks.append(Marks(tools, TOOL_COLOR, TOOL_SHARE, True))
+        self.marks.append(Marks(np.array(works).reshape(-1, 3), WORK, TOOL_SHARE, True))
+        # first, where there is most room
+        self.notes[:0] = [Note(name, one.tool_place, TOOL_COLOR) for name, one in points.items()]
+        self.count("tool of a point", len(points), TOOL_COLOR)
+        self.count("work of a point", len(works), WORK)
+
+
 def label_machine(
     title: str,
     view: MachineView,
@@ -49,64 +101,33 @@ def label_machine(
     """The skins of a machine in a pose, areas of interfaces on flat faces of solids without a file,
     and marks and names at joints, supports and points.
     """
+    sketch = _Sketch()
+    sketch.draw_joints(placed.joints)
+    sketch.draw_supports(supports)
+    sketch.draw_points(placed.points)
     joined = join_skins_in_pose(view, placed)
-    groups: dict[str, list[tuple[str, JointView]]] = {}
-    for name, joint in placed.joints.items():
-        groups.setdefault(_group(joint), []).append((name, joint))
-    marks: list[Marks] = []
-    notes: list[Note] = []
-    legend: list[tuple[str, Color]] = []
-    for group, members in groups.items():
-        color = GROUPS[group]
-        places = np.array([joint.frame.origin for _, joint in members])
-        if group == "mount":
-            into = np.array([-joint.frame.rotation[:, 2] for _, joint in members])
-            marks.append(Marks(places, color, CONE_SHARE, True, "cone", into))
-        else:
-            marks.append(Marks(places, color, BALL_SHARE, True))
-            marks += _axis_arrows([joint for _, joint in members], color)
-        notes += [Note(name, joint.frame.origin, color) for name, joint in members]
-        legend.append((f"{group}: {len(members)}", color))
-    for name, support in supports.items():
-        places = np.repeat(support.places, len(support.directions), axis=0)
-        along = np.tile(support.directions, (len(support.places), 1))
-        marks.append(Marks(places, SUPPORT, CONE_SHARE, True, "cone", along))
-        notes += [Note(name, place, SUPPORT) for place in support.places]
-    points = placed.points.items()
-    tools = np.array([point.tool_place for _, point in points]).reshape(-1, 3)
-    works = [point.work_place for _, point in points if point.work_place is not None]
-    marks.append(Marks(tools, TOOL_COLOR, TOOL_SHARE, True))
-    marks.append(Marks(np.array(works).reshape(-1, 3), WORK, TOOL_SHARE, True))
-    # first, where there is most room
-    notes = [Note(name, point.tool_place, TOOL_COLOR) for name, point in points] + notes
-    shown = (
-        ("support, a cone per fixed direction", supports, SUPPORT),
-        ("tool of a point", points, TOOL_COLOR),
-        ("work of a point", works, WORK),
-    )
-    legend += [(f"{words}: {len(given)}", color) for words, given, color in shown if given]
-    points, triangles, owners = [joined.points], [joined.triangles], [joined.owners]
+    corners, triangles, owners = [joined.points], [joined.triangles], [joined.owners]
     start = len(joined.points)
     for owner, (kind, areas) in enumerate(
         _interface_areas(components, placed).items(), len(joined.palette)
     ):
         for area in areas:
-            points.append(area)
+            corners.append(area)
             fan = np.arange(1, len(area) - 1)
             triangles.append(start + np.column_stack([0 * fan, fan, fan + 1]))
             owners.append(np.full(len(fan), owner))
             start += len(area)
-        legend += [(f"{kind}: {len(areas)}", AREAS[kind])] if areas else []
+        sketch.count(kind, len(areas), AREAS[kind])
     return LabelledSurface(
-        np.vstack(points),
+        np.vstack(corners),
         np.vstack(triangles),
         np.concatenate(owners),
         dict(enumerate(view.skins, 1)),
         title,
         palette=np.vstack([joined.palette, list(AREAS.values())]),
-        marks=tuple(marks),
-        notes=tuple(notes),
-        legend=tuple(legend),
+        marks=tuple(sketch.marks),
+        notes=tuple(sketch.notes),
+        legend=tuple(sketch.legend),
     )
 
 

@@ -348,13 +348,14 @@ def test_a_terminal_without_arrows_and_signs_is_told_all_the_same(block: Shell) 
 
 
 def test_an_interrupt_ends_with_130() -> None:
+    def interrupt() -> int:
+        signal.raise_signal(signal.SIGINT)
+        return 0
+
     # a script that runs the tests in its background has them ignore interrupts
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        interrupted = guard.run_guarded(
-            lambda: int(signal.raise_signal(signal.SIGINT) is None), debug=False
-        )
-        assert interrupted == 130
+        assert guard.run_guarded(interrupt, debug=False) == 130
     finally:
         signal.signal(signal.SIGINT, before)
 

@@ -3,6 +3,7 @@ its springs by hand, and its castings take away what a mill loses by them.
 """
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import headstock as hs
 from common import approx
 
 MILL = Path(__file__).resolve().parents[2] / "machines" / "mill.toml"
-RIGID = {"parameters.castings": "rigid", "components.spindle.fidelity": "rigid"}
+RIGID: dict[str, Any] = {"parameters.castings": "rigid", "components.spindle.fidelity": "rigid"}
 POSE = {f"analyses.{name}.poses": ["reference"] for name in ("static", "modal")}
 
 
@@ -32,7 +33,9 @@ def test_its_scene_has_no_warnings_and_says_what_is_assumed() -> None:
     mill = hs.load(MILL)
     assert not hs.check(mill)
     assert len(MILL.read_text().splitlines()) <= 250
-    elastic = [name for name, part in mill.components.items() if part.fidelity == "elastic"]
+    elastic = [
+        name for name, part in mill.scene.machine.components.items() if part.fidelity == "elastic"
+    ]
     assert sorted(elastic) == ["column", "head", "saddle", "table"]
 
 

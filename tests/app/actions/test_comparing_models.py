@@ -13,9 +13,11 @@ import scipy.linalg
 from common import Shell, approx
 from fixture_machines import machine
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import Box
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
+from headstock.solvers.second_order import ComplexArray
 from headstock.studies.variants import choose_variants
 
 MACHINES = Path(__file__).parents[3] / "machines"
@@ -49,7 +51,7 @@ def compare(bar: Shell, options: str = "") -> Any:
     return bar.json("out/compare.json")
 
 
-def read_response(path: Path, before: str, point: str) -> tuple[FloatArray, FloatArray]:
+def read_response(path: Path, before: str, point: str) -> tuple[FloatArray, ComplexArray]:
     """Lines [Hz] and values of a direct response in a CSV file."""
     with path.open(newline="") as file:
         heads, *rows = list(csv.reader(file))
@@ -222,7 +224,7 @@ def test_what_a_fidelity_cannot_have_says_why_beside_those_that_can(bar: Shell) 
 
 def test_a_part_from_step_cannot_be_segmented_and_the_other_fidelities_stay() -> None:
     scene = MACHINES / "step_column.toml"
-    fidelities = ("rigid", "segmented", "elastic")
+    fidelities: tuple[Fidelity, ...] = ("rigid", "segmented", "elastic")
     rigid, segmented, elastic = choose_variants(scene, ("as written",), fidelities=fidelities)
     assert (rigid.cannot, elastic.cannot) == ("", "")
     assert segmented.cannot.startswith("components.column.fidelity: cannot be segmented")

@@ -398,16 +398,16 @@ def test_the_viewer_gets_points_within_a_ten_thousandth_and_shapes_within_what_i
             )
             np.testing.assert_array_equal(kept_simplices, shown_simplices)
     assert data["bytes"] == 2
-    for shape, force in zip(data["poses"][0]["shapes"], (1000.0, 1.0, 1.0), strict=True):
+    for shape, newtons in zip(data["poses"][0]["shapes"], (1000.0, 1.0, 1.0), strict=True):
         parts = _pose_shapes(pose)[shape["id"]]
         largest = max(np.linalg.norm(part, axis=1).max() for part in parts.values())
-        assert shape["largest"] == approx(force * largest, rel=1e-4)
+        assert shape["largest"] == approx(newtons * largest, rel=1e-4)
         for (part_name, part), rigid, order in zip(
             parts.items(), shape["rigid"], kept, strict=True
         ):
             if rigid is None:
-                found = take("<i2", len(part), 3) / 32767.0
-                np.testing.assert_allclose(found, part[order] / largest, atol=1.0 / 30000.0)
+                shown = take("<i2", len(part), 3) / 32767.0
+                np.testing.assert_allclose(shown, part[order] / largest, atol=1.0 / 30000.0)
                 continue
             frame = pose.placements[part_name]
             places = view.skins[part_name].points @ frame.rotation.T + frame.origin

@@ -184,7 +184,7 @@ def test_where_poles_are_too_near_each_other_many_dampers_take_a_small_solve_per
         matrix[-1, -1] = own
     system = dataclasses.replace(bare, mass=mass, stiffness=stiffness, damping=damping)
     model = prepare_frf(system, inputs=CHANNELS, outputs=CHANNELS)
-    frequencies = np.linspace(3.0, 900.0, 80)
+    frequencies = np.asarray(np.linspace(3.0, 900.0, 80), dtype=float)
     found, expected = (
         evaluate_frf(model, frequencies),
         model.direct.evaluate(2.0 * np.pi * frequencies),

@@ -17,7 +17,7 @@ LINE = np.column_stack([np.ones(20), np.linspace(-1.0, 1.0, 20)])
 def fit(design: FloatArray, residuals: FloatArray | None = None, **known: Any) -> FitStatistics:
     """Of two parameters; without a prior, and with residuals of zero, where none are given."""
     names = known.pop("names", ["offset", "slope"])
-    settings = {"prior": NO_PRIOR, "from_residuals": False} | known
+    settings: dict[str, Any] = {"prior": NO_PRIOR, "from_residuals": False} | known
     zero = np.zeros(len(design)) if residuals is None else residuals
     prior = settings.pop("prior")
     return assess(names, design, zero, prior, WIDE, **settings)

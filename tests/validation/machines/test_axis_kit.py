@@ -72,8 +72,9 @@ def test_finite_elements_agree_with_segments_and_with_the_paper_s_own(
 ) -> None:
     fine = workshop.solve("YCE", "elastic")
     coarse = segmented["YCE"]
-    pairs = _pair_fidelities(coarse, fine)
-    pairs = [pair for pair in pairs if coarse.frequencies_hz[pair.first] < 280.0]
+    pairs = [
+        pair for pair in _pair_fidelities(coarse, fine) if coarse.frequencies_hz[pair.first] < 280.0
+    ]
     assert len(pairs) == len(TABLE_3["YCE"])
     coarse_hz = coarse.frequencies_hz[[pair.first for pair in pairs]]
     fine_hz = fine.frequencies_hz[[pair.second for pair in pairs]]
