@@ -179,6 +179,12 @@ CASES = (
             f"run machines/three_axis.toml --variant segmented+R --analysis path {CONTROL} {CUT} -o cut",
         ),
     ),
+    Case(
+        "mill",
+        (
+            "run machines/mill.toml --variant rigid --analysis static --analysis modal --analysis path",
+        ),
+    ),
     Case("step_column", (f"run machines/step_column.toml {STEP}",)),
     Case("tripteor", ("run machines/tripteor.toml --analysis static --analysis modal",)),
     Case("map", (f"run machines/tripteor.toml --analysis map {PLANE}",)),
@@ -287,6 +293,7 @@ CASES = (
             "three_axis",
             "step_column",
             "tripteor",
+            "mill",
         )
     ),
     Case("whole_legs", ("run machines/tripteor.toml --variant elastic_legs",), full=True),

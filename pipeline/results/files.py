@@ -204,6 +204,8 @@ def open_results(folder: Path) -> Results:
 
     results = read_results_file(folder, read)
     with naming_damage(folder / SUMMARY_FILE):
+        if fault := find_fault(summary["stages"], list[Mapping[str, object]], "stages"):
+            raise RecordError(fault)
         # the stage that wrote the record cannot be in it
         last = [
             StageRecord(

@@ -35,7 +35,9 @@ SCENES = [
     *sorted({*(ROOT / "tests" / "data").glob("*.toml")} - {ROOT / "tests/data/questions.toml"}),
 ]
 BAD = tomllib.loads((DATA / "refused" / "bad_scenes.toml").read_text())
-# whole scenes in documents: blocks of TOML with materials, and files that a shell block writes
+# whole scenes in documents: blocks of TOML with materials, and files that a shell block writes, with what
+# the next one adds to it
+ADDED = re.compile(r"^EOF\n(?:(?!^EOF$).)*?>> \S*\.toml <<'EOF'\n", re.DOTALL | re.MULTILINE)
 WHOLE = re.compile(
     r"```toml\n((?:(?!```).)*?^\[materials(?:(?!```).)*?)```|\.toml <<'EOF'\n(.*?)^EOF$",
     re.DOTALL | re.MULTILINE,
@@ -43,7 +45,7 @@ WHOLE = re.compile(
 DOCUMENTED = [
     (path.name, match[1] or match[2])
     for path in sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
-    for match in WHOLE.finditer(path.read_text())
+    for match in WHOLE.finditer(ADDED.sub("", path.read_text()))
 ]
 
 
