@@ -152,21 +152,21 @@ PROBE_PEAK_COLUMNS: tuple[Column[_ProbePeakRow], ...] = (
 
 
 @dataclass(frozen=True, eq=False)
-class ForceRow[Found](NumbersRow):
+class _ForceRow[Found](NumbersRow):
     """What a probe, drive or joint took at most while the machine moved."""
 
     name: str
     found: Found
 
 
-type _ProbeRow = ForceRow[ProbeMotion]
-type _DriveRow = ForceRow[DriveExtremes]
-type _JointRow = ForceRow[dict[str, Extreme]]
+type _ProbeRow = _ForceRow[ProbeMotion]
+type _DriveRow = _ForceRow[DriveExtremes]
+type _JointRow = _ForceRow[dict[str, Extreme]]
 
 
 def list_moved[Found](
     answer: Answer, found: Mapping[str, Found], role: str, **roles: str
-) -> list[ForceRow[Found]]:
+) -> list[_ForceRow[Found]]:
     """Return a row for each probe, drive or joint.
 
     Args:
@@ -174,7 +174,7 @@ def list_moved[Found](
         roles: Others that these keys have: feed or pose.
     """
     numbers = answer.index_numbers()
-    return [ForceRow(numbers, {role: name, **roles}, name, each) for name, each in found.items()]
+    return [_ForceRow(numbers, {role: name, **roles}, name, each) for name, each in found.items()]
 
 
 PROBE_MOTION_PEAKS: tuple[Column[_ProbeRow], ...] = (

@@ -219,7 +219,7 @@ def run_searched(scene: Scene, runner: _StageRunner) -> RunState:
     """Run as many rounds as the accuracy of a scene needs, and then what is requested beyond the
     analyses whose errors the search estimates; collective.
     """
-    search = search_settings(scene, runner.run, runner.note, comm=runner.comm, store=runner.store)
+    search = _search_settings(scene, runner.run, runner.note, comm=runner.comm, store=runner.store)
     state = search.state
     more = search.scene.analyses != state.scene.analyses
     if more or scene.model_errors or scene.interface_errors:
@@ -254,7 +254,7 @@ def _add_model_errors(
         runner.run_stage(state, stage, compare)
 
 
-def search_settings(
+def _search_settings(
     scene: Scene, run_round: _RunRound, note: Note, *, comm: MPI.Comm, store: Store
 ) -> AccuracySearch:
     """Refine until every requested number is within the scene's accuracy, then choose the cheapest

@@ -20,7 +20,7 @@ class Answer:
     Attributes:
         errors: ± of its numbers, beside them.
         entry: Its key in ``summary.json``.
-        keys: The keys there, for :func:`headstock.pipeline.results.summary_keys.parse_keys`.
+        keys: The keys there, for :func:`headstock.pipeline.results.summary_keys._parse_keys`.
         units: Pattern of the path of a data set in ``results.h5`` to its unit.
     """
 

@@ -32,7 +32,7 @@ OTHER_RESULTS = {
 }
 
 
-def name_remedy(folder: Path) -> str:
+def _name_remedy(folder: Path) -> str:
     """Return the command that writes the files of a folder anew, in plain words."""
     return f"`headstock run SCENE -o {folder}` writes it anew, with what is in the store"
 
@@ -46,7 +46,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
     path = folder / SUMMARY_FILE
     if folder.is_file():
         raise UnusableOutputError(f"{folder} is a file; name the folder that a run has written")
-    remedy = name_remedy(folder)
+    remedy = _name_remedy(folder)
     try:
         if path.exists():
             require_size(path, SUMMARY, RecordError)
@@ -162,7 +162,7 @@ def naming_damage(path: Path) -> Iterator[None]:
         MemoryError,
     ) as error:
         raise UnusableOutputError(
-            f"{path} cannot be read: {error}; {name_remedy(path.parent)}"
+            f"{path} cannot be read: {error}; {_name_remedy(path.parent)}"
         ) from error
 
 

@@ -24,10 +24,10 @@ type Shape = dict[str, Shape] | tuple[str, Shape] | None
 @functools.cache
 def list_summary_keys() -> dict[str, Shape]:
     """Return what every entry that ``summary.json`` may have holds, by its key."""
-    return parse_keys(" ".join([RUN_KEYS, *(kind.keys for kind in load_answer_types())]))
+    return _parse_keys(" ".join([RUN_KEYS, *(kind.keys for kind in load_answer_types())]))
 
 
-def parse_keys(text: str) -> dict[str, Shape]:
+def _parse_keys(text: str) -> dict[str, Shape]:
     """Return keys with what they hold."""
     return _parse_table(re.findall(r"\w+|\[\]|\.\*+|[()]", text)[::-1])
 

@@ -20,7 +20,7 @@ DEPENDENT = 1e-10  # least share of a direction outside the trial space for whic
 
 
 @dataclass(frozen=True, eq=False)
-class FrequencyErrors:
+class _FrequencyErrors:
     """Bound the difference of each natural frequency from that with every mode kept.
 
     Attributes:
@@ -61,7 +61,7 @@ def truncated_parts(coupled: CoupledMachine) -> dict[str, TruncatedPart]:
 
 def bound_frequency_errors(
     system: SecondOrderSystem, parts: Mapping[str, TruncatedPart], modes: ModalResult
-) -> FrequencyErrors:
+) -> _FrequencyErrors:
     """Bound the reduction error of natural frequencies.
 
     With every mode kept a frequency solves ``(K - lambda M - lambda^2 R(lambda)) q = 0``, with R
@@ -112,7 +112,7 @@ def bound_frequency_errors(
             by_component[name][mode] = (
                 0.5 * modes.frequencies_hz[mode] * square * float(column @ added[name] @ column)
             )
-    return FrequencyErrors(np.maximum(bounds, 0.0), by_component, tuple(beyond))
+    return _FrequencyErrors(np.maximum(bounds, 0.0), by_component, tuple(beyond))
 
 
 def _trial_space(

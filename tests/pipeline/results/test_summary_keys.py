@@ -2,13 +2,13 @@
 
 import pytest
 
-from headstock.pipeline.results.summary_keys import list_summary_keys, parse_keys
+from headstock.pipeline.results.summary_keys import list_summary_keys, _parse_keys
 from headstock.scene.reading.watch_paths import parse_watch
 from headstock.studies.parameters.runs import _find_fault
 
 
 def test_keys_are_read_with_what_they_hold() -> None:
-    assert parse_keys("a b[](c d.*) e.** f[][]") == {
+    assert _parse_keys("a b[](c d.*) e.** f[][]") == {
         "a": None,
         "b": ("[]", {"c": None, "d": (".*", None)}),
         "e": (".**", None),
