@@ -2,7 +2,7 @@
 
 import pytest
 
-from headstock.pipeline.results.summary_keys import list_summary_keys, _parse_keys
+from headstock.pipeline.results.summary_keys import _parse_keys, list_summary_keys
 from headstock.scene.reading.watch_paths import parse_watch
 from headstock.studies.parameters.runs import _find_fault
 
