@@ -327,15 +327,22 @@ class AxesPath(ABC):
 
         return solve_move
 
+    def add_errors(self, move: SetPoint, deviation: PathDeviation) -> PathDeviation:
+        """Return a deviation with torque ripple, and with guide errors as they deform the machine
+        in the poses along the path, whatever pose the deviation was solved in.
+        """
+        disturbance = self.disturbances[move]
+        if disturbance is not None and self.errors is not None:
+            disturbance = self.errors.follow_pose(disturbance, move)
+        return _add(deviation, disturbance)
+
     def follow(self, kept: Sequence[SolvedMove]) -> PosedMoves:
         """Return a function that solves a move as the pose changes along the path."""
         solve, system, table = self._solve_posed()
 
         def solve_move(move: SetPoint) -> SolvedMove:
-            deviation, disturbance = solve(move), self.disturbances[move]
-            if disturbance is not None and self.errors is not None:
-                disturbance = self.errors.follow_pose(disturbance, move)
-            total = _add(deviation, disturbance)
+            deviation = solve(move)
+            total = self.add_errors(move, deviation)
             return SolvedMove(
                 deviation, total, PathForces(self._record_drives(move, total, along=True), {})
             )

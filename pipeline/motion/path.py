@@ -113,7 +113,15 @@ def _solve_moves(path: AxesPath | SteppedPath) -> SolvedMoves:
     still = tuple(move.total for move in kept)
     if not request.follows_pose:
         return SolvedMoves(
-            still, still, tuple(move.forces for move in kept), disturbed=path.disturbed
+            tuple(
+                path.add_errors(move, solved.deviation)
+                if isinstance(path, AxesPath)
+                else solved.total
+                for move, solved in zip(request.moves, kept, strict=True)
+            ),
+            still,
+            tuple(move.forces for move in kept),
+            disturbed=path.disturbed,
         )
     posed = path.follow(kept)
     moves = [posed.solve(move) for move in request.moves]
