@@ -115,8 +115,6 @@ def _solve_moves(path: AxesPath | SteppedPath) -> SolvedMoves:
         return SolvedMoves(
             tuple(
                 path.add_errors(move, solved.deviation)
-                if isinstance(path, AxesPath)
-                else solved.total
                 for move, solved in zip(request.moves, kept, strict=True)
             ),
             still,

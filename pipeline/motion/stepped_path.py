@@ -259,6 +259,10 @@ class SteppedPath:
         frozen = self.sample(self.up_to_hz, follows=False)
         return lambda move: self._solve_move(frozen, move, middle=True)
 
+    def add_errors(self, move: SetPoint, deviation: PathDeviation) -> PathDeviation:
+        """Return a deviation as it is: its equations hold guide errors and torque ripple."""
+        return deviation
+
     def follow(self, kept: Sequence[SolvedMove]) -> PosedMoves:
         """Return a function that solves a move as the pose changes; the truncation of modes is
         evaluated at mid-path, with modes up to twice the frequency.
