@@ -2,17 +2,20 @@
 response.
 """
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
+import scene_runs
 from common import approx, present
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.path import PathResult
+from headstock.pipeline.motion.path import _lay_path, _solve_moves
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
 from headstock.reduction.coupling.drives import place_drives, release_motors
@@ -84,6 +87,20 @@ def test_slow_travel_takes_the_static_deviation_of_each_pose(tmp_path: Path) -> 
         expected = at_rest(scene, float(own.positions[number])) - first
         # 100 mm/s over waves of 250 mm and more: 0.4 Hz against some 30 Hz of the machine
         assert np.abs(moved[number] - expected[:3]).max() < 1e-3 * size
+
+
+def test_moves_repeated_at_mid_path_keep_the_errors_of_all_poses(tmp_path: Path) -> None:
+    """± compares such moves: what a finer mesh changes of errors along the path must be in them."""
+    state = scene_runs.start(keep_analyses(load_scene(SCENE, overrides=SLOW), ["path"]), tmp_path)
+    request = state.scene.analyses[PathRequest]
+    frozen = dataclasses.replace(request, follows_pose=False)
+    repeated = _solve_moves(_lay_path(state, frozen, pose_errors=True))
+    followed = _solve_moves(_lay_path(state, request))
+    (move,), (kept,), (right,) = repeated.moves, repeated.kept, followed.moves
+    quiet = np.abs(right.times - 0.5 * right.times.max()) < 0.5  # at constant feed
+    size = np.ptp(right.total[quiet])
+    assert np.abs(move.total - right.total)[quiet].max() < 1e-3 * size
+    assert np.abs(kept.total - right.total)[quiet].max() > 1e-2 * size
 
 
 RAILS = (
