@@ -460,10 +460,11 @@ def _mesh_acceptably(volume: int, *, from_cad: bool) -> bool:
     curved faces, which may cut through each other, HXT takes all memory: the other one does alone.
     """
     qualities: dict[int, float] = {}
-    flatness = _find_flatness(volume)
+    triangles = _read_triangles()
+    flatness = _mean_thickness(volume) / _median_width(triangles)
     quality = HXT_QUALITY * min(1.0, flatness / HXT_FLATNESS)
     gmsh.option.setNumber("Mesh.OptimizeThreshold", quality)
-    worst = _worst_triangle()
+    worst = _worst_triangle(triangles)
     if from_cad and worst < THIN_TRIANGLE:
         return _try_algorithm(DELAUNAY) > 0.0
     if worst < SLIVER_QUALITY and _try_algorithm(DELAUNAY) > USABLE_QUALITY:
@@ -501,18 +502,15 @@ def _read_triangles() -> FloatArray:
     return np.asarray(points[row[nodes].reshape(-1, 3)])
 
 
-def _find_flatness(volume: int) -> float:
-    """Return the mean thickness of a solid over the width of its triangles, at the median."""
-    corners = _read_triangles()
+def _median_width(corners: FloatArray) -> float:
+    """Return the width of an even triangle with the median area of triangles ``(n, 3, 3)``."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     # an even triangle of a side has 0.43 times its square
-    width = np.sqrt(2.3 * np.median(0.5 * np.linalg.norm(normals, axis=1)))
-    return float(_mean_thickness(volume) / width)
+    return float(np.sqrt(2.3 * np.median(0.5 * np.linalg.norm(normals, axis=1))))
 
 
-def _worst_triangle() -> float:
-    """Return the height of the flattest triangle of the meshed faces over its longest side."""
-    corners = _read_triangles()
+def _worst_triangle(corners: FloatArray) -> float:
+    """Return the height of the flattest of triangles ``(n, 3, 3)`` over its longest side."""
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     doubled = np.linalg.norm(
         np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
