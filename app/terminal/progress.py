@@ -37,7 +37,7 @@ class Progress:
     def begin(self, label: str, expected_seconds: float | None = None) -> None:
         """Something begins: what, and how long it is expected to take; None where nobody knows.
 
-        What is expected is revised by how long earlier stages took beside what was expected of them.
+        What is expected is revised by the ratio of taken to expected seconds of earlier stages.
         """
         self._stage = (expected_seconds or 0.0, time.monotonic())
         if self._silent or (expected_seconds is not None and expected_seconds < SHORTEST_SECONDS):
@@ -45,7 +45,7 @@ class Progress:
         if self._process is None:
             self._start()
         expected = self._revision() * (expected_seconds or 0.0)
-        self._running = self._tell(f"{expected:.3f}\t{label.translate(NO_BREAKS)}\n")
+        self._running = self._send(f"{expected:.3f}\t{label.translate(NO_BREAKS)}\n")
 
     def end(self) -> None:
         """It ended; once this returns nothing is left of the bar."""
@@ -56,7 +56,7 @@ class Progress:
         self._stage = (0.0, 0.0)
         if self._running:
             self._running = False
-            if self._tell("\n"):
+            if self._send("\n"):
                 os.read(self._answers, 1)
 
     def close(self) -> None:
@@ -96,7 +96,7 @@ class Progress:
         finally:
             os.close(theirs)
 
-    def _tell(self, text: str) -> bool:
+    def _send(self, text: str) -> bool:
         if self._process is None or self._process.stdin is None:
             return False
         try:

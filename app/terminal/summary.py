@@ -63,7 +63,7 @@ def print_summary(
     """
     console = make_console()
     console.print()
-    print_table(console, "Components", _tell_rows(COMPONENT_COLUMNS, run.components.items()))
+    print_table(console, "Components", _format_rows(COMPONENT_COLUMNS, run.components.items()))
     for view in find_views(run):
         for part in view.terminal(run):
             _print_part(console, part)
@@ -78,26 +78,27 @@ def print_summary(
 
 def _print_part(console: Console, part: TerminalPart) -> None:
     if isinstance(part, Listing):
-        print_table(console, part.title, _tell_rows(part.columns, part.rows))
+        print_table(console, part.title, _format_rows(part.columns, part.rows))
     elif isinstance(part, Shares):
         _print_shares(console, part.label, part.shares)
     else:
         console.print(part, markup=False)
 
 
-def _tell_rows[Row](columns: Sequence[Column[Row]], rows: Iterable[Row]) -> Table:
+def _format_rows[Row](columns: Sequence[Column[Row]], rows: Iterable[Row]) -> Table:
     """A table on the screen, of the columns that it has there."""
     shown = [column for column in columns if column.screen]
     table, rows = make_table(*(column.screen for column in shown)), list(rows)
     scales = find_unit_scales(shown, rows)
     for row in rows:
         add_row(
-            table, *(_tell(column, row, scales.get(find_unit(column), 0.0)) for column in shown)
+            table,
+            *(_format_cell(column, row, scales.get(find_unit(column), 0.0)) for column in shown),
         )
     return table
 
 
-def _tell[Row](column: Column[Row], row: Row, scale: float) -> str:
+def _format_cell[Row](column: Column[Row], row: Row, scale: float) -> str:
     value, error = column.value(row), None if column.error is None else column.error(row)
     if isinstance(value, str):
         return value

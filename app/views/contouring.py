@@ -39,7 +39,7 @@ LEAST_WAVE_UM = 1e-3  # of a profile that is mentioned
 
 @dataclass(frozen=True, eq=False)
 class _FaceRow(NumbersRow):
-    """A face of a contour: the gap beside it and its profile where it has them."""
+    """A face of a contour, with its gap and its profile where it has them."""
 
     face: int
     at: str

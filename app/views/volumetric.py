@@ -194,13 +194,13 @@ def _volumetric_words(found: VolumetricAnswer) -> list[str]:
     }
     most = max(largest, key=lambda symbol: largest[symbol][0])
     own, name, source = largest[most]
-    told = [f"largest position error {shown} µm at {place}"]
+    lines = [f"largest position error {shown} µm at {place}"]
     if own > 0.0:
         unit = "µm" if SYMBOLS.index(most) < 3 else "µrad"
-        told.append(
+        lines.append(
             f"± covers 95 % of errors by meshes; most by {name}: {source}, {own:.2g} {unit} of the range of {most}"
         )
-    return told + left_out_words(estimate.left_out)
+    return lines + left_out_words(estimate.left_out)
 
 
 def _list_tables(run: Results) -> Iterator[PlainTable]:

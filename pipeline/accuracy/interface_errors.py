@@ -63,7 +63,7 @@ WEAK: CouplingKind = "average"
 COMPARED_SHAPES = (40, 24, 12)
 MOST_SHAPES = 300
 ADVISED_SHAPES = 24
-WRONG = 0.01  # relative error of a number that is worth a warning
+WRONG = 0.01  # relative error of a number that causes a warning
 
 
 @dataclass(frozen=True, eq=False)

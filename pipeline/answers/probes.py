@@ -58,12 +58,12 @@ class ProbeResponse:
 
     @property
     def shown_displacement(self) -> FloatArray:
-        """The displacement ``(3,)`` without what rounding leaves beside it [m]."""
+        """The displacement ``(3,)`` without rounding noise [m]."""
         return _clear(self.displacement, float(np.linalg.norm(self.displacement)))
 
     @property
     def shown_stress(self) -> FloatArray:
-        """The stress ``(6,)`` without what rounding leaves beside it [Pa]."""
+        """The stress ``(6,)`` without rounding noise [Pa]."""
         return _clear(self.stress, self.von_mises)
 
 

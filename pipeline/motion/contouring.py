@@ -54,9 +54,9 @@ SERIES_POINTS = 2000
 FACE_POINTS = 8192  # consecutive steps of each face that drive forces are evaluated at
 OF_BLOCKS = "faces 1 and 3 are those at the lowest and the highest x; which way x points is assumed, so the ratio is reported for both"
 GRAVITY_APART = "the static deflection under gravity is subtracted from the gap"
-FAR_OFF = 1e-3  # distance of a measured path from the planned one that is worth a warning [m]
-MUCH_LEFT = 5e-6  # residual of measured positions about the spline that is worth a warning [m]
-MOST_LOST = 0.1  # share of the rms of measured forces whose loss is worth a warning
+FAR_OFF = 1e-3  # distance of a measured path from the planned one that causes a warning [m]
+MUCH_LEFT = 5e-6  # residual of measured positions about the spline that causes a warning [m]
+MOST_LOST = 0.1  # share of the rms of measured forces whose loss causes a warning
 
 
 def face_stability(

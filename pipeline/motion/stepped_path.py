@@ -102,7 +102,7 @@ NODE_SPACING = 5e-3  # of matrices in time: on ramps the position is not linear 
 NODE_ANGLE = 4e-3  # [rad]
 TINY = 1e-30
 BEFORE = 2  # steps before the move begins: at the first one the machine is at rest
-MATTERS = 1e-3  # relative shift of a natural frequency that is worth a warning
+MATTERS = 1e-3  # relative shift of a natural frequency that causes a warning
 TWICE = 2.0  # multiple of the frequency range, to evaluate the truncation of modes
 
 

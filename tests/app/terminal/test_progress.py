@@ -140,7 +140,7 @@ def test_what_is_expected_is_revised_by_earlier_stages_and_by_the_stage_itself(
     shown = progress.Progress()
     monkeypatch.setattr("headstock.app.terminal.progress.time.monotonic", lambda: clock[0])
     monkeypatch.setattr(shown, "_start", lambda: None)
-    monkeypatch.setattr(shown, "_tell", told.append)
+    monkeypatch.setattr(shown, "_send", told.append)
     for seconds, taken in ((10.0, 30.0), (4.0, 0.0)):
         shown.begin("reduce  part", seconds)
         clock[0] += taken
