@@ -136,10 +136,7 @@ def new_command(options: NewOptions) -> int:
     scene = folder / _scene_name(folder)
     if choice is not None:
         console.print(choice, markup=False)
-        if not _try_mesh(scene):
-            console.print(
-                f"meshing takes more than {TRIAL_SECONDS:g} s of processor time: whether it succeeds is seen when it runs"
-            )
+        _try_mesh(scene)
     # as the reader types it: the launcher says how it was called
     command = shlex.quote(os.environ.get("HEADSTOCK_COMMAND", "headstock"))
     console.print(
@@ -161,11 +158,9 @@ def _name_guess(options: NewOptions, survey: CadSurvey) -> str | None:
     )
 
 
-def _try_mesh(path: Path) -> bool:
-    """Mesh the part as its scene has it: what cannot be meshed is better known now.
-
-    Returns:
-        False where that takes too long to be tried.
+def _try_mesh(path: Path) -> None:
+    """Mesh the part as its scene has it, unless that takes long: what cannot be meshed is better
+    known now.
 
     Raises:
         MeshError: It cannot; the folder stays, for a part that is mended.
@@ -175,12 +170,13 @@ def _try_mesh(path: Path) -> bool:
     try:
         mesh_component(component, time_limit=TRIAL_SECONDS)
     except MeshTimeError:
-        return False
+        make_console().print(
+            f"meshing takes more than {TRIAL_SECONDS:g} s of processor time: whether it succeeds is seen when it runs"
+        )
     except MeshError as error:
         raise MeshError(
             f"{path} is written, but its part cannot be meshed as it is: {error}"
         ) from error
-    return True
 
 
 def _fill_folder(folder: Path, text: str, files: Sequence[Path]) -> None:
@@ -243,7 +239,7 @@ def write_part_scene(
     Raises:
         HeadstockError: It has no two planes to hold it at.
     """
-    accuracy = accuracy and unit is None
+    asked, mesh = (ACCURACY, CHOSEN) if accuracy and unit is None else ("", SHAPED)
     found = likely_interfaces(survey.faces)
     foot, tip = _choose_ends(found)
     screws = next((one for one in found if one.role == "screws" and not free), None)
@@ -259,8 +255,8 @@ def write_part_scene(
         solid=shape,
         size=f"{1e3 * max(survey.size) / 25:.2g} mm",
         pad="         ",
-        accuracy=ACCURACY if accuracy else "",
-        mesh=CHOSEN if accuracy else SHAPED,
+        accuracy=asked,
+        mesh=mesh,
         interfaces=_list_interfaces(survey, [tip] if free else [foot, tip], {foot, tip, screws}),
         free=FREE if free else "",
         clamp="" if free else CLAMP.format(part=PART_NAME, foot=foot.name, tip=tip.name),

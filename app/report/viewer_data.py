@@ -237,17 +237,17 @@ def _find_shapes(
             )
             for name, part in whole.items()
         }
-        density: dict[str, FloatArray] = {}
-        for name, material in view.materials.items():
-            found = gauges[name].energy_density(whole[name], material)
-            density[name] = np.asarray(found[orders[name]])
+        energy = 1.0
         if caption.kind != "force":  # share of the energy of a mode of unit modal mass
             energy = 0.5 * (2.0 * np.pi * caption.frequency_hz) ** 2
-            density = {
-                name: np.asarray(values / energy, dtype=np.float64)
-                for name, values in density.items()
-                if energy > 0.0
-            }
+        density: dict[str, FloatArray] = {
+            name: np.asarray(
+                gauges[name].energy_density(whole[name], material)[orders[name]] / energy,
+                dtype=np.float64,
+            )
+            for name, material in view.materials.items()
+            if energy > 0.0
+        }
         peak = (
             float(np.quantile(np.concatenate(list(density.values())), 1.0 - PEAK_SHARE))
             if density
