@@ -1,0 +1,110 @@
+"""Test data: measured points, frequency responses and mode shapes, whatever file they came in.
+
+Everything is SI, in the axes of the test: placing them on a model is a later step.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from headstock.geometry.frames import FloatArray
+
+ComplexArray = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class TestPoint:
+    """A point of a test.
+
+    Attributes:
+        name: Number or label, as the file writes it.
+        position: In the axes of the test [m].
+        axes: Columns are the local x y z in the axes of the test, row by row; identity when the
+            point has no coordinate system of its own.
+        part: Part on which the point lies, where the file says so.
+    """
+
+    __test__ = False  # not a test case, for pytest
+
+    name: str
+    position: tuple[float, float, float]
+    axes: tuple[tuple[float, float, float], ...] = (
+        (1.0, 0.0, 0.0),
+        (0.0, 1.0, 0.0),
+        (0.0, 0.0, 1.0),
+    )
+    part: str | None = None
+
+
+@dataclass(frozen=True)
+class TestChannel:
+    """A direction in which a point was measured or excited.
+
+    Attributes:
+        point: Name of the point.
+        direction: Unit vector in the axes of the test.
+    """
+
+    __test__ = False
+
+    point: str
+    direction: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredResponses:
+    """Measured frequency responses.
+
+    Attributes:
+        frequencies_hz: ``(l,)`` increasing.
+        motions: Channels of the motion.
+        forces: Channels of the force.
+        values: ``(l, m, f)`` displacement over force [m/N]; nan for a pair that was not measured.
+    """
+
+    frequencies_hz: FloatArray
+    motions: tuple[TestChannel, ...]
+    forces: tuple[TestChannel, ...]
+    values: ComplexArray
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredModes:
+    """Measured poles and shapes.
+
+    Attributes:
+        frequencies_hz: ``(k,)`` undamped natural frequencies, increasing.
+        damping: ``(k,)`` damping ratios; nan where unknown.
+        channels: Where and in which direction the shapes were measured: what was not is left out.
+        shapes: ``(c, k)`` displacement.
+        scaled: The shapes have modal mass one [kg^-1/2], in the convention ``H = sum of phi phi^T / (s -
+            p) / (2 i omega_d)`` and its conjugate; otherwise their sizes mean nothing.
+    """
+
+    frequencies_hz: FloatArray
+    damping: FloatArray
+    channels: tuple[TestChannel, ...]
+    shapes: ComplexArray
+    scaled: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class TestData:
+    """What a test says.
+
+    Attributes:
+        points: By name.
+        lines: Names of points that are joined by lines in pictures.
+        responses: Frequency responses; None without.
+        modes: Poles and shapes; None without.
+        remarks: What the reader assumed: units, axes, signs, numbering.
+    """
+
+    __test__ = False
+
+    points: dict[str, TestPoint] = field(default_factory=dict)
+    lines: tuple[tuple[str, ...], ...] = ()
+    responses: MeasuredResponses | None = None
+    modes: MeasuredModes | None = None
+    remarks: tuple[str, ...] = ()
