@@ -64,9 +64,10 @@ ROOMS: dict[str, dict[str, set[str]]] = {
     },
     "scene": {
         "reading": set(),
+        "test_data": {"reading"},
         "schema": {"reading"},
         "expansion": {"reading", "schema"},
-        "building": {"reading", "schema", "expansion"},
+        "building": {"reading", "schema", "expansion", "test_data"},
         "analyses": {"reading", "schema", "expansion", "building"},
     },
     "pipeline": {
