@@ -146,8 +146,11 @@ def make_propagator(space: StateSpace, step: float) -> _Propagator:
     if not (np.isfinite(step) and step > 0.0):
         raise ModelError(f"the time step is {step:g} s; it must be above zero")
     if space.pairs is None:
-        transition, level, rise = exact_step(space.a, np.eye(len(space.a)), step)
-        return _Propagator(transition, (level - rise) @ space.b, rise @ space.b, step)
+        # as long as unit states, so that the exponential resolves them as well
+        sizes = np.linalg.norm(space.b, axis=0)
+        sizes[sizes == 0.0] = 1.0
+        transition, level, rise = exact_step(space.a, space.b / sizes, step)
+        return _Propagator(transition, (level - rise) * sizes, rise * sizes, step)
     transition, total, rising = _pair_integrals(space.pairs, step)
     count = len(transition)
     force = space.b.reshape(count, 2, space.b.shape[1])

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import scipy.linalg
 from scipy.integrate import solve_ivp
 
 from headstock.geometry.frames import FloatArray
@@ -70,6 +71,19 @@ def test_every_step_agrees_with_radau(name: str, step: float) -> None:
         state = result.y[:, -1]
         expected.append(space.c @ state + space.d @ loads[number + 1])
     np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+
+
+def test_a_step_costs_an_exponential_of_states_and_loads(monkeypatch: pytest.MonkeyPatch) -> None:
+    space = to_state_space(SYSTEMS["coupled"], inputs=CHANNELS, outputs=CHANNELS)
+    sizes, expm = [], scipy.linalg.expm
+
+    def record(matrix: FloatArray) -> FloatArray:
+        sizes.append(len(matrix))
+        return np.asarray(expm(matrix))
+
+    monkeypatch.setattr(scipy.linalg, "expm", record)
+    solve_time_response(space, np.ones((3, len(CHANNELS))), 1e-3)
+    assert sizes == [len(space.a) + 2 * len(CHANNELS)]
 
 
 @pytest.mark.parametrize("name", list(SYSTEMS))
