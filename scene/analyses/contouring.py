@@ -162,8 +162,8 @@ class _ContouringTable(types.RequestTable):
     averaging: types.PositiveTime = 0.01
     """length of each of three moving averages that limit the jerk"""
     model: Literal["linear", "nonlinear"] = "linear"
-    """`linear`: matrices along the path; `nonlinear`: the full equations of a lumped mechanism, and on any machine friction at the speeds
-    of the motors"""
+    """`linear`: small motions about the path, with friction at the speeds of the set points; `nonlinear`: friction at the speeds of the
+    motors, and of a lumped mechanism the full equations"""
     steps_per_turn: Annotated[types.WholeNumber, types.Between(24, 2000)] = 96
     """time steps per turn of the spindle"""
     point: types.Text | None = None
