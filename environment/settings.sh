@@ -158,6 +158,8 @@ export_settings() {
     export UCX_LOG_LEVEL="${UCX_LOG_LEVEL:-fatal}"
     # pydantic would ask every installed package for plugins, which the program has none of
     export PYDANTIC_DISABLE_PLUGINS="${PYDANTIC_DISABLE_PLUGINS:-__all__}"
+    # and check the rules that it has just built, a hundredth of a second for each table of a scene
+    export PYDANTIC_SKIP_VALIDATING_CORE_SCHEMAS="${PYDANTIC_SKIP_VALIDATING_CORE_SCHEMAS:-1}"
     # inside a container the kernel may refuse one process to read another's memory
     export OMPI_MCA_smsc="${OMPI_MCA_smsc:-^cma}"
     if [ "$me" = 0 ]; then export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1; fi

@@ -33,7 +33,7 @@ from headstock.meshing.components.survey import CadSurvey, suggest_sets, survey_
 from headstock.meshing.formats import MESH_SUFFIXES
 from headstock.meshing.length_units import doubt_size
 from headstock.meshing.process.strangers import files_beside
-from headstock.pipeline.preview.doubts import doubt_machine
+from headstock.pipeline.preview.doubts import doubt_machine, measure_joints
 from headstock.pipeline.preview.rigid_view import view_rigid
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import check_output, prepare_output, write_output
@@ -116,9 +116,10 @@ def _show_machine(scene: Scene, options: ShowOptions) -> int:
     chosen = scene.poses[pose or next(iter(scene.poses))]
     view, supports = view_rigid(scene, chosen)
     placed = view.poses[chosen.name]
-    print_machine(scene, chosen, view, supports)
+    gaps = measure_joints(scene, chosen)
+    print_machine(scene, chosen, view, supports, gaps)
     print_remarks(doubt_machine(scene))
-    options.write_json(dump_summary(list_machine(scene, placed, supports)))
+    options.write_json(dump_summary(list_machine(scene, placed, supports, gaps)))
     if not view.skins:
         return DONE
     surface = label_machine(

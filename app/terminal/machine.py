@@ -12,19 +12,25 @@ from headstock.geometry.machine.joints import GROUND
 from headstock.geometry.machine.machine import Pose, position_units, show_position
 from headstock.geometry.parts.components import Component, show_fixed
 from headstock.geometry.parts.solids import SuperelementFile
+from headstock.pipeline.preview.doubts import JointGap
 from headstock.pipeline.preview.rigid_view import SupportView
 from headstock.pipeline.results.views import JointView, MachineView, PoseView
 from headstock.scene.scene import Scene
 
 
 def print_machine(
-    scene: Scene, pose: Pose, view: MachineView, supports: Mapping[str, SupportView]
+    scene: Scene,
+    pose: Pose,
+    view: MachineView,
+    supports: Mapping[str, SupportView],
+    gaps: Mapping[str, JointGap],
 ) -> None:
     """Components of a scene, and its joints, supports and points in a pose.
 
     Args:
         view: What of the machine is drawn.
         supports: By name, where they are in the pose.
+        gaps: How far the ends of joints lie apart, where that is known.
     """
     console, machine, placed = make_console(), scene.machine, view.poses[pose.name]
     table = make_table("component", "fidelity", "solid", ">size mm", ">at mm", "interfaces")
@@ -35,10 +41,11 @@ def print_machine(
         add_row(table, name, *cells, at, ", ".join(part.interfaces))
     print_table(console, f"{scene.name}: {counted(len(machine.components), 'component')}", table)
     if placed.joints:
-        table = make_table("joint", "kind", "between", "and", ">at mm", ">axis")
+        table = make_table("joint", "kind", "between", "and", ">apart mm", ">at mm", ">axis")
         for name, joint in placed.joints.items():
+            apart = f"{1e3 * gaps[name].areas:.1f}" if name in gaps else ""
             at, axis = _in_mm(joint.frame.origin), _describe_axis(joint)
-            add_row(table, name, joint.kind, joint.first, joint.second, at, axis)
+            add_row(table, name, joint.kind, joint.first, joint.second, apart, at, axis)
         units = position_units(machine)
         positions = [
             f"{axis} = {show_position(position, units[axis])}"
@@ -60,7 +67,10 @@ def print_machine(
 
 
 def list_machine(
-    scene: Scene, placed: PoseView, supports: Mapping[str, SupportView]
+    scene: Scene,
+    placed: PoseView,
+    supports: Mapping[str, SupportView],
+    gaps: Mapping[str, JointGap],
 ) -> dict[str, object]:
     """List what is shown, in SI units."""
     return {
@@ -77,6 +87,7 @@ def list_machine(
             name: {
                 "kind": joint.kind,
                 "between": [joint.first, joint.second],
+                "apart_m": gaps[name].areas if name in gaps else None,
                 "at_m": joint.frame.origin.tolist(),
                 "axes": [
                     joint.frame.rotation[:, i].tolist() for i in AXIS_COLUMNS.get(joint.kind, ())

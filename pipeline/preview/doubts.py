@@ -3,7 +3,6 @@ freely, parts of a size that no part has, joints whose ends lie far apart, suppo
 """
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -42,6 +41,7 @@ MOST_DEFLECTION = 1e-3  # of a support or joint under the weight that it carries
 SLIDING = ("linear_guide", "ball_screw", "prismatic")
 TOUCHING = 0.01  # of the larger interface: areas that near lie on each other
 POINT_REACH = 1.0  # of a point mass from the area that carries it [m]
+PROJECTIONS = 50
 EVERY_DOF = (0, 1, 2, 3, 4, 5)
 
 type Parts = Mapping[str, SolidProperties]
@@ -70,23 +70,42 @@ class _Area:
         """``(3,)`` in the machine frame [m]."""
         return self.frame.origin + self.frame.rotation @ self.box.mean(axis=0)
 
+    def nearest(self, place: FloatArray) -> FloatArray:
+        """Return the point ``(3,)`` of the box that is nearest to a place, machine frame [m]."""
+        local = (place - self.frame.origin) @ self.frame.rotation
+        return self.frame.origin + self.frame.rotation @ np.clip(local, *self.box)
+
+
+@dataclass(frozen=True)
+class JointGap:
+    """How far the two ends of a joint lie apart, but for what it travels.
+
+    Attributes:
+        middles: Between the middles of both areas [m].
+        areas: Between the areas, zero where they meet [m].
+        size: Longest side of the larger area [m].
+        usual: Distance of middles that is not doubted [m].
+        across: " across its direction of travel" where it has one.
+    """
+
+    middles: float
+    areas: float
+    size: float
+    usual: float
+    across: str
+
     @property
-    def places(self) -> FloatArray:
-        """``(27, 3)`` places all over it in the machine frame [m]."""
-        levels = [self.box[0], self.box.mean(axis=0), self.box[1]]
-        local = np.array(
-            [[levels[i][0], levels[j][1], levels[k][2]] for i, j, k in _GRID], dtype=float
-        )
-        return self.frame.origin + local @ self.frame.rotation.T
-
-    def distance(self, places: FloatArray) -> float:
-        """Shortest distance of places ``(n, 3)`` in the machine frame from the box [m]."""
-        local = (places - self.frame.origin) @ self.frame.rotation
-        outside = np.maximum(np.maximum(self.box[0] - local, local - self.box[1]), 0.0)
-        return float(np.linalg.norm(outside, axis=1).min())
+    def doubtful(self) -> bool:
+        """Whether the ends are farther apart than joints are long."""
+        return self.middles > self.usual and self.areas > TOUCHING * self.usual
 
 
-_GRID = list(itertools.product(range(3), repeat=3))
+def measure_joints(scene: Scene, pose: Pose) -> dict[str, JointGap]:
+    """Measure how far the ends of each joint lie apart in a pose; joints of ground and of ends whose
+    place is not known are left out.
+    """
+    parts = _describe_parts(scene.machine, read=True)
+    return _measure_joints(scene.machine, parts, pose)
 
 
 def doubt_machine(scene: Scene, *, read: bool = True) -> tuple[str, ...]:
@@ -140,6 +159,20 @@ def _doubt_joints(machine: Machine, parts: Parts, pose: Pose) -> list[str]:
     """Joints whose ends lie farther apart than their larger interface; of joints that differ by a
     number the farthest.
     """
+    worst: dict[str, tuple[float, str]] = {}
+    for name, gap in _measure_joints(machine, parts, pose).items():
+        stem = split_number(name)[0]
+        if gap.doubtful and gap.middles > worst.get(stem, (0.0, ""))[0]:
+            ends = " and ".join(str(end) for end in machine.joints[name].ends)
+            worst[stem] = (
+                gap.middles,
+                f"joint {name}: the middles of {ends} are {_show_length(gap.middles)} apart{gap.across}, and the larger of both measures "
+                f"{_show_length(gap.size)}; check `at` of both components and the interfaces that the joint names",
+            )
+    return [words for _, words in worst.values()]
+
+
+def _measure_joints(machine: Machine, parts: Parts, pose: Pose) -> dict[str, JointGap]:
     frames = place_components(machine, pose)
     along = {
         joint: axis.direction
@@ -147,18 +180,16 @@ def _doubt_joints(machine: Machine, parts: Parts, pose: Pose) -> list[str]:
         if axis.kind == "linear"
         for joint in axis.joints
     }
-    worst: dict[str, tuple[float, str]] = {}
+    gaps = {}
     for name, joint in machine.joints.items():
         areas = [_area_of(end, machine, parts, frames) for end in joint.ends]
         known = [area for area in areas if area is not None]
         screw = machine.joints.get(name.removesuffix("_shaft"))
         slides = joint.kind in SLIDING or (screw is not None and screw.kind == "ball_screw")
         free = joint.rotation[:, 0] if slides else along.get(name)
-        found = _doubt_distance(joint, known, free)
-        stem = split_number(name)[0]
-        if found is not None and found[0] > worst.get(stem, (0.0, ""))[0]:
-            worst[stem] = found
-    return [words for _, words in worst.values()]
+        if len(known) == 2 and not all(area.point_mass for area in known):
+            gaps[name] = _measure_gap(known[0], known[1], free)
+    return gaps
 
 
 def _area_of(
@@ -173,34 +204,34 @@ def _area_of(
     return _Area(frames[end.component], parts[end.component].patch_boxes[end.interface], point)
 
 
-def _doubt_distance(
-    joint: Joint, areas: list[_Area], free: FloatArray | None
-) -> tuple[float, str] | None:
-    """How far the ends of a joint are apart [m] and what is said of it; None where they meet.
+def _measure_gap(first: _Area, second: _Area, free: FloatArray | None) -> JointGap:
+    """Measure how far two areas lie apart.
 
     Args:
-        areas: Of its ends, as far as they are known.
-        free: ``(3,)`` direction that it slides along, in which ends may lie apart.
+        free: ``(3,)`` direction that the joint slides along, in which they may lie apart.
     """
-    if len(areas) < 2 or all(area.point_mass for area in areas):
-        return None
-    first, second = areas
-    limit = max(area.size for area in areas)
-    if first.point_mass or second.point_mass:
-        limit = max(limit, POINT_REACH)
+    size = max(first.size, second.size)
+    point = first.point_mass or second.point_mass
     apart = second.middle - first.middle
     shift = np.zeros(3) if free is None else (apart @ free) * free
-    distance = float(np.linalg.norm(apart - shift))
-    gap = min(first.distance(second.places - shift), second.distance(first.places + shift))
-    if distance <= limit or gap <= TOUCHING * limit:
-        return None
-    ends = " and ".join(str(end) for end in joint.ends)
-    across = "" if free is None else " across its direction of travel"
-    return (
-        distance,
-        f"joint {joint.name}: the middles of {ends} are {_show_length(distance)} apart{across}, and the larger of both measures "
-        f"{_show_length(max(area.size for area in areas))}; check `at` of both components and the interfaces that the joint names",
+    return JointGap(
+        float(np.linalg.norm(apart - shift)),
+        _find_distance(first, second, shift),
+        size,
+        max(size, POINT_REACH) if point else size,
+        "" if free is None else " across its direction of travel",
     )
+
+
+def _find_distance(first: _Area, second: _Area, shift: FloatArray) -> float:
+    """Find the shortest distance [m] of two boxes, the second moved by ``-shift`` ``(3,)`` [m], by
+    alternating projections (Cheney and Goldstein 1959).
+    """
+    place = second.middle - shift
+    for _ in range(PROJECTIONS):
+        other = first.nearest(place)
+        place = second.nearest(other + shift) - shift
+    return float(np.linalg.norm(place - other))
 
 
 def _show_length(length: float) -> str:

@@ -102,6 +102,7 @@ def test_a_machine_is_drawn_before_anything_is_computed(
     assert listed["joints"]["y_drive"] == {
         "kind": "ball_screw",
         "between": ["y_slider.back", "y_base.screw"],
+        "apart_m": approx(0.0265),
         "at_m": approx([0.064, 0.0, 0.47]),
         "axes": [approx([0.0, 1.0, 0.0])],
     }
