@@ -12,7 +12,6 @@ from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.commands.batch_commands import IdentifyOptions
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.app.terminal.guard import DONE, FAILED
-from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance
@@ -21,7 +20,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.keys import write_number
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
-from headstock.studies.identification.descent import StartRecord, fit
+from headstock.studies.identification.descent import StartRecord
 from headstock.studies.identification.files import (
     OVERRIDES_FILE,
     RECORD_FILE,
@@ -32,9 +31,11 @@ from headstock.studies.identification.identification import (
     FittedParameter,
     Identification,
     TargetOutcome,
-    assess_starts,
+    assess_ends,
+    fit_targets,
     prepare_problem,
 )
+from headstock.studies.identification.observations import KINDS
 from headstock.studies.identification.problem import FitProblem
 from headstock.studies.identification.target_files import load_targets
 from headstock.studies.identification.targets import IdentificationTask
@@ -89,11 +90,14 @@ def _print_identification(found: Identification, folder: Path) -> None:
         console, "Parameters (data share: how much the data reduce the prior variance)", table
     )
     table = make_table(
-        "target", ">measured", ">model", ">deviation", ">in sigma", ">MAC", ">mode", ""
+        *("target", ">measured", ">model", ">± 95 %", ">scatter", ">deviation", ">in sigma"),
+        *(">MAC", ">mode", ""),
     )
     for outcome in found.outcomes:
         add_row(table, *_outcome_cells(outcome))
-    print_table(console, "Targets", table)
+    print_table(
+        console, "Targets (±: of the fitted parameters; scatter: of a measurement, 95 %)", table
+    )
     for case, extra in found.extra_hz.items():
         if extra:
             shown = ", ".join(f"{value:.4g}" for value in extra)
@@ -110,8 +114,11 @@ def _print_identification(found: Identification, folder: Path) -> None:
 
 def _parameter_cells(item: FittedParameter) -> tuple[str, ...]:
     unit = item.parameter.unit
-    known = math.isfinite(item.low)
-    ends = [f"{write_number(end, unit, 4)}" if known else "open" for end in (item.low, item.high)]
+    open_end = "at bound" if item.at_bound else "open"
+    ends = [
+        f"{write_number(end, unit, 4)}" if math.isfinite(end) else open_end
+        for end in (item.low, item.high)
+    ]
     notes = [f"at its {item.at_bound} bound"] if item.at_bound else []
     if item.data_share < SEEN_FAINTLY:
         within = "the prior" if item.parameter.prior_sigma is not None else "its bounds"
@@ -126,10 +133,9 @@ def _parameter_cells(item: FittedParameter) -> tuple[str, ...]:
 
 
 def _outcome_cells(item: TargetOutcome) -> tuple[str, ...]:
-    wanted, model = (
-        f"{value:.4g} Hz" if item.kind == "frequency" else f"{UM_PER_KN * value:.4g} µm/kN"
-        for value in (item.wanted, item.found)
-    )
+    kind = KINDS[item.kind]
+    unit = kind.unit.replace("um", "µm")
+    wanted, model = (f"{kind.scale * value:.4g} {unit}" for value in (item.wanted, item.found))
     mac = "" if item.mac is None else f"{item.mac:.2f}"
     mode = str(item.mode) if item.mode else ""
     note = "held out" if item.hold_out else ""
@@ -137,6 +143,8 @@ def _outcome_cells(item: TargetOutcome) -> tuple[str, ...]:
         item.name,
         wanted,
         model,
+        f"{100.0 * item.spread:.2g} %" if math.isfinite(item.spread) else "open",
+        f"{100.0 * item.scatter:.2g} %",
         f"{100.0 * item.deviation:+.2f} %",
         f"{item.residual:+.2f}",
         mac,
@@ -164,9 +172,13 @@ def _print_doubts(found: Identification) -> None:
                 console.print(
                     f"correlated {value:+.2f}: {second} and {first}", style="yellow", markup=False
                 )
-    if statistics.noise is not None:
-        text = f"residuals are {statistics.noise:.2g} times the stated tolerances ({statistics.freedom:.1f} degrees of freedom)"
-        console.print(text, markup=False)
+    for name in found.left_out:
+        text = f"{name}: no mode moves like this (MAC below 0.5), so its shape is left out; insist = true keeps it"
+        console.print(text, style="yellow", markup=False)
+    for kind, noise in statistics.noise_by_kind.items():
+        if noise.factor is not None:
+            text = f"{kind}: residuals are {noise.factor:.2g} times the stated tolerances ({noise.freedom:.1f} degrees of freedom)"
+            console.print(text, markup=False)
 
 
 def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
@@ -197,10 +209,10 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
         problem = prepare_problem(loaded, Store(default_store_root()), comm)
         if comm.rank == 0:
             _print_cost(problem)
-        starts = fit(problem, _print_start, comm=comm)
+        ends = fit_targets(problem, _print_start, comm=comm)
 
         def publish() -> int:
-            found = assess_starts(problem, loaded.task.name, starts)
+            found = assess_ends(ends, loaded.task.name)
             seconds = time.perf_counter() - begin
             summary = {**summarise_identification(found), "seconds": seconds}
             _publish(options, found, summary, output, origin)

@@ -28,7 +28,7 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import slope_shape, slope_squares
 from headstock.solvers.linear.symmetric_modes import solve_symmetric_modes
 from headstock.studies.identification.parametric_scene import ParametricScene
-from headstock.studies.identification.targets import Parameter, TargetCase
+from headstock.studies.identification.targets import Parameter, ShapeTarget, TargetCase
 
 RIGID_MOTIONS = 6
 SPARE_MODES = 8  # computed above the targets, so that a pairing can choose
@@ -191,6 +191,16 @@ def _slope_case(state: CaseState, parameter: Parameter) -> CaseSlope | None:
     ]
     return CaseSlope(
         slope_squares(state.shapes, modes.forces), np.array(compliances), modes, pieces
+    )
+
+
+def shape_rows(state: CaseState, shape: ShapeTarget) -> FloatArray:
+    """Return the rows ``(k, n_all)`` of the motions that a shape consists of; rotations times the
+    length of the machine.
+    """
+    observers, length = state.slopes.pieces.observers, state.coupled.layout.length
+    return np.array(
+        [observers[name][dof] * (length if dof > 2 else 1.0) for name, dof, _ in shape.entries]
     )
 
 

@@ -21,18 +21,16 @@ from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import match_frequencies
 from headstock.solvers.ranks import make_on_root
+from headstock.studies.identification.pairings import Pairing, shape_costs
 from headstock.studies.identification.problem import (
     FitPlace,
     FitPoint,
     FitProblem,
-    Pairing,
     data_jacobian,
     evaluate,
     exchange_modes,
-    mode_rows,
     prior_jacobian,
     prior_residuals,
-    shape_costs,
 )
 from headstock.studies.points import Settle, compute_points
 
@@ -104,12 +102,16 @@ def _propose_exchanges(problem: FitProblem, point: FitPoint) -> list[tuple[Pairi
 
 def _linearise(problem: FitProblem, point: FitPoint) -> list[_LinearCase]:
     scale, start, cases = problem.value_slopes(point.coordinates), 0, []
-    for state, pairing in zip(point.states, point.pairings, strict=True):
+    for state, observations in zip(point.states, point.observations, strict=True):
         targets = state.model.case.modes
         slopes = np.zeros((len(state.eigenvalues), len(scale)))
         for index, slope in state.by_parameter.items():
             slopes[:, index] = slope.eigenvalues / (2.0 * state.eigenvalues) * scale[index]
-        rows, size = mode_rows(state, pairing)
+        rows = []
+        for item in observations:
+            if item.kind == "frequency":
+                rows.append(-1 if item.hold_out else start)
+            start += 0 if item.hold_out else len(item.residuals)
         cases.append(
             _LinearCase(
                 logs=np.log(state.frequencies_hz),
@@ -117,10 +119,9 @@ def _linearise(problem: FitProblem, point: FitPoint) -> list[_LinearCase]:
                 wanted=np.log([target.frequency_hz for target in targets]),
                 sigmas=np.array([target.sigma for target in targets]),
                 shape_costs=shape_costs(state),
-                rows=tuple(-1 if row is None else start + row for row in rows),
+                rows=tuple(rows),
             )
         )
-        start += size
     return cases
 
 

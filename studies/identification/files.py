@@ -5,7 +5,6 @@ the scene.
 import math
 from collections.abc import Mapping
 
-from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.storage.json_texts import JsonTable
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import KeyPath, show_key
@@ -17,14 +16,13 @@ from headstock.studies.identification.identification import (
     Identification,
     TargetOutcome,
 )
+from headstock.studies.identification.observations import KINDS
 from headstock.studies.identification.problem import FitProblem
 
 OVERRIDES_FILE = "calibrated.toml"
 RECORD_FILE = "identification.json"
 VARIANT = "calibrated"
 CORRELATION_SHOWN = 0.9
-_SCALES = {"frequency": 1.0, "compliance": UM_PER_KN}
-_UNITS = {"frequency": "Hz", "compliance": "um/kN"}
 
 
 def summarise_identification(found: Identification) -> JsonTable:
@@ -34,7 +32,7 @@ def summarise_identification(found: Identification) -> JsonTable:
     are by variant, the scene as written under an empty name.
     """
     names = [item.parameter.name for item in found.parameters]
-    correlations = found.statistics.correlations
+    statistics, correlations = found.statistics, found.statistics.correlations
     return {
         "name": found.name,
         "status": "converged" if found.converged else "not converged",
@@ -47,7 +45,7 @@ def summarise_identification(found: Identification) -> JsonTable:
                 "text": str(unidentifiable),
                 "spread_over_allowed": _finite(unidentifiable.spread),
             }
-            for unidentifiable in found.statistics.unidentifiable
+            for unidentifiable in statistics.unidentifiable
         ],
         "correlated": [
             {"parameters": [names[i], names[j]], "correlation": float(correlations[i, j])}
@@ -57,8 +55,15 @@ def summarise_identification(found: Identification) -> JsonTable:
         ],
         "targets": [_summarise_outcome(item) for item in found.outcomes],
         "extra_modes_hz": {name: list(values) for name, values in found.extra_hz.items()},
-        "noise_over_tolerance": found.statistics.noise,
-        "degrees_of_freedom": found.statistics.freedom,
+        "left_out_shapes": list(found.left_out),
+        "noise_over_tolerance": statistics.noise.factor,
+        "degrees_of_freedom": statistics.noise.freedom,
+        "noise_by_kind": {
+            kind: {"over_tolerance": noise.factor, "degrees_of_freedom": noise.freedom}
+            for kind, noise in statistics.noise_by_kind.items()
+        },
+        # of ln p, or of p over the width of its bounds where the scale is linear
+        "covariance": [[_finite(float(value)) for value in row] for row in statistics.covariance],
         "starts": [
             _summarise_start(found.problem, record, index == found.best)
             for index, record in enumerate(found.starts)
@@ -141,6 +146,8 @@ def _has(raw: TomlTable, key: KeyPath) -> bool:
 def _describe(item: FittedParameter) -> str:
     unit = item.parameter.unit
     value = write_number(item.value, unit, 4)
+    if item.at_bound:
+        return f"{item.parameter.name} = {value}: at its {item.at_bound} bound, no interval"
     if not math.isfinite(item.low):
         return f"{item.parameter.name} = {value}, 95 % interval: none, neither data nor a prior bound it"
     return f"{item.parameter.name} = {value}, 95 % interval {write_number(item.low, unit, 4)} .. {write_number(item.high, unit, 4)}"
@@ -167,15 +174,17 @@ def _summarise_parameter(item: FittedParameter) -> JsonTable:
 
 
 def _summarise_outcome(item: TargetOutcome) -> JsonTable:
-    scale = _SCALES[item.kind]
+    kind = KINDS[item.kind]
     return {
         "case": item.case,
         "name": item.name,
         "kind": item.kind,
-        "unit": _UNITS[item.kind],
-        "measured": item.wanted * scale,
-        "model": item.found * scale,
+        "unit": kind.unit,
+        "measured": item.wanted * kind.scale,
+        "model": item.found * kind.scale,
         "deviation": item.deviation,
+        "relative_spread_95": _finite(item.spread),
+        "relative_scatter_95": item.scatter,
         "residual_sigma": item.residual,
         "mac": item.mac,
         "mode": item.mode or None,

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import norm
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component
@@ -31,21 +32,24 @@ from headstock.studies.identification.cases import make_case
 from headstock.studies.identification.descent import StartRecord, fit
 from headstock.studies.identification.key_laws import ParameterValueError
 from headstock.studies.identification.parametric_scene import ParametricScene, make_parametric
+from headstock.studies.identification.observations import Observation
+from headstock.studies.identification.pairings import compare_shape
 from headstock.studies.identification.problem import (
     FitPoint,
     FitProblem,
-    compare_shape,
-    compliance_gap,
     data_jacobian,
     evaluate,
     exchange_modes,
+    stack_slopes,
 )
-from headstock.studies.identification.statistics import FitStatistics, assess
+from headstock.studies.identification.statistics import DataGroup, FitStatistics, assess
 from headstock.studies.identification.target_files import LoadedTask
 from headstock.studies.identification.targets import Parameter, TargetCase
 
 UNKNOWN = 50.0  # half-width of an interval, in coordinates, that says nothing: a factor of e^50
 BOUND_SHARE = 1e-4  # nearer to a bound than this share of the way between them: at the bound
+LEAST_MAC = 0.5  # a mode in words that is less like every mode near it is left out
+NEAR = 2.0  # factor between the frequency of a target and those of modes that may be meant
 
 
 def _check_bounds(problem: FitProblem, findings: Findings) -> None:
@@ -88,7 +92,7 @@ class FittedParameter:
     """A parameter after the fit, SI.
 
     Attributes:
-        low: Lower end of the 95 % interval; nan where neither data nor prior give one.
+        low: Lower end of the 95 % interval; nan where neither data nor prior give one, and at a bound.
         data_share: Share of the variance allowed beforehand that the data take away.
         at_bound: ``lower``, ``upper`` or empty.
     """
@@ -103,13 +107,17 @@ class FittedParameter:
 
 @dataclass(frozen=True)
 class TargetOutcome:
-    """A target beside what the fitted model gives.
+    """A target beside what the fitted model gives, SI.
 
     Attributes:
-        kind: ``frequency`` [Hz] or ``compliance`` [m/N].
-        mac: With the described or measured shape, or None.
-        mode: Number of the mode above the floor, from 1; 0 for compliances.
+        kind: Name in ``KINDS``.
+        residual: Distance in standard deviations of the measurement; root mean square of several.
         hold_out: Predicted, not fitted.
+        spread: Half of the 95 % interval of the model's value, from the intervals of the parameters;
+            relative; nan where a parameter is open.
+        scatter: The same of a measurement, from its tolerance or from the residuals of its kind.
+        mac: With the described or measured shape, or None.
+        mode: Number of the mode above the floor, from 1; 0 without.
     """
 
     case: str
@@ -119,6 +127,8 @@ class TargetOutcome:
     found: float
     residual: float
     hold_out: bool
+    spread: float
+    scatter: float
     mac: float | None = None
     mode: int = 0
 
@@ -136,6 +146,7 @@ class Identification(Displayed):
         outcomes: Every target, held-out ones too.
         extra_hz: By case: modes above the floor and below the highest target or the limit that meet
             no target [Hz].
+        left_out: Targets whose shape in words no mode is like; their frequencies are fitted.
         best: Index of the start that was kept.
         statistics: Spread of the fitted coordinates.
         problem: What was fitted.
@@ -145,6 +156,7 @@ class Identification(Displayed):
     parameters: tuple[FittedParameter, ...]
     outcomes: tuple[TargetOutcome, ...]
     extra_hz: dict[str, tuple[float, ...]]
+    left_out: tuple[str, ...]
     starts: tuple[StartRecord, ...]
     best: int
     statistics: FitStatistics
@@ -241,26 +253,112 @@ def fit_parameters(
         ConvergenceError: No start could be computed; on several ranks the cause of a
             ``SharedFailure``.
     """
-    comm = comm or MPI.COMM_SELF
-    starts = fit(problem, observer, comm=comm)
-    return assess_starts(problem, name, share_from_root(comm, starts))
+    ends = fit_targets(problem, observer, comm=comm or MPI.COMM_SELF)
+    return assess_ends(ends, name)
 
 
-def assess_starts(
-    problem: FitProblem, name: str, starts: tuple[StartRecord, ...]
-) -> Identification:
-    """Assess the parameters at the best end of all starts.
+@dataclass(frozen=True)
+class FitEnds:
+    """How the starts of a fit ended.
+
+    Attributes:
+        problem: What was fitted in the end.
+        left_out: Targets whose shape in words was left out of it.
+    """
+
+    problem: FitProblem
+    starts: tuple[StartRecord, ...]
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def best(self) -> int:
+        """Index of the start that is kept."""
+        return int(np.argmin([record.cost for record in self.starts]))
+
+    def solve_best(self) -> FitPoint:
+        """Compute the machine where the best start ended."""
+        end = self.starts[self.best].end
+        if end is None:
+            raise AssertionError("a fit ended without a point and without saying why")
+        point = evaluate(self.problem, end.coordinates)
+        return exchange_modes(self.problem, point, end.pairings)
+
+
+def fit_targets(
+    problem: FitProblem,
+    observer: Callable[[StartRecord], None] = lambda record: None,
+    *,
+    comm: MPI.Comm,
+) -> FitEnds:
+    """Run every start; shapes in words that no mode is like in the end are left out, and the fit is
+    repeated without them; collective.
 
     Args:
-        problem: Prepared cases and parameters.
-        starts: How each start ended, at least one with an end.
+        problem: Prepared cases and parameters; the same on every rank.
+        observer: Called on rank 0 with each start as it ends.
+
+    Returns:
+        The same on every rank.
+
+    Raises:
+        ConvergenceError: No start could be computed; on several ranks the cause of a
+            ``SharedFailure``.
     """
-    best = int(np.argmin([record.cost for record in starts]))
-    end = starts[best].end
-    if end is None:
-        raise AssertionError("a fit ended without a point and without saying why")
-    point = exchange_modes(problem, evaluate(problem, end.coordinates), end.pairings)
+    left_out: tuple[str, ...] = ()
+    while True:
+        starts = share_from_root(comm, fit(problem, observer, comm=comm))
+        ends = FitEnds(problem, starts, left_out)
+        misfits = make_on_root(comm, functools.partial(_find_misfits, ends))
+        if not misfits:
+            return ends
+        left_out += misfits
+        problem = _leave_out_shapes(problem, misfits)
+
+
+def _find_misfits(ends: FitEnds) -> tuple[str, ...]:
+    """Return the targets with a shape in words that is unlike every mode near them."""
+    in_words = [
+        target
+        for model in ends.problem.cases
+        for target in model.case.modes
+        if target.shape is not None and target.shape.described and not target.shape.insist
+    ]
+    if not in_words:
+        return ()
+    misfits = []
+    for state in ends.solve_best().states:
+        for target in state.model.case.modes:
+            if target in in_words and target.shape is not None:
+                reach = np.abs(np.log(state.frequencies_hz / target.frequency_hz))
+                macs = compare_shape(state, target.shape)[reach <= np.log(NEAR)]
+                if macs.max(initial=0.0) < LEAST_MAC:
+                    misfits.append(target.name)
+    return tuple(misfits)
+
+
+def _leave_out_shapes(problem: FitProblem, names: tuple[str, ...]) -> FitProblem:
+    """Return the problem in which these targets are frequencies alone."""
+
+    def strip(case: TargetCase) -> TargetCase:
+        modes = [
+            dataclasses.replace(target, shape=None) if target.name in names else target
+            for target in case.modes
+        ]
+        return dataclasses.replace(case, modes=tuple(modes))
+
+    cases = [dataclasses.replace(model, case=strip(model.case)) for model in problem.cases]
+    return dataclasses.replace(problem, cases=tuple(cases))
+
+
+def assess_ends(ends: FitEnds, name: str) -> Identification:
+    """Assess the parameters at the best end of all starts."""
+    problem, point = ends.problem, ends.solve_best()
     _, prior_sigmas = problem.priors
+    rows, groups = 0, []
+    for item in point.fitted:
+        groups.append(DataGroup(item.kind, slice(rows, rows + len(item.residuals)), item.data))
+        rows += len(item.residuals)
+    bounds = [_at_bound(problem, point.coordinates, i) for i in range(len(problem.parameters))]
     statistics = assess(
         [parameter.name for parameter in problem.parameters],
         data_jacobian(problem, point),
@@ -268,19 +366,24 @@ def assess_starts(
         prior_sigmas,
         problem.upper - problem.lower,
         from_residuals=problem.settings.noise == "residuals",
+        groups=groups,
+        at_bound=np.array([bool(bound) for bound in bounds]),
     )
     return Identification(
         name=name,
-        parameters=_fitted(problem, point, statistics),
+        parameters=_fitted(problem, point, statistics, bounds),
         outcomes=tuple(
-            outcome for index in range(len(point.states)) for outcome in _outcomes(point, index)
+            outcome
+            for state, observations in zip(point.states, point.observations, strict=True)
+            for outcome in _outcomes(problem, point, state.model.case.name, observations, statistics)
         ),
         extra_hz={
             state.model.case.name: _extra_modes(point, index)
             for index, state in enumerate(point.states)
         },
-        starts=starts,
-        best=best,
+        left_out=ends.left_out,
+        starts=ends.starts,
+        best=ends.best,
         statistics=statistics,
         problem=problem,
         point=point,
@@ -314,20 +417,23 @@ def _with_modes(scene: Scene, cases: tuple[TargetCase, ...]) -> Scene:
 
 
 def _fitted(
-    problem: FitProblem, point: FitPoint, statistics: FitStatistics
+    problem: FitProblem, point: FitPoint, statistics: FitStatistics, bounds: list[str]
 ) -> tuple[FittedParameter, ...]:
-    reach = statistics.quantile * statistics.sigmas
-    bounded = reach < UNKNOWN
+    reach = statistics.quantiles * statistics.sigmas
+    low, high = point.coordinates - reach, point.coordinates + reach
+    # an interval that holds all that was allowed says nothing
+    bounded = ~((low <= problem.lower) & (high >= problem.upper)) & (reach < UNKNOWN)
+    bounded &= np.array([not bound for bound in bounds])
     ends = (point.coordinates + side * np.where(bounded, reach, 0.0) for side in (0.0, -1.0, 1.0))
-    value, low, high = (problem.values(end) for end in ends)
+    value, lower, upper = (problem.values(end) for end in ends)
     return tuple(
         FittedParameter(
             parameter=parameter,
             value=value[parameter.name],
-            low=low[parameter.name] if bounded[index] else np.nan,
-            high=high[parameter.name] if bounded[index] else np.nan,
+            low=lower[parameter.name] if bounded[index] else np.nan,
+            high=upper[parameter.name] if bounded[index] else np.nan,
             data_share=float(statistics.data_share[index]),
-            at_bound=_at_bound(problem, point.coordinates, index),
+            at_bound=bounds[index],
         )
         for index, parameter in enumerate(problem.parameters)
     )
@@ -338,39 +444,36 @@ def _at_bound(problem: FitProblem, coordinates: FloatArray, index: int) -> str:
     return "lower" if share < BOUND_SHARE else "upper" if share > 1.0 - BOUND_SHARE else ""
 
 
-def _outcomes(point: FitPoint, index: int) -> list[TargetOutcome]:
-    state, pairing = point.states[index], point.pairings[index]
-    case, outcomes = state.model.case, list[TargetOutcome]()
-    for target, mode in zip(case.modes, pairing.modes, strict=True):
-        frequency = float(state.frequencies_hz[mode])
-        residual = float(np.log(frequency / target.frequency_hz) / target.sigma)
-        mac = None if target.shape is None else float(compare_shape(state, target.shape)[mode])
-        outcomes.append(
-            TargetOutcome(
-                case=case.name,
-                name=target.name,
-                kind="frequency",
-                wanted=target.frequency_hz,
-                found=frequency,
-                residual=residual,
-                mac=mac,
-                mode=mode + 1,
-                hold_out=target.hold_out,
+def _outcomes(
+    problem: FitProblem,
+    point: FitPoint,
+    case: str,
+    observations: tuple[Observation, ...],
+    statistics: FitStatistics,
+) -> list[TargetOutcome]:
+    """Return what is shown of the targets of a case; a shape beside its frequency, no limits."""
+    outcomes = list[TargetOutcome]()
+    for item in observations:
+        if item.kind == "shape":
+            outcomes[-1] = dataclasses.replace(outcomes[-1], mac=item.value)
+        elif item.kind != "limit":
+            gaps = item.residuals
+            residual = float(gaps[0]) if len(gaps) == 1 else float(np.sqrt(np.mean(gaps**2)))
+            slopes = item.sigma * stack_slopes(problem, point, [item])
+            outcomes.append(
+                TargetOutcome(
+                    case=case,
+                    name=item.name,
+                    kind=item.kind,
+                    wanted=item.wanted,
+                    found=item.value,
+                    residual=residual,
+                    hold_out=item.hold_out,
+                    spread=statistics.spread(slopes),
+                    scatter=float(norm.ppf(0.975)) * statistics.scatter(item.kind, item.sigma),
+                    mode=0 if item.mode is None else item.mode + 1,
+                )
             )
-        )
-    for compliance, signed in zip(case.compliances, map(float, state.compliances), strict=True):
-        value = abs(signed) if compliance.either_sign else signed
-        outcomes.append(
-            TargetOutcome(
-                case=case.name,
-                name=compliance.name,
-                kind="compliance",
-                wanted=compliance.value,
-                found=value,
-                residual=compliance_gap(compliance, value),
-                hold_out=compliance.hold_out,
-            )
-        )
     return outcomes
 
 

@@ -2,237 +2,16 @@
 derivatives.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.pairing.mode_pairing import assign_modes, match_frequencies
-from headstock.studies.identification.cases import (
-    CaseModel,
-    CaseSlope,
-    CaseState,
-    slope_motions,
-    solve_case,
-)
-from headstock.studies.identification.targets import (
-    ComplianceTarget,
-    FitTable,
-    Parameter,
-    ShapeTarget,
-)
-
-OTHER_NUMBER = 1e12  # cost of a mode of another number than the one that a target names
-
-
-@dataclass(frozen=True)
-class Pairing:
-    """Which mode of a case meets which target: index into modes above the floor, one per target."""
-
-    modes: tuple[int, ...]
-
-
-def _pair_targets(state: CaseState) -> Pairing:
-    """The pairing of targets and modes that leaves the smallest sum of squares in frequencies and
-    shapes.
-
-    Held-out targets take part: they are distinguished by what is known of them, and add nothing to
-    the fit.
-    """
-    targets = state.model.case.modes
-    if not targets:
-        return Pairing(())
-    wanted = np.log([target.frequency_hz for target in targets])
-    sigmas = np.array([target.sigma for target in targets])
-    return Pairing(
-        match_frequencies(
-            np.log(state.frequencies_hz), wanted, sigmas=sigmas, costs=shape_costs(state)
-        )
-    )
-
-
-def shape_costs(state: CaseState) -> FloatArray:
-    """Return what each target ``(t, m)`` would pay for the shape of each mode, and for another number than its
-    own.
-    """
-    cost = np.zeros((len(state.model.case.modes), len(state.frequencies_hz)))
-    for row, target in enumerate(state.model.case.modes):
-        if target.shape is not None:
-            cost[row] = (1.0 - compare_shape(state, target.shape)) / target.shape.tolerance**2
-        if target.number is not None:
-            others = np.arange(cost.shape[1]) != target.number - 1 - state.below
-            cost[row, others] += OTHER_NUMBER
-    return cost
-
-
-def _follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairing:
-    """The same modes after a step, found by MAC in the norm of the mass matrix of the earlier
-    state.
-
-    Args:
-        before: The case at the earlier values.
-        pairing: Which of its modes each target goes with.
-        state: The case after the step.
-    """
-    if not pairing.modes:
-        return pairing
-    weighed = before.slopes.mass_times(before.motions[:, list(pairing.modes)])
-    products = (weighed.T @ state.motions) ** 2
-    sizes = np.einsum("ij,ij->j", state.motions, before.slopes.mass_times(state.motions))
-    pairs = assign_modes(np.asarray(products / sizes), np.zeros(1), mac_threshold=0.0)
-    return Pairing(tuple(pair.second for pair in pairs))
-
-
-def compare_shape(state: CaseState, shape: ShapeTarget) -> FloatArray:
-    """MAC ``(m,)`` of a target shape with every mode.
-
-    Source: Allemang and Brown (1982).
-    """
-    observed, wanted = _seen_shapes(state, shape)
-    sizes = np.maximum(np.einsum("ij,ij->j", observed, observed), np.finfo(float).tiny)
-    return (wanted @ observed) ** 2 / sizes
-
-
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """Residuals over their standard deviations that belong together.
-
-    Attributes:
-        values: ``(r,)``.
-        find_slopes: Returns their derivatives ``(r, p)`` by the parameters' values.
-    """
-
-    values: FloatArray
-    find_slopes: Callable[[], FloatArray]
-    frequency: bool = False
-
-
-def _list_blocks(state: CaseState, pairing: Pairing) -> Iterator[_Block]:
-    """Yield the residuals of a case: of each frequency and its shape, each compliance, the limit on
-    modes; held-out ones left out.
-    """
-    case = state.model.case
-    for target, mode in zip(case.modes, pairing.modes, strict=True):
-        if target.hold_out:
-            continue
-        gap = np.log(state.frequencies_hz[mode] / target.frequency_hz) / target.sigma
-        scale = 2.0 * state.eigenvalues[mode] * target.sigma
-        slopes = partial(_spread_slopes, state, _read_eigenvalue(mode), scale)
-        yield _Block(np.array([gap]), slopes, frequency=True)
-        if (shape := target.shape) is not None:
-            yield _Block(
-                _shape_gap(state, shape, mode), partial(_shape_gap_slopes, state, shape, mode)
-            )
-    for number, compliance in enumerate(case.compliances):
-        if not compliance.hold_out:
-            value = float(state.compliances[number])
-            scale = (value if compliance.logarithmic else compliance.value) * compliance.sigma
-            slopes = partial(_spread_slopes, state, _read_compliance(number), scale)
-            yield _Block(np.array([compliance_gap(compliance, value)]), slopes)
-    if case.limit is not None:
-        gap = max(0.0, _limit_gap(state) / case.limit.sigma)
-        yield _Block(np.array([gap]), partial(_limit_slopes, state))
-
-
-def mode_rows(state: CaseState, pairing: Pairing) -> tuple[tuple[int | None, ...], int]:
-    """Return the row of each frequency among the residuals of a case (None where it is held out), and
-    how many residuals there are.
-    """
-    blocks = list(_list_blocks(state, pairing))
-    ends = np.cumsum([0, *(len(block.values) for block in blocks)])
-    rows = iter(int(end) for block, end in zip(blocks, ends[:-1], strict=True) if block.frequency)
-    held_out = [target.hold_out for target in state.model.case.modes]
-    return tuple(None if held else next(rows) for held in held_out), int(ends[-1])
-
-
-def _read_eigenvalue(mode: int) -> Callable[[CaseSlope], float]:
-    return lambda slope: float(slope.eigenvalues[mode])
-
-
-def _read_compliance(number: int) -> Callable[[CaseSlope], float]:
-    return lambda slope: float(slope.compliances[number])
-
-
-def _spread_slopes(
-    state: CaseState, read: Callable[[CaseSlope], float], scale: float
-) -> FloatArray:
-    """Return a derivative by each parameter over a scale, ``(1, p)``; zero where it touches nothing."""
-    row = np.zeros((1, len(state.model.parameters)))
-    for index, slope in state.by_parameter.items():
-        row[0, index] = read(slope) / scale
-    return row
-
-
-def compliance_gap(target: ComplianceTarget, value: float) -> float:
-    """Return the distance of a compliance from its target in standard deviations."""
-    if target.logarithmic:
-        ratio = value / target.value
-        return float(
-            np.log(abs(ratio) if target.either_sign else max(ratio, np.finfo(float).tiny))
-            / target.sigma
-        )
-    return (value / target.value - 1.0) / target.sigma
-
-
-def _seen_shapes(state: CaseState, shape: ShapeTarget) -> tuple[FloatArray, FloatArray]:
-    """What each mode does where the target looks ``(k, m)``, and the target ``(k,)`` with length
-    one.
-    """
-    rows = _shape_rows(state, shape)
-    wanted = np.array([value for _, _, value in shape.entries])
-    return rows @ state.motions, wanted / np.linalg.norm(wanted)
-
-
-def _shape_rows(state: CaseState, shape: ShapeTarget) -> FloatArray:
-    observers, length = state.slopes.pieces.observers, state.coupled.layout.length
-    return np.array(
-        [observers[name][dof] * (length if dof > 2 else 1.0) for name, dof, _ in shape.entries]
-    )
-
-
-def _shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
-    """Part of the target at right angles to the mode ``(k,)``: its square is ``1 - MAC``."""
-    observed, wanted = _seen_shapes(state, shape)
-    unit = observed[:, mode] / max(float(np.linalg.norm(observed[:, mode])), np.finfo(float).tiny)
-    return (wanted - (wanted @ unit) * unit) / shape.tolerance
-
-
-def _shape_gap_slopes(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
-    slopes, count = state.by_parameter, len(state.model.parameters)
-    observed, wanted = _seen_shapes(state, shape)
-    size = max(float(np.linalg.norm(observed[:, mode])), np.finfo(float).tiny)
-    unit = observed[:, mode] / size
-    result = np.zeros((len(wanted), count))
-    changes = _shape_rows(state, shape) @ slope_motions(state, mode, list(slopes.values()))
-    length = state.coupled.layout.length
-    for column, (index, slope) in enumerate(slopes.items()):
-        change = changes[:, column]
-        moved = slope.pieces.observers
-        for row, (name, dof, _) in enumerate(shape.entries):
-            if name in moved:
-                change[row] += (length if dof > 2 else 1.0) * (
-                    moved[name][dof] @ state.motions[:, mode]
-                )
-        turn = (change - (unit @ change) * unit) / size
-        result[:, index] = -((wanted @ turn) * unit + (wanted @ unit) * turn) / shape.tolerance
-    return result
-
-
-def _limit_gap(state: CaseState) -> float:
-    limit = state.model.case.limit
-    if limit is None or len(state.frequencies_hz) <= limit.modes:
-        return -np.inf
-    return float(np.log(limit.below_hz / state.frequencies_hz[limit.modes]))
-
-
-def _limit_slopes(state: CaseState) -> FloatArray:
-    limit = state.model.case.limit
-    if limit is None or not _limit_gap(state) > 0.0:
-        return np.zeros((1, len(state.model.parameters)))
-    scale = -2.0 * state.eigenvalues[limit.modes] * limit.sigma
-    return _spread_slopes(state, _read_eigenvalue(limit.modes), scale)
+from headstock.studies.identification.cases import CaseModel, CaseState, solve_case
+from headstock.studies.identification.observations import Observation, list_observations
+from headstock.studies.identification.pairings import Pairing, follow_modes, pair_targets
+from headstock.studies.identification.targets import FitTable, Parameter
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,11 +84,18 @@ class FitPoint(FitPlace):
     """A fit at one place of its coordinates.
 
     Attributes:
-        residuals: Of the data ``(r,)``.
+        observations: Of each case all targets, held-out ones too.
+        residuals: Of the data ``(r,)``: those of the observations that are not held out.
     """
 
     states: tuple[CaseState, ...]
+    observations: tuple[tuple[Observation, ...], ...]
     residuals: FloatArray
+
+    @property
+    def fitted(self) -> list[Observation]:
+        """Observations of all cases that are not held out."""
+        return [item for case in self.observations for item in case if not item.hold_out]
 
     @property
     def place(self) -> FitPlace:
@@ -332,9 +118,9 @@ def evaluate(
     states = tuple(solve_case(model, values) for model in problem.cases)
     if anchor is not None:
         pairs = zip(anchor.states, anchor.pairings, states, strict=True)
-        pairings = tuple(_follow_modes(before, pairing, state) for before, pairing, state in pairs)
+        pairings = tuple(follow_modes(before, pairing, state) for before, pairing, state in pairs)
     else:
-        pairings = tuple(_pair_targets(state) for state in states)
+        pairings = tuple(pair_targets(state) for state in states)
     return _make_point(problem, np.array(coordinates), states, pairings)
 
 
@@ -350,8 +136,14 @@ def exchange_modes(problem: FitProblem, point: FitPoint, pairings: tuple[Pairing
 
 def data_jacobian(problem: FitProblem, point: FitPoint) -> FloatArray:
     """Return derivatives ``(r, p)`` of the residuals of the data by the coordinates."""
-    pairs = zip(point.states, point.pairings, strict=True)
-    rows = [block.find_slopes() for pair in pairs for block in _list_blocks(*pair)]
+    return stack_slopes(problem, point, point.fitted)
+
+
+def stack_slopes(
+    problem: FitProblem, point: FitPoint, observations: Sequence[Observation]
+) -> FloatArray:
+    """Return derivatives ``(r, p)`` of the residuals of observations by the coordinates."""
+    rows = [item.find_slopes() for item in observations]
     by_values = np.vstack([np.zeros((0, len(problem.parameters))), *rows])
     return by_values * problem.value_slopes(point.coordinates)
 
@@ -377,7 +169,8 @@ def _make_point(
     pairings: tuple[Pairing, ...],
 ) -> FitPoint:
     pairs = zip(states, pairings, strict=True)
-    values = [block.values for pair in pairs for block in _list_blocks(*pair)]
+    observations = tuple(tuple(list_observations(*pair)) for pair in pairs)
+    values = [item.residuals for case in observations for item in case if not item.hold_out]
     residuals = np.concatenate([np.zeros(0), *values])
     priors = prior_residuals(problem, coordinates)
     return FitPoint(
@@ -385,6 +178,7 @@ def _make_point(
         pairings=pairings,
         cost=0.5 * float(residuals @ residuals + priors @ priors),
         states=states,
+        observations=observations,
         residuals=residuals,
     )
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm, t
 
 from headstock.geometry.frames import FloatArray
@@ -34,28 +35,81 @@ class _UnidentifiableDirection:
 
 
 @dataclass(frozen=True, eq=False)
+class DataGroup:
+    """Residuals that are one measurement, or count for nothing.
+
+    Attributes:
+        kind: Measurements of one kind share a noise factor.
+        rows: Where its residuals stand.
+        data: Number of measurements.
+    """
+
+    kind: str
+    rows: slice
+    data: int = 1
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Size of the errors of one kind of measurement, or of all.
+
+    Attributes:
+        factor: On the stated tolerances; None with less than one degree of freedom.
+        freedom: Measurements less the parameters that they determine.
+    """
+
+    factor: float | None
+    freedom: float
+
+
+@dataclass(frozen=True, eq=False)
 class FitStatistics:
     """Spread of the fitted coordinates.
 
     Attributes:
-        sigmas: Standard deviations with data and priors ``(p,)``; inf where neither says anything.
-        quantile: Half-width of the interval over sigma.
+        covariance: Of the coordinates with data and priors ``(p, p)``; inf on the diagonal where
+            neither says anything, zero where a parameter is at its bound.
+        quantiles: Half-width of each interval over its standard deviation ``(p,)``.
         data_share: Share of the variance allowed beforehand (prior, else bounds) that the data take away
             ``(p,)``.
         correlations: ``(p, p)``.
         unidentifiable: Directions the data do not see.
-        noise: Factor on the stated tolerances that the residuals ask for; None with too few of
-            them.
-        freedom: Degrees of freedom of the data, parameters that priors hold counted in part.
+        noise: Of all measurements together; degrees of freedom count in part for parameters that
+            priors hold.
+        noise_by_kind: The same of each kind.
+        used_factors: Factors on the stated tolerances of each kind that the intervals hold for.
     """
 
-    sigmas: FloatArray
-    quantile: float
+    covariance: FloatArray
+    quantiles: FloatArray
     data_share: FloatArray
     correlations: FloatArray
     unidentifiable: tuple[_UnidentifiableDirection, ...]
-    noise: float | None
-    freedom: float
+    noise: Noise
+    noise_by_kind: dict[str, Noise]
+    used_factors: dict[str, float]
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """Standard deviations of the coordinates ``(p,)``."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def spread(self, slopes: FloatArray) -> float:
+        """Return half of the 95 % interval of a number with derivatives ``(r, p)`` by the
+        coordinates, of ``r`` values the root mean square; nan where it follows what is open.
+        """
+        felt = np.any(slopes != 0.0, axis=0)
+        if not np.isfinite(self.sigmas[felt]).all():
+            return np.nan
+        reach = slopes[:, felt] * self.quantiles[felt]
+        spread = np.einsum("rp,pq,rq->r", reach, self.covariance[np.ix_(felt, felt)], reach)
+        return float(np.sqrt(np.mean(spread))) if felt.any() else 0.0
+
+    def scatter(self, kind: str, sigma: float) -> float:
+        """Return the standard deviation that measurements of a kind have, relative: as stated, or as
+        their residuals show it.
+        """
+        return self.used_factors.get(kind, 1.0) * sigma
 
 
 def assess(
@@ -66,45 +120,61 @@ def assess(
     widths: FloatArray,
     *,
     from_residuals: bool,
+    groups: Sequence[DataGroup] | None = None,
+    at_bound: NDArray[np.bool_] | None = None,
 ) -> FitStatistics:
-    """Statistics of a linearised fit.
+    """Return the statistics of a linearised fit that weighed its data by the stated tolerances.
 
     Args:
         jacobian: ``(r, p)`` of the data's residuals in standard deviations, by the coordinates.
         residuals: ``(r,)``.
         prior_sigmas: ``(p,)`` in coordinates, inf without a prior.
         widths: ``(p,)`` distance of the bounds in coordinates.
-        from_residuals: Take the size of the errors from the residuals, not from the stated
-            tolerances.
+        from_residuals: Take the size of the errors of each kind from its residuals, not from the
+            stated tolerances.
+        groups: Measurements; None where each residual is one and all are of one kind.
+        at_bound: Parameters that a bound holds ``(p,)``: the others are known as if these were fixed.
 
-    Source: Tarantola (2005), chapter 3 (linearised posterior); Belsley, Kuh and Welsch (1980) for
-    scaled singular vectors.
+    Source: Tarantola (2005), chapter 3 (linearised posterior); White (1980) for errors of another
+    size than the weights; Welch (1947) for degrees of freedom of sums of variances; Belsley, Kuh and
+    Welsch (1980) for scaled singular vectors.
     """
+    groups = groups or [DataGroup("", slice(row, row + 1)) for row in range(len(jacobian))]
+    free = np.ones(len(names), dtype=bool) if at_bound is None else ~at_bound
     precision = np.where(np.isfinite(prior_sigmas), 1.0 / prior_sigmas, 0.0) ** 2
-    normal = jacobian.T @ jacobian
-    # a parameter counts by the share that the data and not its prior gives
-    by_data = np.trace(np.linalg.pinv(normal + np.diag(precision), hermitian=True) @ normal)
-    freedom = float(len(jacobian) - by_data)
-    noise = float(np.sqrt(residuals @ residuals / freedom)) if freedom >= 1.0 else None
-    used = noise if from_residuals and noise is not None and noise > 0.0 else 1.0
-    weighed = jacobian / used
     # before the data each parameter may lie anywhere in its prior, or evenly between its bounds
     allowed = np.where(np.isfinite(prior_sigmas), prior_sigmas, widths / np.sqrt(12.0))
+    acting = jacobian * free
+    inverse, open_ = _invert(
+        (acting.T @ acting)[np.ix_(free, free)] + np.diag(precision[free]), allowed[free]
+    )
+    gain = np.zeros((len(names), len(jacobian)))
+    gain[free] = inverse @ acting[:, free].T
+    noise, by_kind = _find_noise(groups, residuals, np.einsum("rp,pr->r", acting, gain))
+    used = {kind: (item.factor or noise.factor or 1.0) for kind, item in by_kind.items()}
+    used = used if from_residuals else dict.fromkeys(used, 1.0)
+    factors = np.ones(len(jacobian))
+    for group in groups:
+        factors[group.rows] = used.get(group.kind, 1.0)
+    covariance = np.zeros((len(names), len(names)))
+    by_prior = inverse @ (precision[free][:, None] * inverse)
+    covariance[np.ix_(free, free)] = by_prior
+    covariance += (gain * factors**2) @ gain.T
+    lost = np.flatnonzero(free)[open_]
+    covariance[lost, lost] = np.inf
+    weighed = jacobian / factors[:, None]
     _, values, directions = np.linalg.svd(weighed * allowed)
     values = np.concatenate([values, np.zeros(len(names) - len(values))])
-    posterior = _invert(weighed.T @ weighed + np.diag(precision), allowed)
-    sigmas = np.sqrt(np.diag(posterior))
     proper = (directions.T / (values**2 + 1.0)) @ directions
+    sigmas = np.sqrt(np.diag(covariance))
     scale = np.where(np.isfinite(sigmas) & (sigmas > 0.0), sigmas, 1.0)
     return FitStatistics(
-        sigmas=sigmas,
-        quantile=float(
-            t.ppf(0.5 + CONFIDENCE / 2.0, freedom)
-            if from_residuals and noise is not None
-            else norm.ppf(0.5 + CONFIDENCE / 2.0)
-        ),
-        data_share=np.asarray(1.0 - np.diag(proper)),
-        correlations=np.nan_to_num(posterior / np.outer(scale, scale)),
+        covariance=covariance,
+        quantiles=_find_quantiles(groups, gain * factors, by_kind, noise, covariance)
+        if from_residuals
+        else np.full(len(names), norm.ppf(0.5 + CONFIDENCE / 2.0)),
+        data_share=1.0 - np.diag(proper),
+        correlations=np.nan_to_num(covariance / np.outer(scale, scale)),
         unidentifiable=tuple(
             _UnidentifiableDirection(
                 _name_direction(names, directions[i]), float(1.0 / value) if value > 0.0 else np.inf
@@ -113,19 +183,78 @@ def assess(
             if value**2 / (1.0 + value**2) < SEEN_SHARE
         ),
         noise=noise,
-        freedom=freedom,
+        noise_by_kind=by_kind,
+        used_factors=used,
     )
 
 
-def _invert(information: FloatArray, allowed: FloatArray) -> FloatArray:
-    """Inverse of an information matrix; infinite variances where nothing is known."""
+def _find_noise(
+    groups: Sequence[DataGroup], residuals: FloatArray, leverages: FloatArray
+) -> tuple[Noise, dict[str, Noise]]:
+    """Return the size of the errors of all measurements, and of those of each kind.
+
+    Args:
+        leverages: ``(r,)`` share of each residual that the parameters take up.
+    """
+
+    def find(chosen: Sequence[DataGroup]) -> Noise:
+        square, freedom = 0.0, 0.0
+        for group in chosen:
+            square += float(residuals[group.rows] @ residuals[group.rows])
+            # several residuals of one measurement cannot determine more than it
+            freedom += group.data - min(group.data, float(leverages[group.rows].sum()))
+        return Noise(float(np.sqrt(square / freedom)) if freedom >= 1.0 else None, freedom)
+
+    counted = [group for group in groups if group.data]
+    kinds = dict.fromkeys(group.kind for group in counted)
+    return find(counted), {
+        kind: find([group for group in counted if group.kind == kind]) for kind in kinds
+    }
+
+
+def _find_quantiles(
+    groups: Sequence[DataGroup],
+    gain: FloatArray,
+    by_kind: dict[str, Noise],
+    noise: Noise,
+    covariance: FloatArray,
+) -> FloatArray:
+    """Return half-widths of intervals over standard deviations ``(p,)``: of Student's t, with the
+    degrees of freedom of a sum of estimated variances.
+
+    Args:
+        gain: ``(p, r)`` error of each coordinate per error of each measurement of one sigma.
+    """
+    uncertain = np.zeros(len(gain))
+    for kind, item in by_kind.items():
+        share = np.zeros(len(gain))
+        for group in groups:
+            share += np.sum(gain[:, group.rows] ** 2, axis=1) if group.kind == kind else 0.0
+        freedom = item.freedom if item.factor is not None else noise.freedom
+        uncertain += share**2 / max(freedom, 1.0)
+    variances = np.diag(covariance)
+    usable = np.isfinite(variances) & (uncertain > 0.0)
+    freedom = np.full(len(gain), np.inf)
+    freedom[usable] = variances[usable] ** 2 / uncertain[usable]
+    return np.where(
+        np.isfinite(freedom),
+        t.ppf(0.5 + CONFIDENCE / 2.0, np.where(np.isfinite(freedom), freedom, 1.0)),
+        norm.ppf(0.5 + CONFIDENCE / 2.0),
+    )
+
+
+def _invert(information: FloatArray, allowed: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return the inverse of an information matrix where it is determined, and the parameters about
+    which something is not known at all.
+    """
+    if not len(allowed):
+        return information, np.zeros(0, dtype=np.intp)
     scaled = information * np.outer(allowed, allowed)
     values, vectors = np.linalg.eigh(scaled)
     determined = values > np.finfo(float).eps * len(values) * max(float(values[-1]), 1.0)
     inverse = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
     lost = np.einsum("ij,ij->i", vectors[:, ~determined], vectors[:, ~determined]) > 1e-9
-    inverse[lost, lost] = np.inf
-    return inverse * np.outer(allowed, allowed)
+    return inverse * np.outer(allowed, allowed), np.flatnonzero(lost)
 
 
 def _name_direction(names: Sequence[str], direction: FloatArray) -> tuple[tuple[str, float], ...]:

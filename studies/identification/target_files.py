@@ -203,7 +203,10 @@ def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
         ]
     ignored = [(body, -1, 0.0) for body in table.ignore or ()]
     return ShapeTarget(
-        (*entries_moved, *ignored), table.shape_tolerance or DESCRIBED_TOLERANCE, described=True
+        (*entries_moved, *ignored),
+        table.shape_tolerance or DESCRIBED_TOLERANCE,
+        described=True,
+        insist=table.insist,
     )
 
 

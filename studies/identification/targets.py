@@ -4,10 +4,13 @@ fitted to it, and what is made of them, in SI units.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from headstock.geometry.frames import FloatArray
 from headstock.reduction.coupling.slopes import ObservedDof
 from headstock.scene.reading import units
 from headstock.scene.reading.findings import KeyPath
@@ -107,7 +110,9 @@ class ModeTargetTable(StrictTable):
     ) = None
     """measured motion `[x, y, z]` of points, by name"""
     shape_tolerance: Annotated[PositiveNumber, Between(0.0, 10.0)] | None = None
-    """standard deviation of 1 - MAC"""
+    """standard deviation of the square root of 1 - MAC"""
+    insist: Flag = False
+    """fit the shape in words even where no mode is like it (MAC below 0.5)"""
     hold_out: Flag = False
     """compared, but not fitted"""
 
@@ -116,6 +121,8 @@ class ModeTargetTable(StrictTable):
             yield "gives both moves and vectors; keep one description of the shape"
         if self.ignore is not None and self.moves is None:
             yield "`ignore` names bodies that moves says nothing about; it goes with moves"
+        if self.insist and self.moves is None:
+            yield "`insist` keeps a shape in words; it goes with moves"
 
 
 class _ComplianceTargetTable(StrictTable):
@@ -297,11 +304,19 @@ class ShapeTarget:
         tolerance: Standard deviation of ``sqrt(1 - MAC)``.
         described: It comes from a description in words (which bodies turn), not from measured
             vectors.
+        insist: It is fitted even where no mode is like it.
     """
 
     entries: tuple[tuple[str, int, float], ...]
     tolerance: float
     described: bool
+    insist: bool = False
+
+    @cached_property
+    def direction(self) -> FloatArray:
+        """Its values ``(k,)`` with length one."""
+        values = np.array([value for _, _, value in self.entries])
+        return values / np.linalg.norm(values)
 
 
 @dataclass(frozen=True)

@@ -175,7 +175,7 @@ def _evaluate_seeds(folder: Path, seeds: Sequence[int]) -> list[ValidationRow]:
             [item.low <= truth[item.parameter.name] <= item.high for item in found.parameters]
         )
         evaluations += sum(record.evaluations for record in found.starts)
-        noise.append(found.statistics.noise or 0.0)
+        noise.append(found.statistics.noise.factor or 0.0)
     size = np.abs(np.array(errors))
     covered = np.array(inside, dtype=float)
     count = f"{size.shape[1]} stiffnesses, {len(size)} seeds"

@@ -13,7 +13,8 @@ from common import approx
 from headstock.solvers.errors import ModelError
 from headstock.studies.identification.descent import _spread_starts
 from headstock.studies.identification.identification import fit_parameters
-from headstock.studies.identification.problem import FitProblem, _follow_modes, evaluate
+from headstock.studies.identification.pairings import follow_modes
+from headstock.studies.identification.problem import FitProblem, evaluate
 from headstock.validation.machines.identification_cases import (
     _evaluate_blindness,
     _evaluate_seeds,
@@ -112,7 +113,7 @@ def test_modes_are_followed_by_shape_through_a_crossing(exact: FitProblem) -> No
     anew = _solve_truth(exact, values)
     assert point.pairings != anew.pairings
     assert sorted(point.pairings[1].modes) != list(point.pairings[1].modes)
-    back = _follow_modes(point.states[1], point.pairings[1], point.states[1])
+    back = follow_modes(point.states[1], point.pairings[1], point.states[1])
     assert back == point.pairings[1]
 
 

@@ -26,8 +26,8 @@ def fit(design: FloatArray, residuals: FloatArray | None = None, **known: Any) -
 def test_standard_deviations_are_those_of_weighed_least_squares() -> None:
     found = fit(LINE / 0.1)
     assert found.sigmas**2 == approx(0.01 * np.diag(np.linalg.inv(LINE.T @ LINE)))
-    assert found.quantile == approx(1.959964, rel=1e-6)
-    assert found.freedom == approx(18.0)
+    assert found.quantiles == approx(1.959964, rel=1e-6)
+    assert found.noise.freedom == approx(18.0)
     assert found.unidentifiable == ()
 
 
@@ -35,10 +35,10 @@ def test_residuals_set_the_size_of_the_errors_where_that_is_asked_for() -> None:
     residuals = np.random.default_rng(0).normal(0.0, 3.0, 20)
     stated, found = (fit(LINE, residuals, from_residuals=asked) for asked in (False, True))
     noise = np.sqrt(residuals @ residuals / 18.0)
-    assert found.noise == approx(noise)
+    assert found.noise.factor == approx(noise)
     assert found.sigmas == approx(noise * stated.sigmas)
     # Student's t with 18 degrees of freedom
-    assert found.quantile == approx(2.100922, rel=1e-6)
+    assert found.quantiles == approx(2.100922, rel=1e-6)
 
 
 def test_a_prior_counts_as_one_more_measurement() -> None:
@@ -46,7 +46,7 @@ def test_a_prior_counts_as_one_more_measurement() -> None:
     information = LINE.T @ LINE + np.diag([0.0, 25.0])
     assert found.sigmas**2 == approx(np.diag(np.linalg.inv(information)))
     share = (LINE.T @ LINE)[1, 1] / information[1, 1]
-    assert found.freedom == approx(20.0 - 1.0 - share)
+    assert found.noise.freedom == approx(20.0 - 1.0 - share)
     assert found.data_share[1] == approx(share, rel=1e-2)
 
 

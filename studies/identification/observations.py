@@ -1,0 +1,195 @@
+"""Targets beside the model: of each kind a value, a distance in standard deviations and its
+derivatives. A kind is added by one function here.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.static import UM_PER_KN
+from headstock.studies.identification.cases import CaseSlope, CaseState, shape_rows, slope_motions
+from headstock.studies.identification.pairings import Pairing, compare_shape
+from headstock.studies.identification.targets import ComplianceTarget, ModeTarget, ShapeTarget
+
+type Slopes = Callable[[], FloatArray]
+
+
+@dataclass(frozen=True)
+class TargetKind:
+    """A kind of target: those of one kind share a noise factor.
+
+    Attributes:
+        unit: In tables and files.
+        scale: From SI to it.
+    """
+
+    unit: str
+    scale: float
+
+
+KINDS = {
+    "frequency": TargetKind("Hz", 1.0),
+    "shape": TargetKind("", 1.0),
+    "compliance": TargetKind("um/kN", UM_PER_KN),
+    "limit": TargetKind("Hz", 1.0),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """A target beside the model at given parameter values.
+
+    Attributes:
+        kind: Name in ``KINDS``.
+        wanted: Measured value, SI; for a shape its MAC of one.
+        value: The same of the model.
+        sigma: Relative standard deviation of the measurement.
+        residuals: ``(r,)`` distances in standard deviations.
+        find_slopes: Returns their derivatives ``(r, p)`` by the parameters' values.
+        data: How many measurements it counts for: a shape one, a limit none.
+        hold_out: Predicted, not fitted.
+        mode: Index of its mode above the floor; None without.
+    """
+
+    kind: str
+    name: str
+    wanted: float
+    value: float
+    sigma: float
+    residuals: FloatArray
+    find_slopes: Slopes
+    data: int = 1
+    hold_out: bool = False
+    mode: int | None = None
+
+
+def list_observations(state: CaseState, pairing: Pairing) -> Iterator[Observation]:
+    """Yield all targets of a case beside its state, held-out ones too.
+
+    Args:
+        pairing: Which mode each of its targets goes with.
+    """
+    case = state.model.case
+    for target, mode in zip(case.modes, pairing.modes, strict=True):
+        yield _observe_frequency(state, target, mode)
+        if target.shape is not None:
+            yield _observe_shape(state, target, target.shape, mode)
+    for number, compliance in enumerate(case.compliances):
+        yield _observe_compliance(state, compliance, number)
+    if case.limit is not None:
+        yield _observe_limit(state)
+
+
+def _observe_frequency(state: CaseState, target: ModeTarget, mode: int) -> Observation:
+    value = float(state.frequencies_hz[mode])
+    scale = 2.0 * state.eigenvalues[mode] * target.sigma
+    return Observation(
+        kind="frequency",
+        name=target.name,
+        wanted=target.frequency_hz,
+        value=value,
+        sigma=target.sigma,
+        residuals=np.array([np.log(value / target.frequency_hz) / target.sigma]),
+        find_slopes=partial(_spread_slopes, state, lambda slope: slope.eigenvalues[mode] / scale),
+        hold_out=target.hold_out,
+        mode=mode,
+    )
+
+
+def _observe_shape(
+    state: CaseState, target: ModeTarget, shape: ShapeTarget, mode: int
+) -> Observation:
+    """The distances are the part of the target at right angles to the mode: their squares sum up to
+    ``1 - MAC``.
+    """
+    observed, wanted = shape_rows(state, shape) @ state.motions[:, mode], shape.direction
+    unit = observed / max(float(np.linalg.norm(observed)), np.finfo(float).tiny)
+    return Observation(
+        kind="shape",
+        name=target.name,
+        wanted=1.0,
+        value=float(compare_shape(state, shape)[mode]),
+        sigma=shape.tolerance,
+        residuals=(wanted - (wanted @ unit) * unit) / shape.tolerance,
+        find_slopes=partial(_slope_shape_gap, state, shape, mode),
+        hold_out=target.hold_out,
+        mode=mode,
+    )
+
+
+def _observe_compliance(state: CaseState, target: ComplianceTarget, number: int) -> Observation:
+    value = float(state.compliances[number])
+    ratio = value / target.value
+    if target.logarithmic:
+        size = abs(ratio) if target.either_sign else max(ratio, np.finfo(float).tiny)
+        gap, scale = np.log(size) / target.sigma, value * target.sigma
+    else:
+        gap, scale = (ratio - 1.0) / target.sigma, target.value * target.sigma
+    return Observation(
+        kind="compliance",
+        name=target.name,
+        wanted=target.value,
+        value=abs(value) if target.either_sign else value,
+        sigma=target.sigma,
+        residuals=np.array([gap]),
+        find_slopes=partial(_spread_slopes, state, lambda slope: slope.compliances[number] / scale),
+        hold_out=target.hold_out,
+    )
+
+
+def _observe_limit(state: CaseState) -> Observation:
+    """The next mode above those allowed, by how far it misses the limit; nothing where it does not."""
+    limit = state.model.case.limit
+    if limit is None:
+        raise AssertionError("a case without a limit is asked for it")
+    next_one = limit.modes if limit.modes < len(state.frequencies_hz) else None
+    value = np.inf if next_one is None else float(state.frequencies_hz[next_one])
+    gap = max(0.0, float(np.log(limit.below_hz / value)) / limit.sigma)
+
+    def read(slope: CaseSlope) -> float:
+        if next_one is None or gap == 0.0:
+            return 0.0
+        return -float(slope.eigenvalues[next_one] / (2.0 * state.eigenvalues[next_one] * limit.sigma))
+
+    return Observation(
+        kind="limit",
+        name=f"{state.model.case.name} at most {limit.modes} modes",
+        wanted=limit.below_hz,
+        value=value,
+        sigma=limit.sigma,
+        residuals=np.array([gap]),
+        find_slopes=partial(_spread_slopes, state, read),
+        data=0,
+    )
+
+
+def _spread_slopes(
+    state: CaseState, read: Callable[[CaseSlope], float | FloatArray], count: int = 1
+) -> FloatArray:
+    """Return derivatives by each parameter ``(count, p)``; zero where it touches nothing."""
+    rows = np.zeros((count, len(state.model.parameters)))
+    for index, slope in state.by_parameter.items():
+        rows[:, index] = read(slope)
+    return rows
+
+
+def _slope_shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
+    slopes, wanted = state.by_parameter, shape.direction
+    motion = state.motions[:, mode]
+    observed = shape_rows(state, shape) @ motion
+    size = max(float(np.linalg.norm(observed)), np.finfo(float).tiny)
+    unit = observed / size
+    result = np.zeros((len(wanted), len(state.model.parameters)))
+    changes = shape_rows(state, shape) @ slope_motions(state, mode, list(slopes.values()))
+    length = state.coupled.layout.length
+    for column, (index, slope) in enumerate(slopes.items()):
+        change, moved = changes[:, column], slope.pieces.observers
+        for row, (name, dof, _) in enumerate(shape.entries):
+            if name in moved:
+                change[row] += (length if dof > 2 else 1.0) * (moved[name][dof] @ motion)
+        turn = (change - (unit @ change) * unit) / size
+        result[:, index] = -((wanted @ turn) * unit + (wanted @ unit) * turn) / shape.tolerance
+    return result
