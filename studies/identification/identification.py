@@ -31,9 +31,9 @@ from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.identification.cases import make_case
 from headstock.studies.identification.descent import StartRecord, fit
 from headstock.studies.identification.key_laws import ParameterValueError
-from headstock.studies.identification.parametric_scene import ParametricScene, make_parametric
 from headstock.studies.identification.observations import Observation
 from headstock.studies.identification.pairings import compare_shape
+from headstock.studies.identification.parametric_scene import ParametricScene, make_parametric
 from headstock.studies.identification.problem import (
     FitPoint,
     FitProblem,
@@ -375,7 +375,9 @@ def assess_ends(ends: FitEnds, name: str) -> Identification:
         outcomes=tuple(
             outcome
             for state, observations in zip(point.states, point.observations, strict=True)
-            for outcome in _outcomes(problem, point, state.model.case.name, observations, statistics)
+            for outcome in _outcomes(
+                problem, point, state.model.case.name, observations, statistics
+            )
         ),
         extra_hz={
             state.model.case.name: _extra_modes(point, index)

@@ -152,7 +152,9 @@ def _observe_limit(state: CaseState) -> Observation:
     def read(slope: CaseSlope) -> float:
         if next_one is None or gap == 0.0:
             return 0.0
-        return -float(slope.eigenvalues[next_one] / (2.0 * state.eigenvalues[next_one] * limit.sigma))
+        return -float(
+            slope.eigenvalues[next_one] / (2.0 * state.eigenvalues[next_one] * limit.sigma)
+        )
 
     return Observation(
         kind="limit",
