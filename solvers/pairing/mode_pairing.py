@@ -3,12 +3,15 @@ by the space they span.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import scipy  # whose assignment, a tenth of a second, is loaded where it is used
 
 from headstock.geometry.frames import FloatArray
 
+type Field = npt.NDArray[Any]  # real, or complex where it was measured
 SAME_MODE = 0.5  # a smaller correlation makes two modes different ones
 CLUSTER_GAP = 0.02  # neighbours closer than this share of their frequency may turn into each other
 # how much shape within a cluster, and then nearness in frequency, may decide where correlations are
@@ -22,13 +25,13 @@ class ModeSet:
 
     Attributes:
         frequencies_hz: ``(m,)`` rising.
-        field: ``(k, m)`` motions at places that all models share, weighted so that scalar products
-            are kinetic energies.
+        field: ``(k, m)`` motions at places that all models share, complex where they were measured;
+            weighted so that scalar products are kinetic energies where masses are known.
         rigid_count: How many of the first are rigid-body modes: their frequencies are roundoff.
     """
 
     frequencies_hz: FloatArray
-    field: FloatArray
+    field: Field
     rigid_count: int = 0
 
 
@@ -43,13 +46,13 @@ class ModePair:
     correlation: float
 
 
-def correlate_modes(first: FloatArray, second: FloatArray) -> FloatArray:
+def correlate_modes(first: Field, second: Field) -> FloatArray:
     """Return the modal assurance criterion ``(m_1, m_2)`` of weighted fields ``(k, m_1)`` and
     ``(k, m_2)``; 0 for a field that rests.
 
     Source: Allemang and Brown (1982).
     """
-    return (_unit_columns(first).T @ _unit_columns(second)) ** 2
+    return np.abs(unit_columns(first).conj().T @ unit_columns(second)) ** 2
 
 
 def pair_modes(
@@ -156,7 +159,7 @@ def _cluster_correlations(first: ModeSet, second: ModeSet) -> FloatArray:
     result = np.zeros((first.field.shape[1], second.field.shape[1]))
     bases = [
         [
-            (members, np.linalg.qr(_unit_columns(modes.field[:, members]))[0])
+            (members, np.linalg.qr(unit_columns(modes.field[:, members]))[0])
             for members in find_clusters(modes)
         ]
         for modes in (first, second)
@@ -164,12 +167,13 @@ def _cluster_correlations(first: ModeSet, second: ModeSet) -> FloatArray:
     for mine, basis in bases[0]:
         for others, other_basis in bases[1]:
             if len(mine) > 1 or len(others) > 1:
-                cosines = np.linalg.svd(basis.T @ other_basis, compute_uv=False)
+                cosines = np.linalg.svd(basis.conj().T @ other_basis, compute_uv=False)
                 result[np.ix_(mine, others)] = float(cosines.min()) ** 2
     return result
 
 
-def _unit_columns(field: FloatArray) -> FloatArray:
+def unit_columns(field: Field) -> Field:
+    """Return columns of length one; those of length zero stay."""
     lengths = np.linalg.norm(field, axis=0)
     return field / np.where(lengths > 0.0, lengths, 1.0)
 
