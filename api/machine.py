@@ -134,6 +134,8 @@ class Sections(TypedDict, total=False):
     supports: Entries
     loads: Entries
     probes: Entries
+    sensors: Entries
+    masses: Entries
     mechanism: Table
     variants: Mapping[str, Mapping[str, object]]
     compare: Table

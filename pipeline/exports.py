@@ -164,13 +164,16 @@ def export_superelement(
     if not path.absolute().parent.is_dir():
         raise OutputError(f"{path} cannot be written: there is no folder {path.parent}")
     check_output(path)
+    # the masses of sensors belong to the test, not to the part
+    bare = dataclasses.replace(scene.machine, probes={}, sensors={})
+    scene = dataclasses.replace(scene, machine=bare)
     plan = plan_scene(scene)
     require_name(scene, "components", component, plan.components)
     state = start_run(scene, comm, store, plan=plan)
     made = make_superelements(state, only=[component])
     text = ""
     if state.is_root:
-        superelement = dataclasses.replace(made[component], probes={})
+        superelement = made[component]
         write_superelement(path, superelement, origin)
         text = f"{path}: {component}, {superelement.full_dofs} -> {len(superelement.labels)} dofs"
     return str(share_from_root(comm, text))

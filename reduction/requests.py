@@ -152,6 +152,10 @@ def trim_superelement(
         cutoff_hz=cutoff,
         loads={name: _trim_load(element, load, kept) for name, load in loads.items()},
         probes={name: _trim_probe(element, probe, kept) for name, probe in element.probes.items()},
+        sensors={
+            name: dataclasses.replace(rows, motion=rows.motion[:, :kept])
+            for name, rows in element.sensors.items()
+        },
         rails={
             name: dataclasses.replace(rail, control=rail.control[:, :kept])
             for name, rail in element.rails.items()

@@ -141,6 +141,19 @@ class ProbeRows:
 
 
 @dataclass(frozen=True, eq=False)
+class SensorRows:
+    """Motion of a superelement at the place of a sensor.
+
+    Attributes:
+        motion: ``(3, n)`` displacement x y z per dof, component axes.
+        mass: What the superelement's matrices carry there [kg].
+    """
+
+    motion: FloatArray
+    mass: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
 class Recovery:
     """Motion of every mesh point with the dofs.
 
@@ -225,6 +238,7 @@ class Superelement:
         rails: Interfaces that carriages slide along, by name.
         errors: What the modes left out and the mesh make of its matrices.
         probes: What is seen at places inside it, by name.
+        sensors: Motion at the places of sensors and point masses, by name.
     """
 
     name: str
@@ -251,6 +265,7 @@ class Superelement:
     rails: dict[str, Rail] = field(default_factory=dict)
     errors: ErrorEstimates = field(default_factory=ErrorEstimates)
     probes: dict[str, ProbeRows] = field(default_factory=dict)
+    sensors: dict[str, SensorRows] = field(default_factory=dict)
 
     def interface_position(self, interface: str) -> FloatArray:
         """Return ``(3,)`` where an interface is, of a rail its middle, in the component frame

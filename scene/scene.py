@@ -37,6 +37,11 @@ class Request:
         """Return the poses it is computed in, empty for all; None where it is computed once a run."""
         return None
 
+    @property
+    def loaded_places(self) -> tuple[str, ...]:
+        """Return names of the points, sensors, interfaces and loads at which forces act."""
+        return ()
+
     def names_pose(self, pose: str) -> bool:
         """Return whether it is computed in a pose."""
         return self.poses is not None and (not self.poses or pose in self.poses)

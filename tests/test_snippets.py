@@ -322,6 +322,8 @@ def complete(base: Base, text: str, folder: Path) -> Scene:
 @pytest.mark.parametrize(("page", "text"), TOML)
 def test_a_fragment_of_a_document_completes_a_scene(page: str, text: str, tmp_path: Path) -> None:
     (tmp_path / "toolpath.csv").write_text("X [mm],Y [mm]\n0,0\n50,20\n")
+    (tmp_path / "points.csv").write_text("name,component,x [mm],y [mm],z [mm]\n1,column,0,0,10\n")
+    (tmp_path / "weights.csv").write_text("part,x [mm],y [mm],z [mm],mass [kg]\ncolumn,0,0,10,1\n")
     shutil.copy(ROOT / "tests/data/support.step", tmp_path / "assembly.step")
     refusals = []
     for base in BASES.get(page, OTHER_PAGES):

@@ -62,6 +62,26 @@ class Probe:
 
 
 @dataclass(frozen=True)
+class Sensor(Probe):
+    """A place on a component whose motion is measured, where a force may act, and which may have mass.
+
+    Attributes:
+        directions: Dof (``x``, ``y``, ``z``) to the unit vector along which it is measured; what was
+            not measured is left out. A point mass has none.
+        fixed_axes: The vectors keep to the machine; otherwise they turn with the component.
+        mass: Of what is mounted there [kg].
+        reach: Largest distance from the component's surface [m]; beyond it the place is refused.
+        is_loaded: A force or a point mass acts there, whose static response is to be exact.
+    """
+
+    directions: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    fixed_axes: bool = True
+    mass: float = 0.0
+    reach: float = 1e-3
+    is_loaded: bool = False
+
+
+@dataclass(frozen=True)
 class JointDisplacement:
     """A displacement that a joint is given: its ground moves and takes along what is joined to it;
     without ground, its second end moves relative to the first.
@@ -93,6 +113,7 @@ class Machine:
         gravity: Acceleration of gravity in the machine frame [m/s^2].
         gravity_stiffening: Whether small motions include the geometric stiffness due to gravity.
         rayleigh: Viscous damping by mass and stiffness of everything, springs of joints included.
+        sensors: Sensors and point masses by name.
         mechanism: The closed-loop mechanism that carries components, if any: their placements, and
             points and axes of joints whose leading end is one of them, are given in the frame of
             the marker that carries them.
@@ -107,6 +128,7 @@ class Machine:
     loads: dict[str, Load] = field(default_factory=dict)
     displacements: dict[str, JointDisplacement] = field(default_factory=dict)
     probes: dict[str, Probe] = field(default_factory=dict)
+    sensors: dict[str, Sensor] = field(default_factory=dict)
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
     gravity_stiffening: bool = False
     rayleigh: RayleighDamping = field(default_factory=RayleighDamping)

@@ -56,6 +56,9 @@ PART = FileKind("a file of a part", 4_000_000_000, "export it coarser")
 ELEMENT_SIZES = FileKind("a file of element sizes", 200_000_000, "write a coarser view")
 XDMF = FileKind("an XDMF file", 1_000_000_000, "write its arrays into an HDF5 file")
 CORNERS = FileKind("a table of corners", 1_000_000, "leave out those on straight lines")
+TEST_POINTS = FileKind(
+    "a table of points", 10_000_000, "leave out points that are not on this machine"
+)
 WAYPOINTS = FileKind("a path", 50_000_000, "write fewer waypoints, or cut it in two")
 RECORD = FileKind("a record", 500_000_000, "cut it, or keep fewer samples per second")
 RECEPTANCES = FileKind("a file of receptances", 50_000_000, "keep fewer frequencies")

@@ -41,6 +41,8 @@ class PoseModes(Answer):
         below: How many modes lie below the window of frequencies, rigid-body modes among them; the
             first one listed is number ``below + 1``.
         damping_from: What the damping ratios add up from; empty without damping.
+        sensors: Names of sensors and point masses.
+        sensor_shapes: ``(m, s, 3)`` motion of the shapes there along machine axes; None without.
     """
 
     pose: Pose
@@ -57,10 +59,14 @@ class PoseModes(Answer):
     spread_hz: tuple[tuple[float, float] | None, ...] = ()
     below: int = 0
     damping_from: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ()
+    sensor_shapes: FloatArray | None = None
     units: ClassVar[dict[str, str]] = {
         r"modal/.*/names": "",
         r"modal/.*/frequencies_hz": "Hz",
         r"modal/.*/shapes": "SI: m or rad per sqrt(kg), by labels",
+        r"modal/.*/sensors": "",
+        r"modal/.*/sensor_shapes": "SI: m per sqrt(kg), modes x sensors x machine axes",
         r"modal/.*/origin": "m",
         r"modal/.*/rotation": "1",
     }
@@ -147,6 +153,9 @@ class PoseModes(Answer):
         group["shapes"] = self.shapes
         group.attrs["rigid_count"], group.attrs["below"] = self.rigid_count, self.below
         group["names"] = np.char.encode(np.array(self.mode_names, dtype=str), "utf-8")
+        if self.sensor_shapes is not None:
+            group["sensor_shapes"] = self.sensor_shapes
+            group["sensors"] = np.char.encode(np.array(self.sensors, dtype=str), "utf-8")
         pose, units = group.create_group("pose"), group.create_group("pose_units")
         for axis, position in self.pose.positions.items():
             pose.attrs[axis] = position

@@ -212,6 +212,7 @@ def _reduction_key(component: Component, scene: Scene) -> Hashable:
         [support for support in machine.supports.values() if support.component == name],
         [load for load in machine.loads.values() if load.component == name],
         [probe for probe in machine.probes.values() if probe.component == name],
+        [sensor for sensor in machine.sensors.values() if sensor.component == name],
     )
     return key, component.reduction
 

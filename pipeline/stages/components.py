@@ -27,6 +27,7 @@ from headstock.pipeline.stages.run_state import (
     RunState,
     component_loads,
     component_probes,
+    component_sensors,
     component_supports,
 )
 from headstock.pipeline.storage.content_keys import mesh_key, skin_key, superelement_key
@@ -223,7 +224,12 @@ def _make_rigid(state: RunState, component: Component) -> str:
 def _make_segments(state: RunState, component: Component) -> str:
     """Cut a component into a row of rigid segments on beam springs."""
     properties = describe_solid(component, state.store, state.warn)
-    superelement = reduce_segmented(component, properties, component_loads(state, component))
+    superelement = reduce_segmented(
+        component,
+        properties,
+        component_loads(state, component),
+        component_sensors(state, component),
+    )
     skin = _bending_skin(component)
     state.reduced[component.name] = ReducedComponent(superelement, skin=skin)
     return f"{superelement.mass_kg:.4g} kg, {component.segments.count} segments"
@@ -246,6 +252,7 @@ def _run_polynomial_stage(state: RunState, stage: Stage) -> Outcome:
         component,
         describe_solid(component, state.store, state.warn),
         component_loads(state, component),
+        component_sensors(state, component),
         request=_reduction_request(state, component),
     )
     reduced = ReducedComponent(superelement, skin=_bending_skin(component))
@@ -257,7 +264,7 @@ def _run_polynomial_stage(state: RunState, stage: Stage) -> Outcome:
 def _load_file(state: RunState, component: Component) -> str:
     """Read an imported superelement and check it like one of our own."""
     read = read_superelement(cast(SuperelementFile, component.solid).path)
-    superelement = dataclasses.replace(read, name=component.name, probes={})
+    superelement = dataclasses.replace(read, name=component.name, probes={}, sensors={})
     check_superelement(superelement, rounding=FILE_ROUNDING)
     state.reduced[component.name] = _as_asked(component, ReducedComponent(superelement))
     return _describe(superelement)
@@ -326,7 +333,13 @@ def stored_request(state: RunState, component: Component) -> StoredRequest:
     supports, loads = component_supports(state, component), component_loads(state, component)
     request = _reduction_request(state, component)
     return StoredRequest(
-        key=superelement_key(component, supports, loads, component_probes(state, component)),
+        key=superelement_key(
+            component,
+            supports,
+            loads,
+            component_probes(state, component),
+            component_sensors(state, component),
+        ),
         reduction=request,
         mass=needs_mass(component, loads, request),
         verify=component.reduction.verify,

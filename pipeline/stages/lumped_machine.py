@@ -11,10 +11,10 @@ from headstock.geometry.frames import FloatArray, Frame, compose_frames, rigid_t
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.guide_errors import ErrorProfile, ProfileError
 from headstock.geometry.machine.joints import JointEnd
-from headstock.geometry.machine.machine import NO_OFFSET
+from headstock.geometry.machine.machine import NO_OFFSET, Sensor
 from headstock.geometry.mechanisms.exechon import COMPLIANCES, LEGS, LENGTHS
 from headstock.geometry.parts.components import Load
-from headstock.reduction.coupling.channels import GRAVITY, load_factors
+from headstock.reduction.coupling.channels import GRAVITY, load_factors, sensor_rows
 from headstock.reduction.coupling.drives import find_moved_mass, make_rigid_train
 from headstock.reduction.motions.compliance_budget import WEIGHT
 from headstock.reduction.motions.tool_deviation import FORCES, GEOMETRY, ToolDeviation
@@ -66,6 +66,12 @@ class PlacedMechanism:
             )
             @ self.body_motions[end.component]
         )
+
+    def measure(self, sensor: Sensor) -> FloatArray:
+        """``(k, c)`` motion in each direction of a sensor per compliant coordinate."""
+        name = sensor.component
+        rows = sensor_rows(self.superelements[name], self.placements[name], sensor)
+        return rows @ self.body_motions[name]
 
     def position_of(self, end: JointEnd, offset: Sequence[float] = NO_OFFSET) -> FloatArray:
         """``(3,)`` place at an offset ``(3,)`` from an interface [m] in the machine frame [m]."""

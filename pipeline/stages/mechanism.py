@@ -98,6 +98,14 @@ class LumpedPose:
         if placed.motions.geometric is not None and placed.motions.stiffness.all():
             require_standing(np.diag(placed.motions.stiffness), placed.motions.geometric)
         system = pose_system(placed.model, placed.motions, channels)
+        measured = {
+            (sensor.name, dof): row
+            for sensor in machine.sensors.values()
+            for dof, row in zip(sensor.directions, placed.measure(sensor), strict=True)
+        }
+        system = dataclasses.replace(
+            system, inputs={**system.inputs, **measured}, outputs={**system.outputs, **measured}
+        )
         rayleigh = machine.rayleigh
         if not rayleigh:
             return system

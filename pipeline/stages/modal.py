@@ -36,6 +36,7 @@ from headstock.pipeline.stages.run_state import (
     Solved,
     pose_model,
 )
+from headstock.pipeline.stages.sensors import sensor_motions
 from headstock.pipeline.stages.shared_components import make_superelements
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.damping_errors import DampingErrors, estimate_damping_errors
@@ -109,6 +110,7 @@ def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseMode
     unexpected: tuple[FreeMotion, ...] = ()
     if result.rigid_count and isinstance(model, CoupledPose):
         unexpected = model.undeclared(find_free_motions(model.coupled))
+    shapes, sensors = model.expand(result.shapes), model.parts.scene.machine.sensors
     modes = PoseModes(
         pose=model.pose,
         pose_units=position_units(model.parts.scene.machine),
@@ -120,7 +122,9 @@ def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseMode
         mode_names=named.names,
         energy_share=named.strain_shares,
         kinetic_share=named.kinetic_shares,
-        shapes=model.expand(result.shapes),
+        shapes=shapes,
+        sensors=tuple(sensors),
+        sensor_shapes=sensor_motions(model, shapes) if sensors else None,
         placements=dict(model.placements),
         damping_from=list_dampings(model.parts.scene) if damped else (),
     )
@@ -172,6 +176,7 @@ def _leave_out_lower(modes: PoseModes, below: int) -> PoseModes:
         energy_share=modes.energy_share[below:],
         kinetic_share=modes.kinetic_share[below:],
         shapes=modes.shapes[:, below:],
+        sensor_shapes=None if modes.sensor_shapes is None else modes.sensor_shapes[below:],
         below=below,
     )
 

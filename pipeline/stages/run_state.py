@@ -8,7 +8,7 @@ from typing import Protocol
 from headstock.geometry.errors import lacks_memory, out_of_memory, printable
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.drives import Drive
-from headstock.geometry.machine.machine import Pose, Probe
+from headstock.geometry.machine.machine import Pose, Probe, Sensor
 from headstock.geometry.parts.components import Component, Load, Support
 from headstock.geometry.parts.skins import Skin
 from headstock.meshing.component_mesh import ComponentMesh, MeshQuality
@@ -389,7 +389,12 @@ def component_probes(state: RunState, component: Component) -> tuple[Probe, ...]
     return _select(component, state.scene.machine.probes)
 
 
-def _select[T: (Support, Load, Probe)](
+def component_sensors(state: RunState, component: Component) -> tuple[Sensor, ...]:
+    """Return the sensors and point masses on a component."""
+    return _select(component, state.scene.machine.sensors)
+
+
+def _select[T: (Support, Load, Probe, Sensor)](
     component: Component, items: Mapping[str, T]
 ) -> tuple[T, ...]:
     return tuple(item for item in items.values() if item.component == component.name)

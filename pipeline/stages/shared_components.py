@@ -33,6 +33,7 @@ from headstock.pipeline.stages.run_state import (
     RunState,
     run_stage,
 )
+from headstock.pipeline.stages.sensors import place_sensors
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import Scene
@@ -123,6 +124,9 @@ def make_superelements(
             # the work was done before; what is left is to fetch it
             observer=lambda record: observer(done.get(record.stage, record)),
         )
+    make_on_root(
+        state.comm, lambda: place_sensors(state, [str(stage.component) for stage in stages])
+    )
     return {
         name: state.reduced[name].superelement
         for name in state.plan.components

@@ -22,7 +22,7 @@ import headstock.pipeline
 import headstock.reduction
 import headstock.scene
 import headstock.solvers
-from headstock.geometry.machine.machine import Probe
+from headstock.geometry.machine.machine import Probe, Sensor
 from headstock.geometry.parts.components import (
     DEFAULT_EIGENSOLVER,
     SUPPORT_GROUP,
@@ -143,6 +143,7 @@ def superelement_key(
     supports: Sequence[Support],
     loads: Sequence[Load],
     probes: Sequence[Probe] = (),
+    sensors: Sequence[Sensor] = (),
 ) -> str:
     """Key of the superelements of an elastic component, or one of polynomials: its mesh settings,
     material, couplings, supports and loads.
@@ -153,6 +154,8 @@ def superelement_key(
     Args:
         loads: On this component; of tractions and body loads only the place counts, as a
             superelement holds their unit loads.
+        sensors: On this component; of an elastic one their places do not count, as its recovery
+            shows all of them.
     """
     material = component.material
     return _digest(
@@ -182,6 +185,11 @@ def superelement_key(
             },
             # only where there are some: what was stored before stays good
             **({"probes": {one.name: one.position for one in probes}} if probes else {}),
+            **(
+                {"sensors": {one.name: one.position for one in sensors}}
+                if sensors and component.fidelity != "elastic"
+                else {}
+            ),
         }
     )
 

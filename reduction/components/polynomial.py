@@ -13,6 +13,7 @@ import scipy.linalg
 import scipy.sparse
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame, rigid_transfer
+from headstock.geometry.machine.machine import Sensor
 from headstock.geometry.parts.components import Component, Load, Patch
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.patches import Order, PlanarSolid, in_plane_axes, sample_patches
@@ -32,6 +33,7 @@ from headstock.reduction.superelement import (
     ErrorEstimates,
     InterfaceMap,
     Recovery,
+    SensorRows,
     StaticLoad,
     Superelement,
     Truncation,
@@ -107,6 +109,7 @@ def reduce_polynomial(
     component: Component,
     properties: SolidProperties,
     loads: Sequence[Load] = (),
+    sensors: Sequence[Sensor] = (),
     *,
     request: ReductionRequest,
 ) -> Superelement:
@@ -122,6 +125,7 @@ def reduce_polynomial(
         component: A box, a plate without ribs or a tube.
         properties: Volume, centre, inertia and interface centroids of its solid.
         loads: Body loads and tractions become one unit load per component axis.
+        sensors: On this component.
 
     Raises:
         ModelError: Its solid has not one section, a patch cannot be integrated over, or a load or
@@ -174,6 +178,10 @@ def reduce_polynomial(
         loads={
             name: _reduce_load(fine, whole, modes, force, skin.points)
             for name, force in _list_forces(component, fine, bar, loads, request, density).items()
+        },
+        sensors={
+            sensor.name: SensorRows(fine.move(np.array([sensor.position]), fields))
+            for sensor in sensors
         },
         control_points=tuple(
             ControlPoint(point, rail.axis) for rail in rails for point in rail.points

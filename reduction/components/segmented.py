@@ -12,6 +12,7 @@ import scipy  # whose interpolation, a third of a second, is loaded where it is 
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, rigid_transfer
 from headstock.geometry.machine.carriages import DEGREE
+from headstock.geometry.machine.machine import Sensor
 from headstock.geometry.parts.components import Component, Load
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.patches import PlanarSolid
@@ -28,7 +29,7 @@ from headstock.reduction.components.segment_chain import (
     traction_load,
 )
 from headstock.reduction.rails import Rail, control_point_motion, lay_out_rail
-from headstock.reduction.superelement import Recovery, StaticLoad, Superelement
+from headstock.reduction.superelement import Recovery, SensorRows, StaticLoad, Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.errors import ModelError
 
@@ -37,7 +38,10 @@ FEWEST_SLICES = 16
 
 
 def reduce_segmented(
-    component: Component, properties: SolidProperties, loads: Sequence[Load] = ()
+    component: Component,
+    properties: SolidProperties,
+    loads: Sequence[Load] = (),
+    sensors: Sequence[Sensor] = (),
 ) -> Superelement:
     """Reduce a component to a row of rigid segments with six dofs each.
 
@@ -52,6 +56,7 @@ def reduce_segmented(
         properties: Volume, centre and interface centroids of its solid.
         loads: Body loads and tractions become one unit load per component axis, as in
             ``reduce_rigid``.
+        sensors: On this component; each moves with its section.
 
     Raises:
         ModelError: The solid is no bar of one section, or a load cannot act on segments.
@@ -85,9 +90,7 @@ def reduce_segmented(
         interface_maps=row.interface_maps,
         stiffness=_over_all_nodes(row, _over_all_nodes(row, chain_stiffness(row.chain)).T),
         mass=mass,
-        recovery=Recovery(
-            basis=_over_all_nodes(row, surface_motion(row.chain, points).T).T, points=points
-        ),
+        recovery=Recovery(basis=_motion_at(row, points), points=points),
         constraints=row.constraints,
         modal_frequencies_hz=np.zeros(0),
         cutoff_hz=np.inf,
@@ -104,6 +107,10 @@ def reduce_segmented(
             )
             for name, interface in component.interfaces.items()
             if interface.rail is not None
+        },
+        sensors={
+            sensor.name: SensorRows(_motion_at(row, np.array([sensor.position])))
+            for sensor in sensors
         },
     )
     check_superelement(superelement)
@@ -162,6 +169,11 @@ def _row_mass(row: SegmentedBar, density: float) -> FloatArray:
 def _over_all_nodes(row: SegmentedBar, values: FloatArray) -> FloatArray:
     """Return the rows for the chain's dofs, and zero rows for those of averaging interfaces."""
     return np.vstack([values, np.zeros((6 * len(row.frames) - len(values), values.shape[1]))])
+
+
+def _motion_at(row: SegmentedBar, points: FloatArray) -> FloatArray:
+    """Return the displacement ``(3 k, n)`` of points ``(k, 3)`` of the bar per dof."""
+    return _over_all_nodes(row, surface_motion(row.chain, points).T).T
 
 
 def _row_loads(

@@ -8,7 +8,7 @@ import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame
 from headstock.geometry.machine.joints import JointEnd
-from headstock.geometry.machine.machine import Machine, Point
+from headstock.geometry.machine.machine import Machine, Point, Sensor
 from headstock.geometry.parts.components import Load
 from headstock.reduction.coupling.dof_layout import (
     DofLayout,
@@ -17,6 +17,7 @@ from headstock.reduction.coupling.dof_layout import (
     turn_dofs,
 )
 from headstock.reduction.coupling.matrices import ComponentMatrices
+from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.errors import ModelError
 
@@ -31,12 +32,12 @@ def machine_channels(
     the load of a unit force there.
 
     Every interface dof is a channel ``("component.interface", dof)``; every point is one as tool
-    less work, at the tool. Where names are wanted, only those.
+    less work, at the tool; a sensor has those that it measures. Where names are wanted, only those.
 
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
         basis: ``(n_all, n)`` stacked dofs per free coordinate.
-        wanted: Names of interfaces (``component.interface``) and points; None for all.
+        wanted: Names of interfaces (``component.interface``), points and sensors; None for all.
     """
     ends = [
         JointEnd(name, interface)
@@ -58,7 +59,41 @@ def machine_channels(
         columns = np.flatnonzero(stacked.any(axis=0))  # the few dofs that the rows see
         reduced = stacked[:, columns] @ basis[columns]
         channels |= {(name, dof): reduced[row] for row, dof in enumerate(DOF_NAMES)}
+    for sensor in machine.sensors.values():
+        if sensor.directions and (wanted is None or sensor.name in wanted):
+            name = sensor.component
+            local = sensor_rows(layout.superelements[name], layout.placements[name], sensor)
+            measured = local @ basis[layout.offsets[name]]
+            channels |= {
+                (sensor.name, dof): row
+                for dof, row in zip(sensor.directions, measured, strict=True)
+            }
     return channels
+
+
+def sensor_rows(superelement: Superelement, placement: Frame, sensor: Sensor) -> FloatArray:
+    """Return the rows ``(k, n_c)`` of the motion in each direction of a sensor per dof of its
+    component, boundary dofs in machine axes.
+    """
+    units = np.array(list(sensor.directions.values())).reshape(-1, 3)
+    if not sensor.fixed_axes:
+        units = units @ placement.rotation.T
+    return units @ place_rows(superelement, placement, sensor)
+
+
+def place_rows(superelement: Superelement, placement: Frame, sensor: Sensor) -> FloatArray:
+    """Return the rows ``(3, n_c)`` of the motion along machine axes at a sensor or point mass, whatever
+    it measures; see ``sensor_rows``.
+
+    Raises:
+        ModelError: The superelement knows nothing of the sensor.
+    """
+    if sensor.name not in superelement.sensors:
+        raise ModelError(
+            f"component {sensor.component!r} was reduced without the sensor {sensor.name!r}"
+        )
+    local = superelement.sensors[sensor.name].motion
+    return placement.rotation @ local @ turn_dofs(superelement, placement)
 
 
 def point_rows(layout: DofLayout, point: Point) -> FloatArray:

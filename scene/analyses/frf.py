@@ -9,7 +9,6 @@ from pydantic import Field
 from headstock.scene.building.draft import (
     Draft,
     SceneAnalysis,
-    build_channels,
 )
 from headstock.scene.building.drives import check_motors, check_sampling
 from headstock.scene.reading.findings import KeyPath
@@ -53,6 +52,11 @@ class FrfRequest(Request):
     poses: tuple[str, ...] = ()
     motors: Motors = "locked"
     fields_at: tuple[float, ...] = ()
+
+    @property
+    def loaded_places(self) -> tuple[str, ...]:
+        """Return names of its inputs."""
+        return tuple(name for name, _ in self.inputs)
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
@@ -107,7 +111,7 @@ def _build(table: _FrfTable, draft: Draft) -> FrfRequest:
     """Build the request: between all points in all poses unless the table names some."""
     scene = draft.table
     every = [(name, "") for name in scene.points]
-    inputs = build_channels(
+    inputs = draft.build_channels(
         [(n, LOAD if n in scene.loads else d) for n, d in table.inputs or every]
     )
     moved = tuple(channel for channel in inputs if channel[1] != LOAD)
@@ -115,7 +119,7 @@ def _build(table: _FrfTable, draft: Draft) -> FrfRequest:
     return table.fill(
         FrfRequest,
         inputs=inputs,
-        outputs=outputs or moved or build_channels(every),
+        outputs=outputs or moved or draft.build_channels(every),
         probes=probes,
         to_hz=table.up_to,
         from_hz=table.start,
@@ -134,7 +138,7 @@ def _check(table: _FrfTable, draft: Draft) -> None:
             elif key == "outputs":
                 draft.check_output(place, name, direction)
             else:
-                draft.check_channel(place, name)
+                draft.check_channel(place, name, direction)
 
 
 def _check_load_input(

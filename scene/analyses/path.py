@@ -25,7 +25,6 @@ from headstock.scene.building.cutting import (
 from headstock.scene.building.draft import (
     Draft,
     SceneAnalysis,
-    build_channels,
 )
 from headstock.scene.building.drives import (
     DRIVE_CONTROL,
@@ -218,7 +217,7 @@ def _build(table: PathTable, draft: Draft) -> PathRequest:
         PathRequest,
         path=line,
         moves=tuple(SetPoint(line.length, feed.value, ramp, line.unit) for feed in table.feeds),
-        outputs=build_channels(table.outputs or [(name, "") for name in scene.points]),
+        outputs=draft.build_channels(table.outputs or [(name, "") for name in scene.points]),
         sampling_hz=table.sampling,
         low_pass=None if table.lowpass is None else LowPass(table.lowpass, table.filter),
         band_hz=_find_band(scene, table),
@@ -245,8 +244,8 @@ def _feeds_per_tooth(table: PathTable, cut: _PathCutTable) -> list[float]:
 def _check(table: PathTable, draft: Draft) -> None:
     """Report what is wrong with a path, apart from rails."""
     scene = draft.table
-    for index, (name, _) in enumerate(table.outputs or ()):
-        draft.check_channel((*KEY, "outputs", index), name)
+    for index, (name, direction) in enumerate(table.outputs or ()):
+        draft.check_channel((*KEY, "outputs", index), name, direction)
     if table.pose is not None:
         draft.check_name((*KEY, "pose"), table.pose, "poses")
     for key, axis, _ in table.stops():

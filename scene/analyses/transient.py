@@ -13,7 +13,6 @@ from headstock.meshing.process.strangers import RECORD
 from headstock.scene.building.draft import (
     Draft,
     SceneAnalysis,
-    build_channels,
 )
 from headstock.scene.building.drives import FRICTION, check_motors, check_sampling
 from headstock.scene.reading.csv_files import (
@@ -104,6 +103,11 @@ class TransientRequest(Request):
     poses: tuple[str, ...] = ()
     motors: Motors = "locked"
     probes: tuple[str, ...] = ()
+
+    @property
+    def loaded_places(self) -> tuple[str, ...]:
+        """Return names of the points, sensors and interfaces on which loads act."""
+        return tuple(load.target[0] for load in self.loads if not isinstance(load.target, str))
 
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
@@ -242,7 +246,7 @@ def _build(table: _TransientTable, draft: Draft) -> TransientRequest:
         velocities={
             name: (speeds[0], speeds[1], speeds[2]) for name, speeds in table.velocity.items()
         },
-        outputs=outputs or build_channels([(name, "") for name in scene.points]),
+        outputs=outputs or draft.build_channels([(name, "") for name in scene.points]),
         sampling_hz=table.samples_per_second,
         up_to_hz=table.up_to,
         poses=tuple(table.poses or draft.poses),
@@ -292,7 +296,7 @@ def _check_load(key: KeyPath, load: _TimedLoadTable, draft: Draft) -> None:
             )
         return
     name, direction = load.at
-    draft.check_channel((*key, "at"), name)
+    draft.check_channel((*key, "at"), name, direction)
     if load.size is None:
         return
     turns, strikes = direction.startswith("r"), load.shape == "impulse"

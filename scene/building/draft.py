@@ -9,6 +9,7 @@ from typing import Any
 
 from headstock.geometry.frames import DIRECTIONS
 from headstock.geometry.machine.joints import GROUND, JointEnd
+from headstock.geometry.machine.machine import Sensor
 from headstock.geometry.mechanisms.exechon import TOOL_AXES
 from headstock.geometry.parts.solids import Solid
 from headstock.scene.expansion.overrides import split_variant
@@ -39,6 +40,7 @@ class Draft:
         interfaces: Component name to interface names; None where only a file knows them.
         solids: By component, as far as they can be built.
         paths: Way of each sweep that names a file, where it could be read.
+        sensors: Sensors and point masses by name, as far as they could be built.
         findings: What is wrong, so far.
     """
 
@@ -50,6 +52,7 @@ class Draft:
     interfaces: Mapping[str, frozenset[str] | None]
     solids: Mapping[str, Solid]
     paths: Mapping[str, AxisPath]
+    sensors: Mapping[str, Sensor]
     findings: Findings
 
     @property
@@ -93,20 +96,35 @@ class Draft:
                 f' {end.interface} = {{ face = "z+" }}',
             )
 
-    def check_channel(self, key: KeyPath, name: str) -> None:
-        """Report a channel that is at neither a point nor ``component.interface``."""
+    def check_channel(self, key: KeyPath, name: str, direction: str = "") -> None:
+        """Report a channel that is at neither a point nor a sensor nor ``component.interface``, and a
+        direction that a sensor does not measure.
+        """
         component, dot, interface = name.partition(".")
-        if dot:
+        if component in self.sections.get("sensors", ()):
+            self._check_sensor(key, name, direction)
+        elif dot:
             self.check_end(key, JointEnd(component, interface))
         else:
-            self.check_name(key, name, "points")
+            more = "; or a sensor" if self.sensors else ""
+            names = [*self.sections.get("points", ()), *self.sections.get("sensors", ())]
+            self.findings.check_name(key, name, names, "point", "points", more)
+
+    def _check_sensor(self, key: KeyPath, name: str, direction: str) -> None:
+        named = select_sensors(self.sensors, name)
+        entry, dot, _ = name.partition(".")
+        if not named and dot and entry in self.table.sensors:
+            names = [one for one in self.sensors if one.startswith(f"{entry}.")]
+            self.findings.check_name(key, name, names, "sensor", "sensors")
+        if named and direction and not any(direction in one.directions for one in named):
+            self.add(key, describe_unmeasured(named[0], direction))
 
     def check_output(self, key: KeyPath, name: str, direction: str) -> None:
         """Report an output that is no channel and no probe, and a probe that is a point as well or has
         a direction.
         """
         if name not in self.sections.get("probes", ()):
-            self.check_channel(key, name)
+            self.check_channel(key, name, direction)
         elif name in self.table.points:
             self.add(key, f"{name} is a point and a probe; rename one of them")
         elif direction:
@@ -121,7 +139,24 @@ class Draft:
         """Return the channels among outputs, and the probes: all of them where no output is named."""
         inside = self.table.probes
         probes = dict.fromkeys(name for name, _ in outputs if name in inside) if outputs else inside
-        return build_channels([one for one in outputs or () if one[0] not in inside]), (*probes,)
+        channels = [one for one in outputs or () if one[0] not in inside]
+        return self.build_channels(channels), (*probes,)
+
+    def build_channels(self, channels: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
+        """Return every channel once, with its direction: those of a point in x, y and z where none is
+        written, those that a sensor measures, of a table of sensors those of all of them.
+        """
+        every: list[Channel] = []
+        for name, direction in channels:
+            sensors = select_sensors(self.sensors, name)
+            measured = [(one.name, dof) for one in sensors for dof in one.directions]
+            wanted = [direction] if direction else DIRECTIONS
+            every += [
+                channel
+                for channel in measured or [(name, dof) for dof in wanted]
+                if channel[1] in wanted
+            ]
+        return tuple(dict.fromkeys(every))
 
     def check_pose(self, key: KeyPath, pose: str | None) -> None:
         """Report a name that is no pose; a scene without poses has one that is called ``reference``."""
@@ -211,7 +246,19 @@ def is_known_end(end: JointEnd, scene: SceneTable) -> bool:
     )
 
 
-def build_channels(channels: Sequence[tuple[str, str]]) -> tuple[Channel, ...]:
-    """Every channel once, with its direction."""
-    every = [(name, dof) for name, given in channels for dof in ([given] if given else DIRECTIONS)]
-    return tuple(dict.fromkeys(every))
+def select_sensors(sensors: Mapping[str, Sensor], name: str) -> tuple[Sensor, ...]:
+    """Return the sensor of a name, or all of the table of that name; none where there is neither."""
+    if name in sensors:
+        return (sensors[name],) if sensors[name].directions else ()
+    return tuple(
+        one for place, one in sensors.items() if place.partition(".")[0] == name and one.directions
+    )
+
+
+def describe_unmeasured(sensor: Sensor, direction: str) -> str:
+    """Say that a sensor does not measure a direction, and what it does."""
+    measured = " and ".join(sensor.directions)
+    return (
+        f'sensor "{sensor.name}" measured {measured} only; {direction} was not: write one of {", ".join(sensor.directions)}, '
+        "or add the direction to the sensor"
+    )

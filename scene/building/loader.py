@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from headstock.geometry.machine.joints import Joint
-from headstock.geometry.machine.machine import Machine, Probe, orient_machine
+from headstock.geometry.machine.machine import Machine, Probe, Sensor, orient_machine
 from headstock.geometry.parts.components import Component
 from headstock.scene.building import (
     axes,
@@ -20,6 +20,7 @@ from headstock.scene.building import (
     mechanism,
     plausibility,
     rails,
+    sensors,
     studies,
 )
 from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections, list_records
@@ -60,6 +61,7 @@ CHECKS_OF_ENTRIES: tuple[Callable[[Draft], None], ...] = (
     loads.check_supports,
     loads.check_loads,
     loads.check_scene_probes,
+    sensors.check_sensors,
     axes.check_axes,
     guide_errors.check_guide_errors,
     axes.check_poses,
@@ -172,6 +174,7 @@ def build_scene(
         interfaces=collect_interfaces(raw),
         solids=components.build_solids(table, path.parent, findings),
         paths=studies.read_sweep_paths(table, path.parent, findings),
+        sensors=sensors.build_sensors(table, path.parent, findings),
         findings=findings,
     )
     for check in (*CHECKS_OF_ENTRIES, *(CHECKS_OF_ALL_ENTRIES if complete else ())):
@@ -244,7 +247,9 @@ def _build_scene(draft: Draft, path: Path, variant: str | None) -> Scene:
     return Scene(
         name=name,
         path=path,
-        machine=_build_machine(table, name, path.parent),
+        machine=_build_machine(
+            table, name, path.parent, sensors.mark_loaded(draft.sensors, every.requests)
+        ),
         poses=axes.build_poses(table),
         analyses=every.drop(draft.findings.on_request),
         on_request=every.keep(draft.findings.on_request),
@@ -285,12 +290,15 @@ def _compares_interfaces(table: SceneTable) -> bool:
     return any(interface.auto for part in parts for interface in part.interfaces.values())
 
 
-def _build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
+def _build_machine(
+    scene: SceneTable, name: str, folder: Path, placed: dict[str, Sensor]
+) -> Machine:
     """Build the machine of a scene that has passed every check.
 
     Args:
         scene: Validated and checked tables.
         folder: Folder of the scene, for the files it refers to.
+        placed: Its sensors and point masses by name.
 
     Returns:
         The machine, set up in the orientation the scene asks for.
@@ -324,6 +332,7 @@ def _build_machine(scene: SceneTable, name: str, folder: Path) -> Machine:
             key: Probe(key, table.component, (table.at[0], table.at[1], table.at[2]))
             for key, table in scene.probes.items()
         },
+        sensors=placed,
         gravity=read_gravity(scene.effects.get("gravity", True)),
         gravity_stiffening=GRAVITY_STIFFENING in scene.active,
         rayleigh=read_rayleigh_damping(scene.effects.get("damping", False)),

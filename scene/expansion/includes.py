@@ -48,6 +48,8 @@ _REFERENCES = {
     ("loads", "component"): "components",
     ("loads", "joint"): "joints",
     ("probes", "component"): "components",
+    ("sensors", "component"): "components",
+    ("masses", "component"): "components",
     ("drives", "axis"): "axes",
     ("drives", "joint"): "joints",
     ("drives", "scale"): "points",

@@ -49,6 +49,8 @@ MACHINE_SECTIONS = (
     "supports",
     "loads",
     "probes",
+    "sensors",
+    "masses",
     "drives",
 )
 

@@ -24,6 +24,7 @@ from headstock.scene.schema.drives import DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
 from headstock.scene.schema.joints import ChainTable, JointTable
 from headstock.scene.schema.loads import LoadTable, ProbeTable, SupportTable
+from headstock.scene.schema.sensors import MassTable, SensorTable
 from headstock.scene.schema.studies import StudyTable, SweepTable
 
 TIGHTEST, LOOSEST = 1e-4, 0.2
@@ -263,6 +264,10 @@ class SceneTable(types.StrictTable):
     """static loads by name"""
     probes: dict[types.Name, ProbeTable] = {}
     """points at which displacement and stress are reported, by name"""
+    sensors: dict[types.Name, SensorTable] = {}
+    """places where motion is measured or a force acts, by name, or tables of them, see [sensors](supports_and_loads.md#sensors)"""
+    masses: dict[types.Name, MassTable] = {}
+    """point masses on components, by name, or tables of them"""
     mechanism: MechanismTable | None = None
     """a closed-loop mechanism; poses and sweeps then describe the tool: `X Y Z` is its point, `A B` are its rotations about x and y"""
     variants: dict[types.Name, dict[str, Any]] = {}

@@ -49,7 +49,9 @@ class PointRows:
         return np.asarray(np.tensordot(self.shares, smooth, axes=1))
 
 
-def find_point_rows(mesh: ComponentMesh, material: Material, point: FloatArray) -> PointRows:
+def find_point_rows(
+    mesh: ComponentMesh, material: Material, point: FloatArray, *, slack: float = INSIDE_TOLERANCE
+) -> PointRows:
     """Find what is seen at a point of a component.
 
     At a mesh point the stresses of all cells that meet there are averaged; elsewhere the cell that
@@ -57,6 +59,7 @@ def find_point_rows(mesh: ComponentMesh, material: Material, point: FloatArray) 
 
     Args:
         point: ``(3,)`` in the component's frame [m].
+        slack: How far it may lie outside of a cell, over the size of the cell.
 
     Raises:
         ModelError: The point lies outside the mesh.
@@ -71,7 +74,7 @@ def find_point_rows(mesh: ComponentMesh, material: Material, point: FloatArray) 
         cells, positions = np.nonzero(element.cells == nearest)
         places = element.nodes[positions]
     else:
-        cell_index, place = _locate(element, mesh, point)
+        cell_index, place = _locate(element, mesh, point, slack)
         cells, places = np.array([cell_index]), place[None]
     nodes, slots = np.unique(element.cells[cells], return_inverse=True)
     rows, shares = np.zeros((9, len(nodes), 3)), np.zeros(len(nodes))
@@ -118,17 +121,19 @@ class _Element:
         table = self._element.tabulate(1, reference[None, :])[:, 0, :, 0]
         return table[0], table[1:].T
 
-    def contains(self, reference: FloatArray) -> bool:
-        """Return whether a reference place lies in the reference cell."""
-        low = bool((reference >= -INSIDE_TOLERANCE).all())
-        return low and bool(
-            reference.sum() <= 1.0 + INSIDE_TOLERANCE
-            if self.simplex
-            else (reference <= 1.0 + INSIDE_TOLERANCE).all()
-        )
+    def excess(self, reference: FloatArray) -> float:
+        """Return how far a reference place lies outside of the reference cell; negative within."""
+        high = reference.sum() if self.simplex else reference.max()
+        return float(max(-reference.min(), high - 1.0))
 
 
-def _locate(element: _Element, mesh: ComponentMesh, point: FloatArray) -> tuple[int, FloatArray]:
+def _locate(
+    element: _Element, mesh: ComponentMesh, point: FloatArray, slack: float
+) -> tuple[int, FloatArray]:
+    """Find the cell that holds a point and its place there: the first of those that do, or, where the
+    point lies beside all of them, the one that it is nearest to.
+    """
+    best: tuple[float, int, FloatArray] = (np.inf, -1, np.zeros(3))
     centers = mesh.points[mesh.cells].mean(axis=1)
     for cell in np.argsort(np.linalg.norm(centers - point, axis=1))[:CANDIDATE_CELLS]:
         reference = element.nodes.mean(axis=0)
@@ -139,8 +144,12 @@ def _locate(element: _Element, mesh: ComponentMesh, point: FloatArray) -> tuple[
             reference = reference + step
             if np.abs(step).max() < 1e-12 or np.abs(reference).max() > 5.0:
                 break
-        if element.contains(reference):
+        excess = element.excess(reference)
+        if excess <= INSIDE_TOLERANCE:
             return int(cell), reference
+        best = min(best, (excess, int(cell), reference), key=lambda entry: entry[0])
+    if best[0] <= slack:
+        return best[1:]
     raise ModelError(
         f"the point ({', '.join(f'{value:.6g}' for value in point)}) m lies outside the component's mesh"
     )

@@ -1,0 +1,128 @@
+"""Sensors and point masses on the components of a run, once these are reduced: what is stored of an
+elastic component does not depend on them.
+"""
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, Frame, compose_frames
+from headstock.geometry.machine.machine import Sensor
+from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.nearest_places import find_nearest_place
+from headstock.geometry.parts.skins import solid_skin
+from headstock.geometry.parts.solids import SuperelementFile
+from headstock.pipeline.stages.components import load_or_make_mesh
+from headstock.pipeline.stages.run_state import PoseModel, RunState, component_sensors
+from headstock.reduction.components.sensors import (
+    SensorPlaceError,
+    carry_masses,
+    observe_mesh,
+    observe_points,
+    observe_rigid,
+)
+from headstock.reduction.coupling.channels import place_rows
+from headstock.reduction.superelement import SensorRows, Superelement
+from headstock.scene.building.sensors import sensor_key
+from headstock.scene.reading.findings import SceneError
+from headstock.scene.scene import Scene
+
+UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def place_sensors(state: RunState, names: Iterable[str]) -> None:
+    """Add sensors and point masses to the superelements of components that are reduced; on rank 0.
+
+    Raises:
+        SceneError: A sensor does not lie on its component.
+    """
+    for name in dict.fromkeys(names):
+        component = state.plan.components[name]
+        sensors = component_sensors(state, component)
+        if not sensors or name not in state.reduced:
+            continue
+        reduced = state.reduced[name]
+        element = reduced.superelement
+        missing = [sensor for sensor in sensors if sensor.name not in element.sensors]
+        try:
+            rows = _observe(state, component, element, missing)
+        except SensorPlaceError as error:
+            raise _locate_place(state, state.scene.machine.sensors[error.sensor], error) from error
+        placed = dataclasses.replace(element, sensors=element.sensors | rows)
+        state.reduced[name] = dataclasses.replace(
+            reduced, superelement=carry_masses(placed, sensors)
+        )
+
+
+def sensor_motions(model: PoseModel, motions: FloatArray) -> FloatArray:
+    """Return the motion ``(k, s, 3)`` along machine axes at every sensor and point mass, in the order of
+    ``scene.machine.sensors``, of motions of superelement dofs ``(n_all, k)``.
+    """
+    elements, sensors = model.parts.superelements, model.parts.scene.machine.sensors
+    moved = [
+        place_rows(elements[one.component], model.placements[one.component], one)
+        @ motions[model.offsets[one.component]]
+        for one in sensors.values()
+    ]
+    return np.array(moved).reshape(len(sensors), 3, motions.shape[1]).transpose(2, 0, 1)
+
+
+def add_places(
+    scene: Scene, places: Sequence[tuple[str, FloatArray]], *, reach: float = 1e-3
+) -> Scene:
+    """Return a scene with further sensors, called ``place.1``, ``place.2`` and so on.
+
+    Args:
+        places: Component and position ``(3,)`` in its frame [m].
+        reach: Largest distance of a position from its component's surface [m].
+    """
+    sensors = dict(scene.machine.sensors)
+    for number, (component, position) in enumerate(places, 1):
+        x, y, z = (float(value) for value in position)
+        name, directions = f"place.{number}", dict(zip("xyz", UNITS, strict=True))
+        sensors[name] = Sensor(name, component, (x, y, z), directions, reach=reach)
+    return dataclasses.replace(scene, machine=dataclasses.replace(scene.machine, sensors=sensors))
+
+
+def _observe(
+    state: RunState, component: Component, element: Superelement, sensors: list[Sensor]
+) -> dict[str, SensorRows]:
+    if not sensors:
+        return {}
+    if component.fidelity == "rigid":
+        return observe_rigid(element, sensors)
+    if isinstance(component.solid, SuperelementFile):
+        return observe_points(element, sensors)
+    mesh, _ = load_or_make_mesh(state, component)
+    return observe_mesh(element, mesh, component.material, sensors)
+
+
+def _locate_place(state: RunState, sensor: Sensor, error: SensorPlaceError) -> SceneError:
+    """The error of a sensor with its place in the scene, and the component that is nearer."""
+    scene, message = state.scene, str(error)
+    other = _find_nearer(state, sensor, error.distance)
+    if other is not None:
+        name, distance = other
+        message += f"; {name} is nearer ({1e3 * distance:.3g} mm with all axes at zero)"
+    key = sensor_key(scene.raw.get("sensors", {}), sensor)
+    return SceneError([scene.findings.describe(key, f"{sensor.name} {message}")])
+
+
+def _find_nearer(state: RunState, sensor: Sensor, distance: float) -> tuple[str, float] | None:
+    """The component whose surface is nearest to a sensor, where that is not its own: its name and
+    distance [m].
+    """
+    components = state.scene.machine.components
+    place = compose_frames(components[sensor.component].placement, Frame(np.array(sensor.position)))
+    nearest = (distance, "")
+    for name, component in components.items():
+        skin = solid_skin(component.solid)
+        if skin is None and name in state.reduced:
+            skin = state.reduced[name].skin
+        if skin is None or name == sensor.component:
+            continue
+        frame = component.placement
+        local = frame.rotation.T @ (place.origin - frame.origin)
+        nearest = min(nearest, (find_nearest_place(skin.points, skin.triangles, local)[1], name))
+    return (nearest[1], nearest[0]) if nearest[1] else None

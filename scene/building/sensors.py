@@ -1,0 +1,198 @@
+"""Sensors and point masses of a machine: built from their tables, and what may be wrong with them."""
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from headstock.geometry.frames import DIRECTIONS, FloatArray, Frame
+from headstock.geometry.machine.machine import Sensor
+from headstock.geometry.parts.nearest_places import describe_distance, find_nearest_place
+from headstock.geometry.parts.patches import PlanarSolid, planar_boxes
+from headstock.geometry.parts.skins import solid_skin
+from headstock.geometry.parts.solids import Solid, Tube
+from headstock.meshing.process.strangers import TEST_POINTS
+from headstock.scene.building.components import build_frame
+from headstock.scene.building.draft import Draft
+from headstock.scene.reading.csv_files import CsvError
+from headstock.scene.reading.files import resolve_file
+from headstock.scene.reading.findings import Findings, KeyPath
+from headstock.scene.scene import Request
+from headstock.scene.schema import types
+from headstock.scene.schema.components import ComponentTable
+from headstock.scene.schema.scene import SceneTable
+from headstock.scene.schema.sensors import MassTable, SensorTable
+from headstock.scene.test_data.point_tables import TableRow, read_point_table
+
+SUFFIXES = (".csv",)
+OUTSIDE = 1e-9  # [m]: rounding of a place on a face
+type Vector = tuple[float, float, float]
+
+
+def build_sensors(scene: SceneTable, folder: Path, findings: Findings) -> dict[str, Sensor]:
+    """Build the sensors and point masses of a scene by name; those of a table are called
+    ``NAME.POINT``. What is wrong is reported.
+
+    Args:
+        folder: Of the scene, for the tables it refers to.
+    """
+    built: dict[str, Sensor] = {}
+    for section, tables in (("sensors", scene.sensors), ("masses", scene.masses)):
+        for name, table in tables.items():
+            key: KeyPath = (section, name)
+            try:
+                built |= {one.name: one for one in _build_places(name, table, scene, folder)}
+            except CsvError as error:
+                findings.add((*key, "file"), str(error))
+            except ValueError as error:
+                findings.add(key, str(error))
+    return built
+
+
+def _build_places(name: str, table: MassTable, scene: SceneTable, folder: Path) -> Iterator[Sensor]:
+    if table.file is None:
+        x, y, z = table.at or ()
+        row = TableRow(0, name, table.component or "", (x, y, z), "", table.mass)
+        yield _build_place(name, table, row, scene)
+        return
+    for row in read_point_table(
+        resolve_file(folder, table.file, SUFFIXES, TEST_POINTS), table.unit or ""
+    ):
+        try:
+            yield _build_place(f"{name}.{row.name}", table, row, scene)
+        except ValueError as error:
+            raise CsvError(f"{table.file}:{row.line}: {error}") from error
+
+
+def _build_place(name: str, table: MassTable, row: TableRow, scene: SceneTable) -> Sensor:
+    """Build a sensor or point mass from its table and its row there.
+
+    Raises:
+        ValueError: The row lacks a component or a mass, or its directions mean nothing.
+    """
+    component = row.component or table.component or ""
+    if not component:
+        raise ValueError('names no component; add a column component, or write component = "name"')
+    sensor = Sensor(
+        name,
+        component,
+        _place_in_component(row.position, table, scene.components.get(component)),
+        mass=(table.mass if row.mass is None else row.mass) or 0.0,
+        reach=table.reach,
+    )
+    if isinstance(table, SensorTable):
+        written = _read_directions(row.directions) if row.directions else table.directions
+        return dataclasses.replace(
+            sensor, directions=_name_directions(written), fixed_axes=table.axes == "machine"
+        )
+    if sensor.mass == 0.0:
+        raise ValueError('has no mass; add a column mass, or write mass = "100 g"')
+    return dataclasses.replace(sensor, is_loaded=True)
+
+
+def _place_in_component(
+    position: Vector, table: MassTable, component: ComponentTable | None
+) -> Vector:
+    if table.frame == "component" or component is None:
+        return position
+    frame: Frame = build_frame(component.at, component.rotate)
+    x, y, z = (float(value) for value in frame.rotation.T @ (np.array(position) - frame.origin))
+    return x, y, z
+
+
+def _read_directions(text: str) -> list[str | Vector]:
+    """Read directions from a cell of a table: ``x z``, ``xyz``, or three numbers of one vector."""
+    words = text.replace(";", " ").split()
+    letters = "".join(words)
+    if letters and set(letters) <= set(DIRECTIONS) and len(set(letters)) == len(letters):
+        return list(letters)
+    try:
+        return [types.read_direction([float(word) for word in words])]
+    except ValueError as error:
+        raise ValueError(
+            f'{text[:80]!r} names no directions; write "x z", or three numbers such as "0 0.7 0.7"'
+        ) from error
+
+
+def _name_directions(written: Iterable[str | Vector]) -> dict[str, Vector]:
+    """Return the vector of each dof: letters are axes, vectors take the letters left in their order."""
+    written = tuple(written)
+    left = iter([letter for letter in DIRECTIONS if letter not in written])
+    named = {
+        one if isinstance(one, str) else next(left): types.read_direction(one)
+        if isinstance(one, str)
+        else one
+        for one in written
+    }
+    return {dof: named[dof] for dof in DIRECTIONS if dof in named}
+
+
+def check_sensors(draft: Draft) -> None:
+    """Report sensors on unknown components, those that do not lie on their solid, and names that mean
+    something else as well.
+    """
+    for sensor in draft.sensors.values():
+        key = sensor_key(draft.table.sensors, sensor)
+        draft.check_name((*key, "component"), sensor.component, "components")
+        if fault := _find_place_fault(sensor, draft.solids.get(sensor.component)):
+            draft.add(key, fault)
+    for name in {**draft.table.sensors, **draft.table.masses}:
+        section = "sensors" if name in draft.table.sensors else "masses"
+        for other in ("points", "probes", "loads", "components", "sensors"):
+            if other != section and name in draft.sections.get(other, ()):
+                draft.add(
+                    (section, name),
+                    f"{name} is also the name of an entry of {other}; rename one of them",
+                )
+
+
+def _find_place_fault(sensor: Sensor, solid: Solid | None) -> str:
+    """Why a sensor does not lie on a solid; empty where it does, and where only a file knows."""
+    if not isinstance(solid, PlanarSolid | Tube):
+        return ""
+    place = np.array(sensor.position)
+    skin = solid_skin(solid)
+    if skin is None or _lies_inside(place, solid):
+        return ""
+    nearest, distance = find_nearest_place(skin.points, skin.triangles, place)
+    return (
+        "" if distance <= sensor.reach else describe_distance(sensor.component, nearest, distance)
+    )
+
+
+def _lies_inside(place: FloatArray, solid: PlanarSolid | Tube) -> bool:
+    """Return whether a place ``(3,)`` lies in the material of a solid, its surface included."""
+    if isinstance(solid, Tube):
+        radius = 2.0 * float(np.hypot(place[0], place[1]))
+        return bool(
+            solid.inner_diameter - OUTSIDE <= radius <= solid.outer_diameter + OUTSIDE
+            and -OUTSIDE <= place[2] <= solid.length + OUTSIDE
+        )
+    return (
+        sum(
+            sign
+            for sign, low, high in planar_boxes(solid)
+            if (place >= low - sign * OUTSIDE).all() and (place <= high + sign * OUTSIDE).all()
+        )
+        > 0.0
+    )
+
+
+def mark_loaded(sensors: Mapping[str, Sensor], requests: Iterable[Request]) -> dict[str, Sensor]:
+    """Return the sensors, with those marked at which an analysis lets a force act."""
+    loaded = {name for request in requests for name in request.loaded_places}
+    return {
+        name: dataclasses.replace(sensor, is_loaded=sensor.is_loaded or name in loaded)
+        for name, sensor in sensors.items()
+    }
+
+
+def sensor_key(sensors: Mapping[str, object], sensor: Sensor) -> KeyPath:
+    """Return where a sensor or point mass is written.
+
+    Args:
+        sensors: Entries of the section ``sensors``.
+    """
+    name = sensor.name.partition(".")[0]
+    return ("sensors" if name in sensors else "masses", name)

@@ -1,0 +1,158 @@
+"""Tables of sensors and point masses in CSV files: one place on a component in each row."""
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+
+from headstock.meshing.process.strangers import TEST_POINTS, read_apart
+from headstock.meshing.process.worker import Arrays
+from headstock.scene.reading.csv_files import CsvError
+from headstock.scene.reading.units import LENGTH, MASS, UnitError, quote_value, read_unit
+
+POSITION = ("x", "y", "z")
+NAMES = {"part": "component", "point": "name", "sensor": "name", "direction": "directions"}
+COLUMNS = ("name", "component", *POSITION, "directions", "mass")
+EXAMPLE = "name,x [mm],y [mm],z [mm]"
+MOST_ROWS = 10_000
+_HEADING = re.compile(r"([A-Za-z_]+)\s*(?:\[([^\[\]]*)\])?")
+_LABEL = re.compile(r"[A-Za-z0-9_-]{1,64}")
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """A row of a table of places.
+
+    Attributes:
+        line: Of the file.
+        name: Label, or the number of the row where the table names none.
+        component: Name; empty where the table has no such column.
+        position: [m].
+        directions: As written; empty where the table has no such column.
+        mass: [kg]; None where the table has no such column.
+    """
+
+    line: int
+    name: str
+    component: str
+    position: tuple[float, float, float]
+    directions: str
+    mass: float | None
+
+
+def read_point_table(path: Path, unit: str) -> tuple[TableRow, ...]:
+    """Read a CSV file with the columns ``x``, ``y``, ``z`` and, as wanted, ``name``, ``component``,
+    ``directions`` and ``mass``, whatever their order.
+
+    Args:
+        unit: Of positions whose columns name none; empty where each has to.
+
+    Raises:
+        CsvError: A column is missing, unknown or without unit, or a row is no place; says where.
+    """
+    arrays = read_apart(path, TEST_POINTS, _parse_rows, unit, error=CsvError)
+    masses = arrays["masses"]
+    return tuple(
+        TableRow(
+            int(arrays["lines"][row]),
+            str(arrays["names"][row]),
+            str(arrays["components"][row]),
+            (float(x), float(y), float(z)),
+            str(arrays["directions"][row]),
+            float(masses[row]) if len(masses) else None,
+        )
+        for row, (x, y, z) in enumerate(arrays["positions"])
+    )
+
+
+def _parse_rows(path: Path, unit: str) -> Arrays:
+    """The columns of a table, its size unchecked."""
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            rows = [(line, row) for line, row in enumerate(csv.reader(stream), 1) if any(row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise CsvError(f"{path.name} cannot be read: {error}") from error
+    if len(rows) < 2:
+        raise CsvError(f"{path.name} holds no rows; the first line names the columns: {EXAMPLE}")
+    if len(rows) > MOST_ROWS:
+        raise CsvError(f"{path.name}: more than {MOST_ROWS} rows; leave out what is not needed")
+    factors = _read_head(path.name, rows[0][1], unit)
+    names: dict[str, int] = {}
+    entries = []
+    for number, (line, row) in enumerate(rows[1:], 1):
+        if len(row) != len(factors):
+            raise CsvError(
+                f"{path.name}:{line} has {len(row)} entries, the first line has {len(factors)}"
+            )
+        entry = {name: text.strip() for name, text in zip(factors, row, strict=True)}
+        name = entry.setdefault("name", str(number))
+        if _LABEL.fullmatch(name) is None:
+            raise CsvError(
+                f"{path.name}:{line}: {quote_value(name)} is no name of a point; write letters, digits, _ and -"
+            )
+        if name in names:
+            raise CsvError(f"{path.name}:{line} repeats point {name} of line {names[name]}")
+        names[name] = line
+        entries.append(entry)
+
+    def read_numbers(columns: Sequence[str]) -> np.ndarray:
+        return np.array(
+            [
+                [_read_number(path.name, line, entry[name], factors[name]) for name in columns]
+                for entry, line in zip(entries, names.values(), strict=True)
+            ]
+        )
+
+    return {
+        "lines": np.array(list(names.values())),
+        "names": np.array(list(names)),
+        "components": np.array([entry.get("component", "") for entry in entries]),
+        "directions": np.array([entry.get("directions", "") for entry in entries]),
+        "positions": read_numbers(POSITION),
+        "masses": read_numbers(("mass",))[:, 0] if "mass" in factors else np.zeros(0),
+    }
+
+
+def _read_head(file: str, head: list[str], unit: str) -> dict[str, Decimal]:
+    """Column to the factor of its numbers to SI units."""
+    factors: dict[str, Decimal] = {}
+    for text in head:
+        match = _HEADING.fullmatch(text.strip())
+        name = "" if match is None else NAMES.get(match[1].lower(), match[1].lower())
+        if match is None or name not in COLUMNS:
+            raise CsvError(
+                f"{file}:1: {quote_value(text)} is no column; columns: {', '.join(COLUMNS)}"
+            )
+        if name in factors:
+            raise CsvError(f"{file}:1 names column {name} twice")
+        written = match[2] or (unit if name in POSITION else "")
+        factors[name] = Decimal(1)
+        if name not in (*POSITION, "mass"):
+            continue
+        example = f"{name} [g]" if name == "mass" else f"{name} [mm]"
+        if not written:
+            raise CsvError(f'{file}:1: column {name} has no unit; write "{example}"')
+        try:
+            factors[name] = read_unit(written, MASS if name == "mass" else LENGTH).factor
+        except UnitError as error:
+            raise CsvError(f"{file}:1: column {name}: {error}") from error
+    missing = [name for name in POSITION if name not in factors]
+    if missing:
+        raise CsvError(
+            f"{file}:1 has no column {', '.join(missing)}; the first line names the columns: {EXAMPLE}"
+        )
+    return factors
+
+
+def _read_number(file: str, line: int, text: str, factor: Decimal) -> float:
+    try:
+        value = float(Decimal(text) * factor)
+    except ArithmeticError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise CsvError(f"{file}:{line}: {quote_value(text)} is no finite number")
+    return value
