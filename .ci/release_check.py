@@ -73,11 +73,12 @@ IN_CONDA = {
 }
 # what else packages of pip are called by Debian
 IN_DEBIAN = {"pillow": "python3-matplotlib"}  # which depends on it
+FROM_PIP = {"pyuff"}  # in test_data.txt: neither Debian nor conda has it
 # groups that one command loads
 LOADED_TOGETHER = (
-    {"pictures.txt", "docs.txt", "notebook.txt", "python.txt", "dolfinx-new.txt"},
-    {"pictures.txt", "tests.txt", "dolfinx-new.txt"},
-    {"pictures.txt", "benchmarks.txt"},
+    {"pictures.txt", "test_data.txt", "docs.txt", "notebook.txt", "python.txt", "dolfinx-new.txt"},
+    {"pictures.txt", "test_data.txt", "tests.txt", "dolfinx-new.txt"},
+    {"pictures.txt", "test_data.txt", "benchmarks.txt"},
 )
 # only a whole system needs these, or a conda environment has them with Python, VTK and PETSc
 ONLY_DEBIAN = {
@@ -172,6 +173,8 @@ def check_lists(tree: Path) -> Row:
     ]
     for line in read_pyproject(tree)["dependencies"]:
         name = re.split(r"[=<>]", line)[0]
+        if name in FROM_PIP:
+            continue
         if IN_DEBIAN.get(name, f"python3-{name}") not in debian:
             wrong.append(f"packages.txt lacks {name}, pyproject.toml has it")
         if name not in conda and f"{name}-base" not in conda:
@@ -189,7 +192,7 @@ def container_problems(tree: Path) -> Iterator[str]:
     suite = re.search(r"^suite=(\w+)", (tree / "environment" / "build_root.sh").read_text(), re.M)
     if not release or not suite or suites.get(release[1]) != suite[1]:
         yield "the Dockerfile begins with another Debian than environment/build_root.sh"
-    for name in ("packages", "pictures"):
+    for name in ("packages", "pictures", "test_data"):
         if not re.search(rf"^COPY .*environment/{name}\.txt", recipe, re.M):
             yield f"the Dockerfile does not take environment/{name}.txt"
     if re.search(r"apt-get install [^\n|&]*\b(?:python3|lib)[\w-]", recipe):

@@ -81,7 +81,7 @@ if [ "$ranks" -gt 1 ] && [ "${SLURM_JOB_NUM_NODES:-1}" -gt 1 ]; then
     start_over_nodes "$@"
 fi
 export_settings             # threads, MPI, paths
-[ -n "$slurm_trial" ] || install_pictures
+[ -n "$slurm_trial" ] || { install_pictures; install_test_data; }
 case $installed$mode in notebook | docs) require_pip_group notebook || exit 1; notebook_folder=$group_folder ;; esac
 [ "$mode" != docs ] || require_pip_group python || exit 1
 [ -z "$group" ] || require_pip_group "$group" || [ "$mode" = test ] || exit 1

@@ -70,19 +70,22 @@ require_dolfinx() {
     export LD_LIBRARY_PATH="$group_folder/lib"
 }
 
-# The packages of pictures.txt, for every command. Without a registry the program goes on and has no stills; the next try is
-# ten minutes later, so that not every command waits for it.
-install_pictures() {
+# install_for_all GROUP CODE WITHOUT: the packages of a group for every command, unless CODE finds them in the environment. Without a
+# registry the program goes on and says what it goes on without; the next try is ten minutes later, so that not every command waits for it.
+install_for_all() {
     # a Python of the caller's own choice is taken as it is, and who started us inside a root brought the group along
-    case ${HEADSTOCK_PYTHON:+chosen}$PYTHONPATH in chosen* | */pip-pictures-*) return 0 ;; esac
-    failed=$cache/pip-pictures.failed
+    case ${HEADSTOCK_PYTHON:+chosen}$PYTHONPATH in chosen* | */pip-"$1"-*) return 0 ;; esac
+    failed=$cache/pip-$1.failed
     [ -z "${_HEADSTOCK_COMPLETE:-}$(find "$failed" -mmin -10 2>/dev/null)" ] || return 0
-    found_code=$pictures_code
-    if install_pip_group pictures --only-binary :all: --retries 0 --timeout 8; then found_code=; return; fi
+    found_code=$2
+    if install_pip_group "$1" --only-binary :all: --retries 0 --timeout 8; then found_code=; return; fi
     found_code=
     : >"$failed"
-    say "no pictures of the machine: pip could not install environment/pictures.txt; the log is $log"
+    say "no $3: pip could not install environment/$1.txt; the log is $log"
 }
+
+install_pictures() { install_for_all pictures "$pictures_code" "pictures of the machine"; }
+install_test_data() { install_for_all test_data "import pyuff" "universal files (UFF)"; }
 
 # whether the environment itself has a VTK that draws without a display
 pictures_code='

@@ -142,6 +142,13 @@ LIBRARIES = (
         needed=False,
         modules=("pyvista", "vtkmodules"),
     ),
+    _Question(
+        "pyuff",
+        "import importlib.metadata, pyuff; print(importlib.metadata.version('pyuff'))",
+        remedy="universal files (UFF) only: ./headstock installs environment/test_data.txt where pip reaches a registry; elsewhere pip install pyuff",
+        needed=False,
+        modules=("pyuff",),
+    ),
 )
 # with the modules of the questions, all that the program imports besides the standard library
 PYTHON_PACKAGES = (

@@ -33,7 +33,7 @@ LAUNCHER_PREFIXES = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "MPI_")
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 # what a child imports besides the standard library
 CODE = {"headstock", "numpy", "scipy", "gmsh", "meshio", "h5py", "netCDF4"}
-CODE |= {"basix", "matplotlib", "PIL", "pyvista", "vtkmodules"}
+CODE |= {"basix", "matplotlib", "PIL", "pyuff", "pyvista", "vtkmodules"}
 GRACE_SECONDS = 2
 SCRATCH_BYTES = 64 << 20
 # what shared libraries and Python are made of; of /etc only what the loader reads

@@ -62,6 +62,7 @@ TEST_POINTS = FileKind(
 WAYPOINTS = FileKind("a path", 50_000_000, "write fewer waypoints, or cut it in two")
 RECORD = FileKind("a record", 500_000_000, "cut it, or keep fewer samples per second")
 RECEPTANCES = FileKind("a file of receptances", 50_000_000, "keep fewer frequencies")
+TEST_DATA = FileKind("a file of test data", 200_000_000, "export fewer frequencies or channels")
 SUMMARY = FileKind("a summary", 200_000_000, "no run writes one as large")
 RESULTS = FileKind("a file of results", 16_000_000_000, "no run writes one as large")
 

@@ -781,7 +781,7 @@ case "$*" in *" pip install "*) ;; *) printf "%s\\n" "PYTHONPATH=$PYTHONPATH" "$
 echo "$@" >>{log}
 [ {code} = 0 ] || {{ echo "no registry" >&2; exit {code}; }}
 while [ "$1" != --target ]; do shift; done
-mkdir -p "$2/pyvista"
+mkdir -p "$2/anything"
 """
 
 
@@ -790,15 +790,20 @@ def pip_calls(host: Host, log: Path, code: int = 0) -> Done:
     return host.enter(OPENBLAS_CORETYPE="Haswell")
 
 
-def test_pyvista_is_installed_once_and_found_by_every_command(host: Host, tmp_path: Path) -> None:
+def test_pyvista_and_pyuff_are_installed_once_and_found_by_every_command(
+    host: Host, tmp_path: Path
+) -> None:
     log = tmp_path / "pip.log"
     first, second = pip_calls(host, log), pip_calls(host, log)
-    (group,) = host.kept("pip-pictures-????????????")
+    (pictures,) = host.kept("pip-pictures-????????????")
+    (test_data,) = host.kept("pip-test_data-????????????")
     for done in (first, second):
-        assert done.stdout.startswith(f"PYTHONPATH={ROOT}/.typing:{group}\n"), done.stderr
-    (call,) = log.read_text().splitlines()
-    assert "--require-hashes" in call and f"-r {ROOT}/environment/pictures.txt" in call
-    assert "installing the packages of environment/pictures.txt" in first.stderr
+        assert done.stdout.startswith(f"PYTHONPATH={ROOT}/.typing:{pictures}:{test_data}\n"), (
+            done.stderr
+        )
+    for call, name in zip(log.read_text().splitlines(), ("pictures", "test_data"), strict=True):
+        assert "--require-hashes" in call and f"-r {ROOT}/environment/{name}.txt" in call
+        assert f"installing the packages of environment/{name}.txt" in first.stderr
     assert second.stderr == ""
 
 
