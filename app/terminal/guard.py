@@ -180,12 +180,13 @@ def _judge(error: BaseException) -> tuple[int, str]:
     from headstock.meshing.errors import PartFileError
     from headstock.pipeline.storage.outputs import UnusableOutputError
     from headstock.scene.reading.findings import SceneError
+    from headstock.scene.test_data.errors import MeasurementError
 
     if isinstance(error, SceneError):
         return BAD_INPUT, str(error)
     if isinstance(error, click.ClickException):
         return error.exit_code, f"error: {error.format_message()}"
-    if isinstance(error, PartFileError | UnusableOutputError | NumberNameError):
+    if isinstance(error, PartFileError | MeasurementError | UnusableOutputError | NumberNameError):
         return BAD_INPUT, f"error: {error}"
     if isinstance(error, HeadstockError):
         return FAILED, f"{type(error).__name__}: {error}"

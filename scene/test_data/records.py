@@ -3,6 +3,7 @@
 Everything is SI, in the axes of the test: placing them on a model is a later step.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +12,13 @@ import numpy.typing as npt
 from headstock.geometry.frames import FloatArray
 
 ComplexArray = npt.NDArray[np.complex128]
+type Vector = tuple[float, float, float]
+
+
+def as_vector(values: Iterable[float]) -> Vector:
+    """Three numbers as Python's, without a negative zero."""
+    x, y, z = (float(value) + 0.0 for value in values)
+    return x, y, z
 
 
 @dataclass(frozen=True)
@@ -28,12 +36,8 @@ class TestPoint:
     __test__ = False  # not a test case, for pytest
 
     name: str
-    position: tuple[float, float, float]
-    axes: tuple[tuple[float, float, float], ...] = (
-        (1.0, 0.0, 0.0),
-        (0.0, 1.0, 0.0),
-        (0.0, 0.0, 1.0),
-    )
+    position: Vector
+    axes: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     part: str | None = None
 
 
@@ -49,7 +53,7 @@ class TestChannel:
     __test__ = False
 
     point: str
-    direction: tuple[float, float, float]
+    direction: Vector
 
 
 @dataclass(frozen=True, eq=False)

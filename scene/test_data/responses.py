@@ -1,0 +1,119 @@
+"""Frequency responses of single pairs of channels, joined into one array of receptances."""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.scene.test_data.errors import MeasurementError
+from headstock.scene.test_data.records import ComplexArray, MeasuredResponses, TestChannel
+
+MOST_VALUES = 50_000_000
+SAME_LINE = 1e-5  # of a frequency: what six digits of an increment leave open
+KINDS = ("displacement", "velocity", "acceleration")
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """A frequency response as a file has it.
+
+    Attributes:
+        where: File, line and what it is, for messages.
+        frequencies_hz: ``(l,)``.
+        values: ``(l,)`` motion over force, SI.
+        order: 0 displacement, 1 velocity, 2 acceleration.
+    """
+
+    where: str
+    motion: TestChannel
+    force: TestChannel
+    frequencies_hz: FloatArray
+    values: ComplexArray
+    order: int = 0
+
+
+def join_responses(
+    responses: Sequence[Response],
+) -> tuple[MeasuredResponses | None, tuple[str, ...]]:
+    """Join responses over one axis of frequencies, as displacement over force.
+
+    Returns:
+        None without responses, and what was assumed.
+
+    Raises:
+        MeasurementError: Frequencies fall or differ, a value is not finite, or there are too many
+            pairs; says where.
+    """
+    if not responses:
+        return None, ()
+    frequencies = np.asarray(responses[0].frequencies_hz, dtype=float)
+    motions = tuple(dict.fromkeys(response.motion for response in responses))
+    forces = tuple(dict.fromkeys(response.force for response in responses))
+    if len(frequencies) * len(motions) * len(forces) > MOST_VALUES:
+        raise MeasurementError(
+            f"{responses[0].where}: {len(motions)} responses by {len(forces)} references by {len(frequencies)} frequencies are more than"
+            f" {MOST_VALUES} numbers; export fewer"
+        )
+    orders: defaultdict[int, int] = defaultdict(int)
+    repeated = []
+    values = np.full((len(frequencies), len(motions), len(forces)), np.nan + 0j)
+    filled = np.zeros(values.shape[1:], dtype=bool)
+    # without the line at 0 Hz, at which velocity and acceleration say nothing of displacement
+    first = int(frequencies[0] == 0.0 and any(response.order for response in responses))
+    divisor = 2j * np.pi * frequencies
+    divisor[:first] = 1.0
+    for response in responses:
+        _check(response, responses[0], frequencies)
+        place = motions.index(response.motion), forces.index(response.force)
+        if filled[place]:
+            repeated.append(name_pair(response))
+            continue
+        filled[place] = True
+        orders[response.order] += 1
+        values[:, *place] = response.values / divisor**response.order
+    remarks = [
+        f"{count} frequency responses are {KINDS[order]} over force"
+        + (f", divided by (i omega){'^2' * (order - 1)}" if order else "")
+        for order, count in sorted(orders.items())
+    ]
+    if first:
+        remarks.append("the line at 0 Hz is left out: it says nothing of displacement")
+    if repeated:
+        remarks.append(
+            f"{len(repeated)} frequency responses repeat a pair of channels and are left out: {', '.join(repeated[:5])}"
+        )
+    return MeasuredResponses(frequencies[first:], motions, forces, values[first:]), tuple(remarks)
+
+
+def _check(response: Response, reference: Response, frequencies: FloatArray) -> None:
+    lines = np.asarray(response.frequencies_hz, dtype=float)
+    if not (np.isfinite(lines).all() and np.isfinite(response.values).all()):
+        raise MeasurementError(
+            f"{response.where}: holds a value that is not finite; export it again"
+        )
+    if lines[0] < 0.0 or not (np.diff(lines) > 0.0).all():
+        raise MeasurementError(
+            f"{response.where}: frequencies must rise from 0 Hz or more; sort them"
+        )
+    spread = SAME_LINE * np.abs(frequencies).max()
+    if len(lines) != len(frequencies) or np.abs(lines - frequencies).max() > spread:
+        raise MeasurementError(
+            f"{response.where}: its frequencies ({len(lines)} from {lines[0]:g} to {lines[-1]:g} Hz) are not those of {reference.where}"
+            f" ({len(frequencies)} from {frequencies[0]:g} to {frequencies[-1]:g} Hz); write them into another file"
+        )
+
+
+def name_pair(response: Response) -> str:
+    """Return ``12:+x/3:-z`` for the response of point 12 along x to a force at point 3 against z."""
+    return f"{name_test_channel(response.motion)}/{name_test_channel(response.force)}"
+
+
+def name_test_channel(channel: TestChannel) -> str:
+    """Return ``12:+x`` for a channel along an axis, ``12:(0.6,0,0.8)`` for others."""
+    vector = np.array(channel.direction)
+    axis = int(np.argmax(np.abs(vector)))
+    if abs(abs(vector[axis]) - 1.0) < 1e-9:
+        return f"{channel.point}:{'+' if vector[axis] > 0 else '-'}{DIRECTIONS[axis]}"
+    return f"{channel.point}:({','.join(f'{part:.4g}' for part in vector)})"

@@ -1,0 +1,494 @@
+"""Universal files (UFF): points, lines, frequency responses and modes of a test in SI, by pyuff."""
+
+import tempfile
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from headstock.geometry.errors import printable
+from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.geometry.loading import load_library
+from headstock.scene.test_data.errors import MeasurementError
+from headstock.scene.test_data.records import (
+    MeasuredModes,
+    MeasuredResponses,
+    TestChannel,
+    TestData,
+    TestPoint,
+    as_vector,
+)
+from headstock.scene.test_data.responses import Response, join_responses
+from headstock.scene.test_data.uff_sets import (
+    FREQUENCY_RESPONSE,
+    KINDS,
+    UffSet,
+    rewrite_set,
+    split_sets,
+)
+
+MISSING = (
+    "universal files (UFF) are read and written by pyuff, which is not installed: ./headstock installs environment/test_data.txt"
+    " where pip reaches a registry; elsewhere: pip install pyuff==2.5.8"
+)
+# units code of a set 164: length, force, and how many of each are one of SI
+UNITS = {
+    1: ("m", "N", 1.0, 1.0),
+    2: ("ft", "lbf", 1 / 0.3048, 1 / 4.4482216152605),
+    3: ("m", "kgf", 1.0, 1 / 9.80665),
+    4: ("ft", "pdl", 1 / 0.3048, 1 / 0.138254954376),
+    5: ("mm", "mN", 1e3, 1e3),
+    6: ("cm", "cN", 1e2, 1e2),
+    7: ("in", "lbf", 1 / 0.0254, 1 / 4.4482216152605),
+    8: ("mm", "kgf", 1e3, 1 / 9.80665),
+}
+UNITS_TOLERANCE = 1e-3
+FUNCTIONS = {
+    0: "general functions", 1: "time records", 2: "auto spectra", 3: "cross spectra", 5: "transmissibilities", 6: "coherences",
+    9: "power spectral densities", 12: "spectra",
+}  # fmt: skip
+# specific data types: how often a motion is differentiated; forces
+ORDERS = {8: 0, 11: 1, 12: 2}
+FORCES = (9, 13)
+UNKNOWN = (0, 1)
+FREQUENCY = 18
+# labels of axes: how often differentiated, and what one is in SI
+LABELS = {
+    "m": (0, 1.0), "mm": (0, 1e-3), "um": (0, 1e-6), "m/s": (1, 1.0), "mm/s": (1, 1e-3), "m/s2": (2, 1.0), "mm/s2": (2, 1e-3),
+    "g": (2, 9.80665),
+}  # fmt: skip
+FORCE_LABELS = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605}
+NORMAL_MODE, COMPLEX_MODES = 2, (3, 7)
+type _Record = Mapping[str, Any]
+
+
+def parse_uff(path: Path) -> TestData:
+    """Read a universal file.
+
+    Raises:
+        MeasurementError: It is damaged, contradicts itself, holds nothing that is read, or pyuff is
+            missing; says where.
+    """
+    sets = split_sets(path.name, path.read_bytes())
+    remarks = [*_name_skipped(sets)]
+    read = [made for made in sets if made.kind in KINDS]
+    content = [rewrite_set(path.name, made) for made in read]
+    wanted = [
+        (made, text)
+        for made, text in zip(read, content, strict=True)
+        if made.function in (None, FREQUENCY_RESPONSE)
+    ]
+    file = _File(path.name, _read_by_pyuff(path.name, wanted), remarks)
+    data = TestData(
+        points=(points := file.read_points()),
+        lines=tuple(file.read_lines(points)),
+        responses=file.read_responses(points),
+        modes=file.read_modes(),
+        remarks=tuple(map(printable, remarks)),
+    )
+    if not data.points and data.responses is None and data.modes is None:
+        listed = "; ".join(data.remarks) or "no set that is read"
+        raise MeasurementError(
+            f"{path.name}:1: holds no points, frequency responses or modes ({listed}); export sets 15 or 2411, 58 or 55"
+        )
+    return data
+
+
+def _name_skipped(sets: Iterable[UffSet]) -> Iterator[str]:
+    """Sets that are not read, by kind."""
+    skipped: defaultdict[str, list[UffSet]] = defaultdict(list)
+    for made in sets:
+        if made.kind not in KINDS:
+            skipped[f"sets {made.kind}"].append(made)
+        elif made.function not in (None, FREQUENCY_RESPONSE):
+            number = made.function
+            skipped[FUNCTIONS.get(number or 0, f"functions of type {number}")].append(made)
+    for what, which in skipped.items():
+        yield f"{len(which)} {what} skipped, the first in line {which[0].line}"
+
+
+def _read_by_pyuff(
+    name: str, sets: list[tuple[UffSet, bytes]]
+) -> list[tuple[UffSet, dict[str, Any]]]:
+    """Sets with what pyuff finds in them."""
+    try:
+        pyuff = load_library("pyuff")
+    except ModuleNotFoundError as error:
+        raise MeasurementError(f"{name}:1: {MISSING}") from error
+    with tempfile.NamedTemporaryFile(suffix=".uff") as copy:
+        copy.writelines(content for _, content in sets)
+        copy.flush()
+        file = pyuff.UFF(copy.name)
+        kinds = [made.kind for made, _ in sets]
+        if list(map(int, file.get_set_types())) != kinds:
+            raise MeasurementError(
+                f"{name}:1: pyuff finds other sets than the {len(kinds)} that stand between the lines -1; export binary sets as text"
+            )
+        records = []
+        for index, (made, _) in enumerate(sets):
+            try:
+                records.append((made, file.read_sets(index)))
+            except Exception as error:  # pyuff raises nothing more special
+                raise MeasurementError(
+                    f"{name}:{made.line}: {made}: pyuff cannot read it ({error}); export it again"
+                ) from error
+    return records
+
+
+@dataclass(eq=False)
+class _File:
+    """Sets of a file that pyuff has read.
+
+    Attributes:
+        records: Every set with its fields.
+        remarks: Assumptions, which the readers add to.
+        length: One metre in the file's unit.
+        force: One newton in the file's unit.
+    """
+
+    name: str
+    records: list[tuple[UffSet, dict[str, Any]]]
+    remarks: list[str]
+    length: float = 1.0
+    force: float = 1.0
+    has_units: bool = False
+    systems: dict[int, tuple[FloatArray, FloatArray] | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for _, record in self.of(151):
+            program = str(record.get("program", "")).strip()
+            if program:
+                self.remarks.append(f"written by {program}")
+        self._read_units()
+        self._read_systems()
+
+    def of(self, *kinds: int) -> list[tuple[UffSet, _Record]]:
+        """Sets of some formats."""
+        return [(made, record) for made, record in self.records if made.kind in kinds]
+
+    def fail(self, made: UffSet, message: str) -> MeasurementError:
+        """Return the error of a set."""
+        return MeasurementError(f"{self.name}:{made.line}: {made}: {message}")
+
+    def _read_units(self) -> None:
+        found = self.of(164)
+        for made, record in found:
+            factors = float(record["length"]), float(record["force"])
+            code = int(record["units_code"])
+            known = UNITS.get(code)
+            if known is not None and not np.allclose(factors, known[2:], rtol=UNITS_TOLERANCE):
+                raise self.fail(
+                    made,
+                    f"units code {code} means {known[2]:.6g} {known[0]} to the metre and {known[3]:.6g} {known[1]} to the newton,"
+                    f" its factors are {factors[0]:.6g} and {factors[1]:.6g}; correct the code or the factors",
+                )
+            if self.has_units and not np.allclose(factors, (self.length, self.force)):
+                raise self.fail(
+                    made, "units differ from those of an earlier set 164; export one system"
+                )
+            self.length, self.force = factors
+            self.has_units = True
+            length, force = known[:2] if known else ("units of its own",) * 2
+            self.remarks.append(
+                f"units of set 164: {factors[0]:.6g} to the metre ({length}), {factors[1]:.6g} to the newton ({force})"
+            )
+        if not found:
+            self.remarks.append("no units (set 164): SI is assumed where an axis has no label")
+
+    def _read_systems(self) -> None:
+        for made, record in self.of(18):
+            rows = zip(
+                *(record[key] for key in ("cs_num", "cs_type", "ref_cs_num")),
+                *(
+                    np.reshape(record[key], (-1, 3)) / self.length
+                    for key in ("ref_o", "x_point", "xz_point")
+                ),
+                strict=True,
+            )
+            for number, kind, reference, origin, on_x, on_xz in rows:
+                x, other = on_x - origin, on_xz - origin
+                y = np.cross(other, x)
+                if min(np.linalg.norm(x), np.linalg.norm(y)) == 0.0:
+                    raise self.fail(
+                        made, f"the points of coordinate system {number:g} lie in a line"
+                    )
+                axes = np.stack([x, y, np.cross(x, y)], axis=1)
+                usable = kind == 0 and reference in (0, number)
+                axes /= np.linalg.norm(axes, axis=0)
+                self.systems[int(number)] = (origin, axes) if usable else None
+        for made, record in self.of(2420):
+            for number, kind, matrix in zip(
+                record["CS_sys_labels"], record["CS_types"], record["CS_matrices"], strict=True
+            ):
+                axes = np.array(matrix[:3]).T
+                if np.abs(axes.T @ axes - np.eye(3)).max() > 1e-4 or np.linalg.det(axes) < 0:
+                    raise self.fail(
+                        made, f"the matrix of coordinate system {number} is no rotation"
+                    )
+                self.systems[number] = (
+                    (np.array(matrix[3]) / self.length, axes) if kind == 0 else None
+                )
+
+    def _system(self, made: UffSet, number: int) -> tuple[FloatArray, FloatArray]:
+        if number == 0 or number not in self.systems:
+            return np.zeros(3), np.eye(3)
+        system = self.systems[number]
+        if system is None:
+            raise self.fail(
+                made,
+                f"coordinate system {number} is not Cartesian, or is defined in another one; export points in Cartesian axes of the test",
+            )
+        return system
+
+    def read_points(self) -> dict[str, TestPoint]:
+        """Points with their axes in those of the test [m]."""
+        points: dict[str, TestPoint] = {}
+        undefined: Counter[int] = Counter()
+        for made, record in self.of(15, 2411):
+            columns = [np.asarray(record[key]) for key in ("node_nums", "def_cs", "disp_cs")]
+            places = np.stack([record[axis] for axis in DIRECTIONS], axis=1) / self.length
+            for label, defined, moved, place in zip(*columns, places, strict=True):
+                origin, axes = self._system(made, int(defined))
+                turned = self._system(made, int(moved))[1]
+                undefined.update({int(defined), int(moved)} - {0, *self.systems})
+                point = TestPoint(
+                    str(int(label)),
+                    as_vector(origin + axes @ place),
+                    tuple(map(as_vector, turned)),
+                )
+                if points.setdefault(point.name, point).position != point.position:
+                    raise self.fail(
+                        made, f"point {point.name} is written twice, in two places; keep one"
+                    )
+        for number, count in undefined.items():
+            self.remarks.append(
+                f"coordinate system {number} of {count} points is not defined in the file: taken as the axes of the test"
+            )
+        turned_count = sum(point.axes != TestPoint("", (0, 0, 0)).axes for point in points.values())
+        if turned_count:
+            self.remarks.append(f"{turned_count} of {len(points)} points have axes of their own")
+        return points
+
+    def read_lines(self, points: Mapping[str, TestPoint]) -> Iterator[tuple[str, ...]]:
+        """Lines of set 82, and edges of beams, triangles and quadrilaterals of set 2412."""
+        strange: set[str] = set()
+        skipped: Counter[int] = Counter()
+        chains: list[list[str]] = []
+        for _, record in self.of(82):
+            chains.append([])
+            for number in record["nodes"]:
+                if number == 0:
+                    chains.append([])
+                else:
+                    chains[-1].append(str(int(number)))
+        for _, record in self.of(2412):
+            for kind, elements in record.items():
+                if not str(kind).isdecimal():
+                    continue
+                for element in elements:
+                    names = list(map(str, element["nodes_nums"]))
+                    if int(kind) // 10 in (4, 5, 6, 7, 8, 9):  # of surfaces
+                        names.append(names[0])
+                    elif int(kind) // 10 not in (1, 2):
+                        skipped[int(kind)] += 1
+                        continue
+                    chains.append(names)
+        for chain in chains:
+            strange.update(unknown := {name for name in chain if name not in points})
+            if len(chain) > 1 and not unknown:
+                yield tuple(chain)
+        if strange:
+            self.remarks.append(
+                f"lines through points that the file does not place are left out: {_list(strange)}"
+            )
+        for number, count in skipped.items():
+            self.remarks.append(f"{count} elements of type {number} are not drawn")
+
+    def read_responses(self, points: Mapping[str, TestPoint]) -> MeasuredResponses | None:
+        """Frequency responses, as displacement over force."""
+        responses: list[Response] = []
+        skipped: defaultdict[str, list[str]] = defaultdict(list)
+        for made, record in self.of(58):
+            where = f"{self.name}:{made.line}: {made}"
+            reason = self._add_response(where, record, responses, points)
+            if reason is not None:
+                skipped[reason].append(f"set {made.number} in line {made.line}")
+        for reason, which in skipped.items():
+            self.remarks.append(f"{len(which)} frequency responses skipped ({which[0]}): {reason}")
+        joined, remarks = join_responses(responses)
+        self.remarks += remarks
+        if joined is not None:
+            channels = (*joined.motions, *joined.forces)
+            lost = {channel.point for channel in channels if channel.point not in points}
+            if points and lost:
+                self.remarks.append(f"the file does not say where these points lie: {_list(lost)}")
+        return joined
+
+    def _add_response(
+        self,
+        where: str,
+        record: _Record,
+        responses: list[Response],
+        points: Mapping[str, TestPoint],
+    ) -> str | None:
+        """Add a function to the responses, or return why it is none."""
+        directions = record["rsp_dir"], record["ref_dir"]
+        if any(abs(direction) > 3 for direction in directions):
+            return "rotations or moments (directions 4 to 6), which are no displacement over force"
+        if 0 in directions:
+            return "no direction of response or reference"
+        kind = record["abscissa_spec_data_type"]
+        if kind != FREQUENCY and not (kind in UNKNOWN and _label(record, "abscissa") == "Hz"):
+            return f"the abscissa is no frequency (type {kind}, {_label(record, 'abscissa')!r})"
+        if not np.iscomplexobj(record["data"]):
+            return "real numbers"
+        factors = self._ordinate(record)
+        if isinstance(factors, str):
+            return factors
+        order, factor = factors
+        motion, force = (
+            self._channel(record[f"{end}_node"], record[f"{end}_dir"], points)
+            for end in ("rsp", "ref")
+        )
+        responses.append(
+            Response(where, motion, force, record["x"], factor * record["data"], order)
+        )
+        return None
+
+    def _ordinate(self, record: _Record) -> tuple[int, float] | str:
+        """How often the motion is differentiated, and the factor to SI; or why that is unknown."""
+        kind, below = record["ordinate_spec_data_type"], record["orddenom_spec_data_type"]
+        labels = _label(record, "ordinate"), _label(record, "orddenom")
+        order, unit = LABELS.get(labels[0], (None, 1.0))
+        newtons = FORCE_LABELS.get(labels[1])
+        if (kind in UNKNOWN and order is None) or kind not in (*UNKNOWN, *ORDERS):
+            return f"the ordinate is no displacement, velocity or acceleration (type {kind}, {labels[0]!r})"
+        if (below in UNKNOWN and newtons is None) or below not in (*UNKNOWN, *FORCES):
+            return f"the denominator is no force (type {below}, {labels[1]!r})"
+        by_label = not self.has_units
+        if order is None or not (by_label or kind in UNKNOWN) or ORDERS.get(kind, order) != order:
+            order, unit = ORDERS[kind], 1.0 / self.length
+        if newtons is None or not (by_label or below in UNKNOWN):
+            newtons = 1.0 / self.force
+        return order, unit / newtons
+
+    def _channel(self, node: int, direction: int, points: Mapping[str, TestPoint]) -> TestChannel:
+        point = points.get(str(node), TestPoint(str(node), (0.0, 0.0, 0.0)))
+        axis = np.sign(direction) * np.array(point.axes)[:, abs(direction) - 1]
+        return TestChannel(point.name, as_vector(axis))
+
+    def read_modes(self) -> MeasuredModes | None:
+        """Poles and shapes of sets 55."""
+        poles: list[complex] = []
+        scales: list[complex] = []
+        shapes: list[dict[str, FloatArray]] = []
+        skipped: Counter[str] = Counter()
+        for made, record in self.of(55):
+            kind, order = record["analysis_type"], ORDERS.get(record["spec_data_type"])
+            if kind not in (NORMAL_MODE, *COMPLEX_MODES):
+                skipped[f"analysis type {kind}"] += 1
+                continue
+            if order is None and record["spec_data_type"] in UNKNOWN:
+                order = 0
+            if order is None or record["data_ch"] not in (2, 3):
+                skipped["no displacements, velocities or accelerations in x, y and z"] += 1
+                continue
+            pole, scale = self._pole(made, record)
+            shape = np.stack([record[f"r{axis}"] for axis in (1, 2, 3)], axis=1)
+            shape = shape / pole**order if pole else shape
+            names = [str(int(number)) for number in record["node_nums"]]
+            if len(set(names)) < len(names):
+                raise self.fail(made, "has a point twice; keep one")
+            poles.append(pole if pole.imag >= 0.0 else pole.conjugate())
+            scales.append(scale if pole.imag >= 0.0 else scale.conjugate())
+            shape = shape if pole.imag >= 0.0 else shape.conj()
+            shapes.append(dict(zip(names, shape, strict=True)))
+        self.remarks += [f"{count} sets 55 skipped: {why}" for why, count in skipped.items()]
+        return self._join_modes(np.array(poles), np.array(scales), shapes) if poles else None
+
+    def _pole(self, made: UffSet, record: _Record) -> tuple[complex, complex]:
+        """Pole [rad/s], and what divides the square of a shape; 0 where it is unknown."""
+        if record["analysis_type"] == NORMAL_MODE:
+            omega = 2.0 * np.pi * float(record["freq"])
+            damping = float(record["modal_damp_vis"]) or 0.5 * float(record["modal_damp_his"])
+            # of the shape as it is written, whatever its unit: the receptance decides
+            mass = float(record["modal_m"]) * self.length / self.force
+            if not (omega >= 0.0 and 0.0 <= damping < 1.0 and mass >= 0.0):
+                raise self.fail(
+                    made,
+                    f"a mode of {record['freq']:g} Hz with damping ratio {damping:g} and modal mass {mass:g}; correct them",
+                )
+            return omega * (-damping + 1j * np.sqrt(1.0 - damping**2)), mass
+        pole = complex(record["eig"])
+        if pole.real > 0.0:
+            raise self.fail(made, f"its pole {pole:g} rad/s grows; correct its sign")
+        # H = phi phi^T / (a (s - p)), the record's convention has 2 i omega_d in place of a
+        a = complex(record["modal_a"]) * self.length / self.force
+        return pole, a / (2j * pole.imag) if pole.imag else 0.0
+
+    def _join_modes(
+        self,
+        poles: Any,
+        scales: Any,
+        shapes: list[dict[str, Any]],
+    ) -> MeasuredModes:
+        order = np.argsort(np.abs(poles), kind="stable")
+        names = list(dict.fromkeys(name for shape in shapes for name in shape))
+        nothing = np.zeros(3)
+        # (points, 3, modes): what a set leaves out is zero, as the format says
+        values = np.array(
+            [[shapes[mode].get(name, nothing) for mode in order] for name in names], dtype=complex
+        ).transpose(0, 2, 1)
+        scaled = bool((scales != 0).all())
+        if scaled:
+            values = values / np.sqrt(scales[order])
+        measured = (values != 0).any(axis=2)
+        channels = tuple(
+            TestChannel(names[point], as_vector(np.eye(3)[axis]))
+            for point, axis in np.argwhere(measured)
+        )
+        left_out = int(measured.size - measured.sum())
+        if left_out:
+            self.remarks.append(
+                f"{left_out} directions of points are zero in all shapes: taken as not measured"
+            )
+        self.remarks.append("shapes are in the axes of the test, as set 55 has them")
+        self.remarks.append(
+            "shapes have the modal masses (or modal A) that the file writes"
+            if scaled
+            else "shapes have no modal scale: a modal mass (or modal A) is zero"
+        )
+        hz = np.abs(poles[order]) / (2.0 * np.pi)
+        damping = np.divide(
+            -poles[order].real, np.abs(poles[order]), out=np.zeros(len(hz)), where=hz > 0
+        )
+        damping[damping == 0.0] = np.nan
+        return MeasuredModes(hz, damping, channels, values[measured], scaled)
+
+
+def _label(record: _Record, axis: str) -> str:
+    """Label of an axis' unit, without brackets and with powers as digits."""
+    text = str(record.get(f"{axis}_axis_units_lab", "")).strip()
+    for old, new in (
+        ("²", "2"),
+        ("^", ""),
+        ("**", ""),
+        ("(", ""),
+        (")", ""),
+        ("µ", "u"),
+        ("[", ""),
+        ("]", ""),
+        (" ", ""),
+    ):
+        text = text.replace(old, new)
+    return text
+
+
+def _list(names: Iterable[str], most: int = 8) -> str:
+    ordered = sorted(names, key=lambda name: (len(name), name))
+    return ", ".join(ordered[:most]) + (
+        f" and {len(ordered) - most} more" if len(ordered) > most else ""
+    )
