@@ -8,6 +8,7 @@ is up, x points to the rails, the origin is the middle of the foot's sole.
 
 import re
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import gmsh
@@ -150,23 +151,25 @@ def add_holes() -> DimTags:
     return [(3, hole) for hole in holes]
 
 
-def write_column(path: Path) -> None:
-    """Build the column and write it as STEP with a fixed time stamp and the product name
-    ``Column``.
+def write_step(path: Path, build: Callable[[], object], product: str) -> None:
+    """Build a part in an open gmsh model and write it as STEP with a fixed time stamp and a product
+    name.
     """
     gmsh.initialize(interruptible=False, readConfigFiles=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.NumThreads", 1)
         gmsh.option.setNumber("Geometry.OCCParallel", 0)
-        build_column()
+        build()
         gmsh.write(str(path))
     finally:
         gmsh.finalize()
     text = re.sub(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d", TIME_STAMP, path.read_text())
-    text = re.sub(r"'Open CASCADE STEP translator [\d. ]+'", "'Column'", text)
+    text = re.sub(r"'Open CASCADE STEP translator [\d. ]+'", f"'{product}'", text)
     path.write_text(text)
 
 
 if __name__ == "__main__":
-    write_column(Path(sys.argv[1] if len(sys.argv) > 1 else "step_column.step"))
+    write_step(
+        Path(sys.argv[1] if len(sys.argv) > 1 else "step_column.step"), build_column, "Column"
+    )

@@ -6,7 +6,7 @@ Source: MSC Nastran Quick Reference Guide, "Format of Bulk Data Entries".
 import re
 from collections import Counter, defaultdict
 from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError
+from headstock.meshing.files.nastran_cards import Card, read_cards
 from headstock.meshing.files.raw_mesh import CORNERS, RawMesh, SolidFamily, upright_first
 
 SOLIDS: dict[str, tuple[SolidFamily, int]] = {
@@ -43,83 +44,8 @@ READ = {
 NODE_SET = "1"
 # as HyperMesh writes it: number, 1 for nodes or 2 for elements, name
 _SET_NAME = re.compile(r'\$HMSET\s+(\d+)\s+(\d+)\s*"([^"\n]+)"')
-# an exponent may follow without its letter
-_SHORT_EXPONENT = re.compile(r"(?<=[\d.])([+-]\d+)$")
-# a line of = repeats the card before; how often more
-_REPEATED = re.compile(r"=(?:\(?(\d{1,7})\)?)?$")
-# what is added to a field of the card before
-_STEP = re.compile(r"\*\(?([^()]+)\)?$")
 REAL_COLUMNS, SMALL_REAL = 16, 1e-6
 SOLID_PROPERTY = 1
-FIELDS = 8  # of a line of small fields, and of a pair of lines of large ones
-
-
-@dataclass
-class _Line:
-    """One line of a card.
-
-    Attributes:
-        name: Of the card, upper case; empty for a line that continues one.
-        label: Behind the sign of continuation.
-        fields: The four or eight fields of the line.
-        mark: What names the line that continues this one, without its first letter.
-        beyond: Number of fields behind the first where they are more than a line has, or else 0.
-    """
-
-    number: int
-    name: str
-    label: str
-    fields: list[str]
-    mark: str
-    beyond: int
-
-
-@dataclass
-class _Card:
-    """A card with the lines that continue it.
-
-    Attributes:
-        place: Name of the file and number of the line, for messages.
-        name: Upper case, without ``*``.
-    """
-
-    place: str
-    name: str
-    fields: list[str]
-
-    def integer(self, index: int, default: int = 0) -> int:
-        """Return a field as a whole number; ``default`` where it is blank.
-
-        Raises:
-            MeshError: It is none.
-        """
-        text = self.fields[index] if index < len(self.fields) else ""
-        try:
-            return int(text) if text else default
-        except ValueError:
-            raise MeshError(
-                f"{self.place}: {self.name}: field {index + 2} is {text!r}, which is no whole number"
-            ) from None
-
-    def real(self, index: int) -> float:
-        """Return a field as a real number; zero where it is blank.
-
-        Raises:
-            MeshError: It is none.
-        """
-        text = self.fields[index] if index < len(self.fields) else ""
-        if not text:
-            return 0.0
-        try:
-            return float(_SHORT_EXPONENT.sub(r"E\1", text.upper().replace("D", "E")))
-        except ValueError:
-            raise MeshError(
-                f"{self.place}: {self.name}: field {index + 2} is {text!r}, which is no number"
-            ) from None
-
-    def vector(self, index: int) -> FloatArray:
-        """Return three fields as real numbers."""
-        return np.array([self.real(index + axis) for axis in range(3)])
 
 
 def read_nastran(path: Path) -> RawMesh:
@@ -143,15 +69,15 @@ def read_nastran(path: Path) -> RawMesh:
     return raw
 
 
-def _sort_cards(path: Path, text: str) -> tuple[Mapping[str, Sequence[_Card]], Counter[str]]:
+def _sort_cards(path: Path, text: str) -> tuple[Mapping[str, Sequence[Card]], Counter[str]]:
     """Return the cards that are read by name, and how many elements of each other kind there are.
 
     Raises:
         MeshError: A card is not known.
     """
-    cards: defaultdict[str, list[_Card]] = defaultdict(list)
+    cards: defaultdict[str, list[Card]] = defaultdict(list)
     left_out: Counter[str] = Counter()
-    for card in _join_lines(path, _bulk_lines(path, text)):
+    for card in read_cards(path, text, READ):
         if card.name in READ:
             cards[card.name].append(card)
         elif _OTHER_ELEMENT.fullmatch(card.name):
@@ -163,7 +89,7 @@ def _sort_cards(path: Path, text: str) -> tuple[Mapping[str, Sequence[_Card]], C
     return cards, left_out
 
 
-def _unnamed_properties(elements: Sequence[_Card], known: Collection[int]) -> set[int]:
+def _unnamed_properties(elements: Sequence[Card], known: Collection[int]) -> set[int]:
     """Return the properties that are but the number of their one element, as they are where none is
     written.
     """
@@ -175,185 +101,19 @@ def _unnamed_properties(elements: Sequence[_Card], known: Collection[int]) -> se
     } - set(known)
 
 
-def _find_bulk(path: Path, rows: Sequence[str]) -> int:
-    """Find how many lines stand before the bulk data.
-
-    Raises:
-        MeshError: There are several sections of it, or a line refers to another file.
-    """
-    begin = 0
-    for number, row in enumerate(rows, 1):
-        words = row.partition("$")[0].upper().split()
-        if words[:1] == ["INCLUDE"] or row.lstrip()[:8].upper() in ("INCLUDE'", 'INCLUDE"'):
-            # the cells in the other file would be missing without a word
-            raise MeshError(
-                f"{path.name}:{number}: INCLUDE is not supported; write the whole mesh into one file"
-            )
-        if words[:1] == ["BEGIN"]:
-            if begin or words[1:] != ["BULK"]:
-                raise MeshError(
-                    f"{path.name}:{number}: several bulk data sections are not read; write one part alone"
-                )
-            begin = number
-    return begin
-
-
-def _bulk_lines(path: Path, text: str) -> Iterator[_Line]:
-    """Yield the lines of the bulk data section, or of the whole file where none begins.
-
-    Raises:
-        MeshError: A line refers to another file, or is of no known format.
-    """
-    rows = text.splitlines()
-    begin = _find_bulk(path, rows)
-    before: _Line | None = None
-    steps: list[str] = []
-    for number, row in enumerate(rows[begin:], begin + 1):
-        text = row.partition("$")[0].rstrip()
-        if not text:
-            continue
-        if text.lstrip().upper().startswith("ENDDATA"):
-            return
-        line = _split_line(path, number, text)
-        if not line.name.startswith("="):
-            before, steps = line, []
-            yield line
-            continue
-        repeated = _REPEATED.match(line.name)
-        if repeated is None or before is None or not before.name or (repeated[1] and not steps):
-            raise MeshError(
-                f"{path.name}:{number}: {line.name} repeats no card of one line; write the cards out"
-            )
-        if not repeated[1]:
-            steps = line.fields
-        for _ in range(int(repeated[1] or 1)):
-            before = replace(before, number=number, fields=_add_steps(path, before, steps))
-            yield before
-
-
-def _add_steps(path: Path, before: _Line, steps: Sequence[str]) -> list[str]:
-    """Return the fields of a card that repeats the one before: ``=`` for the same, ``==`` for all
-    that follow, ``*(2)`` for two more.
-
-    Raises:
-        MeshError: A field to which something is added is no number.
-    """
-    previous = _Card(f"{path.name}:{before.number}", before.name, before.fields)
-    fields: list[str] = []
-    for column, (text, step) in enumerate(zip(before.fields, steps, strict=True)):
-        if step == "==":
-            return fields + before.fields[column:]
-        match = _STEP.match(step)
-        if match is None:
-            fields.append(text if step == "=" else step)
-            continue
-        added = _Card(previous.place, before.name, ["", match[1]])
-        whole = text.lstrip("+-").isdigit() and match[1].lstrip("+-").isdigit()
-        total = (
-            previous.integer(column) + added.integer(1)
-            if whole
-            else previous.real(column) + added.real(1)
-        )
-        fields.append(repr(total))
-    return fields
-
-
-def _split_line(path: Path, number: int, line: str) -> _Line:
-    beyond = 0
-    if "," in line:
-        head, *rest = (word.strip() for word in line.split(","))
-        width = FIELDS // 2 if "*" in head else FIELDS
-        beyond = len(rest) if any(rest[width + 1 :]) else 0
-        fields, mark = rest[:width], "".join(rest[width : width + 1])
-    else:
-        line = line.expandtabs(8)
-        head = line[:8].strip()
-        width = FIELDS // 2 if "*" in head else FIELDS
-        size = 64 // width
-        fields = [line[at : at + size].strip() for at in range(8, 72, size)]
-        mark = line[72:80].strip()
-    fields += [""] * (width - len(fields))
-    if head.startswith("*("):
-        raise MeshError(
-            f"{path.name}:{number}: lines that repeat a continuation ({head}) are not read; write them out"
-        )
-    continued = not head or head[0] in "+*"
-    return _Line(
-        number,
-        "" if continued else head.upper(),
-        head[1:] if continued else "",
-        fields,
-        mark[1:],
-        beyond,
-    )
-
-
-def _link_lines(path: Path, lines: Sequence[_Line]) -> dict[int, int]:
-    """Return which line continues which.
-
-    Raises:
-        MeshError: A line continues none.
-    """
-    marks: dict[str, int] = {}
-    for row, line in enumerate(lines):
-        if line.mark:
-            marks[line.mark] = -1 if line.mark in marks else row
-    following: dict[int, int] = {}
-    for row, line in enumerate(lines):
-        if line.name:
-            continue
-        before = row - 1
-        if line.label and (before < 0 or lines[before].mark != line.label):
-            continued = marks.get(line.label, -1)
-            before = before if continued in (-1, row) else continued
-        if before < 0 or before in following:
-            raise MeshError(f"{path.name}:{line.number}: there is no card that this line continues")
-        following[before] = row
-    return following
-
-
-def _join_lines(path: Path, lines: Iterator[_Line]) -> Iterator[_Card]:
-    """Yield the cards with the lines that continue them, which follow, or stand elsewhere and are
-    found by their mark.
-
-    Raises:
-        MeshError: A line continues none.
-    """
-    every = list(lines)
-    following = _link_lines(path, every)
-    for row, line in enumerate(every):
-        if not line.name:
-            continue
-        fields, line_index, beyond = list(line.fields), row, line.beyond
-        while line_index in following:
-            line_index = following[line_index]
-            if len(every[line_index].fields) == FIELDS and len(fields) % FIELDS:
-                fields += [""] * (FIELDS // 2)
-            fields += every[line_index].fields
-            beyond = max(beyond, every[line_index].beyond)
-        # meshio marks cells of second order so
-        name = line.name.rstrip("*").rstrip("_ ")
-        if name in READ and beyond:
-            raise MeshError(
-                f"{path.name}:{line.number}: {name}: {beyond} fields behind the first; a line has {FIELDS} and a mark of "
-                "continuation"
-            )
-        yield _Card(f"{path.name}:{line.number}", name, fields)
-
-
 @dataclass
 class _Nodes:
     """Grid points, and the coordinate systems they are given in."""
 
     path: Path
-    cards: Mapping[str, Sequence[_Card]]
+    cards: Mapping[str, Sequence[Card]]
     rows: dict[int, int] = field(default_factory=dict)
     given: list[tuple[int, FloatArray]] = field(default_factory=list)
     frames: dict[int, tuple[str, FloatArray, FloatArray]] = field(default_factory=dict)
     pending: list[int] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.systems: dict[int, tuple[_Card, int]] = {}
+        self.systems: dict[int, tuple[Card, int]] = {}
         for name in SYSTEMS:
             for card in self.cards.get(name, ()):
                 # a card may hold two systems between grid points
@@ -381,7 +141,7 @@ class _Nodes:
             self.rows[number] = len(self.given)
             self.given.append(entry)
 
-    def row(self, card: _Card, index: int) -> int:
+    def row(self, card: Card, index: int) -> int:
         """Return the row of the grid point in a field; -1 where it is blank or zero."""
         number = card.integer(index)
         if not number:
@@ -448,7 +208,7 @@ class _Nodes:
         self.frames[system] = (card.name[-1], origin, axes)
         return self.frames[system]
 
-    def _grid(self, card: _Card, index: int) -> FloatArray:
+    def _grid(self, card: Card, index: int) -> FloatArray:
         row = self.row(card, index)
         if row < 0:
             raise MeshError(f"{card.place}: {card.name} lacks a grid point")
@@ -456,14 +216,14 @@ class _Nodes:
         return self._place(system, values[None])
 
 
-def _system_entry(card: _Card, start: int) -> tuple[str, list[int], list[float]]:
+def _system_entry(card: Card, start: int) -> tuple[str, list[int], list[float]]:
     """Return what a coordinate system is: its card, the grid points or system it refers to, its points."""
     if card.name.startswith("CORD1"):
         return card.name, [card.integer(start + 1 + i) for i in range(3)], []
     return card.name, [card.integer(1)], [card.real(2 + i) for i in range(9)]
 
 
-def _add_surfaces(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[_Card]]) -> None:
+def _add_surfaces(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[Card]]) -> None:
     """Add surface elements to the set of their property, and count those with a thickness."""
     shells = {card.integer(0) for name in SHELL_PROPERTIES for card in cards.get(name, ())}
     for name, count in SURFACES.items():
@@ -481,7 +241,7 @@ def _add_surfaces(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[_Car
             raw.add_facets(f"property_{number}", np.array(rows, dtype=np.int64))
 
 
-def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[_Card]]) -> None:
+def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[Card]]) -> None:
     """Add solid cells, and which property and material they have."""
     properties: defaultdict[int, list[IntArray]] = defaultdict(list)
     solids = [card.integer(0) for card in cards.get("PSOLID", ())]
@@ -504,7 +264,7 @@ def _add_solids(raw: RawMesh, nodes: _Nodes, cards: Mapping[str, Sequence[_Card]
 
 
 def _add_materials(
-    raw: RawMesh, cards: Mapping[str, Sequence[_Card]], properties: Mapping[int, IntArray]
+    raw: RawMesh, cards: Mapping[str, Sequence[Card]], properties: Mapping[int, IntArray]
 ) -> None:
     """Add the material of the cells ``(n,)`` of each property."""
     solids = {card.integer(0): card for card in cards.get("PSOLID", ())}
@@ -520,7 +280,7 @@ def _add_materials(
         raw.add_section(f"property_{number}", cells, text, key)
 
 
-def _cell_nodes(nodes: _Nodes, card: _Card, corners: int, most: int) -> list[int]:
+def _cell_nodes(nodes: _Nodes, card: Card, corners: int, most: int) -> list[int]:
     """Return the rows ``(most,)`` of the nodes of a cell, -1 where there is none.
 
     Raises:
@@ -544,13 +304,13 @@ def _refuse_repeated_numbers(path: Path, raw: RawMesh) -> None:
 
 
 def _node_sets(
-    text: str, cards: Mapping[str, Sequence[_Card]], nodes: _Nodes
+    text: str, cards: Mapping[str, Sequence[Card]], nodes: _Nodes
 ) -> Iterator[tuple[str, IntArray]]:
     """Yield the name and rows of the nodes of each card that lists nodes."""
     grid_numbers = np.array(sorted(nodes.rows), dtype=np.int64)
     rows = np.array([nodes.rows[int(number)] for number in grid_numbers], dtype=np.int64)
 
-    def find(card: _Card, start: int) -> tuple[IntArray, bool]:
+    def find(card: Card, start: int) -> tuple[IntArray, bool]:
         """Return the rows of the nodes that are listed, and whether all numbers are of nodes."""
         mine = np.zeros(len(grid_numbers), dtype=bool)
         words = [word for word in card.fields[start:] if word]
