@@ -16,6 +16,9 @@ from headstock.solvers.linear.state_space import StateSpace, UncoupledModes
 # larger matrix
 LOW_FREQUENCY = 0.5
 CHUNK = 4096  # steps worked on together
+# steps of a block that a dense transition is followed in, entries of what its outputs are found from,
+# and steps per state from which the powers of the transition pay
+STEPS_OF_BLOCK, LARGEST_BLOCK, WORTH_BLOCKS = 32, 4_000_000, 8
 SAME_STEP = 9  # decimals of a step's length that distinguish steps
 
 
@@ -102,16 +105,81 @@ def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArr
     state = np.zeros(len(space.a))
     outputs = np.empty((len(times), len(space.c)))
     outputs[0] = space.c @ state
-    for number, kind in enumerate(which):
-        propagator = propagators[kind]
-        state = (
-            propagator.advance(state)
-            + propagator.start @ loads[number, 0]
-            + propagator.end @ loads[number, 1]
-        )
-        outputs[number + 1] = space.c @ state
+    borders = np.flatnonzero(np.diff(which)) + 1
+    for run in np.split(np.arange(len(which)), borders) if len(which) else ():
+        outputs[run + 1], state = _follow(propagators[which[run[0]]], space.c, state, loads[run])
     add_direct(outputs, np.concatenate([loads[:, 0], loads[-1:, 1]]), space.d)
     return TimeResponse(np.asarray(times, dtype=float), outputs, state)
+
+
+def _follow(
+    propagator: _Propagator, rows: FloatArray, state: FloatArray, loads: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the outputs ``(m, p)`` after each of some equal steps, and the state after the last.
+
+    Args:
+        rows: ``(p, n)`` outputs per state.
+        loads: ``(m, 2, k)`` at the beginning and the end of each step.
+    """
+    given = loads.reshape(len(loads), -1)
+    push = np.hstack([propagator.start, propagator.end])
+    outputs, done = np.empty((len(loads), len(rows))), 0
+    if propagator.transition.ndim == 2 and len(loads) > WORTH_BLOCKS * len(state):
+        longest = LARGEST_BLOCK // max(1, rows.size)
+        outputs, done, state = _follow_blocks(
+            propagator.transition, push, rows, state, given, min(STEPS_OF_BLOCK, max(2, longest))
+        )
+    for number in range(done, len(loads)):
+        state = propagator.advance(state) + push @ given[number]
+        outputs[number] = rows @ state
+    return outputs, state
+
+
+def _follow_blocks(
+    transition: FloatArray,
+    push: FloatArray,
+    rows: FloatArray,
+    state: FloatArray,
+    given: FloatArray,
+    steps: int,
+) -> tuple[FloatArray, int, FloatArray]:
+    """Return outputs ``(m, p)``, set for the steps that fill whole blocks; their number; and the state
+    after them.
+
+    A large transition is read from memory in every step, its power once a block: the states between
+    are never needed, as outputs follow from the state at the beginning of a block and its loads.
+
+    Args:
+        transition: Phi ``(n, n)``.
+        push: ``(n, q)`` what the loads of a step add to the state.
+        rows: ``(p, n)`` outputs per state.
+        state: ``(n,)`` before the first step.
+        given: ``(m, q)`` loads of each step.
+        steps: Of a block.
+    """
+    count, loaded, seen = len(given) // steps, push.shape[1], len(rows)
+    loads = given[: count * steps].reshape(count, -1).T  # (steps q, blocks)
+    pushed, observed = [push], [rows]
+    for _ in range(steps):
+        pushed.append(transition @ pushed[-1])
+        observed.append(observed[-1] @ transition)
+    states = np.empty((len(state), count + 1))
+    states[:, 0] = state
+    states[:, 1:] = np.hstack(pushed[steps - 1 :: -1]) @ loads
+    power = np.linalg.matrix_power(transition, steps)
+    for block in range(count):
+        states[:, block + 1] += power @ states[:, block]
+    # what a load adds to an output depends on how many steps lie between
+    answers = np.zeros((steps, seen, steps, loaded))
+    for later in range(steps):
+        answer = observed[later] @ push
+        for step in range(steps - later):
+            answers[step + later, :, step] = answer
+    found = np.vstack(observed[1:]) @ states[:, :-1]
+    found += answers.reshape(steps * seen, -1) @ loads
+    outputs = np.empty((len(given), seen))
+    outputs[: count * steps] = found.T.reshape(-1, seen)
+    return outputs, count * steps, states[:, -1]
 
 
 def group_steps(steps: FloatArray) -> tuple[list[float], NDArray[np.intp]]:

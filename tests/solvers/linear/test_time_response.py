@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
+from headstock.solvers.linear import time_response
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.state_space import to_state_space
@@ -84,6 +85,28 @@ def test_a_step_costs_an_exponential_of_states_and_loads(monkeypatch: pytest.Mon
     monkeypatch.setattr(scipy.linalg, "expm", record)
     solve_time_response(space, np.ones((3, len(CHANNELS))), 1e-3)
     assert sizes == [len(space.a) + 2 * len(CHANNELS)]
+
+
+def test_steps_in_blocks_are_those_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    space = to_state_space(SYSTEMS["coupled"], inputs=CHANNELS, outputs=CHANNELS)
+    loads = np.random.default_rng(2).standard_normal((500, len(CHANNELS)))
+    read: list[int] = []
+    advance = time_response._Propagator.advance
+
+    def count(propagator: time_response._Propagator, state: FloatArray) -> FloatArray:
+        read.append(1)
+        return advance(propagator, state)
+
+    monkeypatch.setattr(time_response._Propagator, "advance", count)
+    found = solve_time_response(space, loads, 1e-3)
+    monkeypatch.setattr(time_response, "WORTH_BLOCKS", np.inf)
+    single = solve_time_response(space, loads, 1e-3)
+    assert len(read) == 499 % time_response.STEPS_OF_BLOCK + 499
+    for block, alone in (
+        (found.outputs, single.outputs),
+        (found.final_state, single.final_state),
+    ):
+        np.testing.assert_allclose(block, alone, rtol=0.0, atol=1e-13 * np.abs(alone).max())
 
 
 @pytest.mark.parametrize("name", list(SYSTEMS))
