@@ -46,6 +46,13 @@ class SecondOrderSystem:
     labels: tuple[str, ...]
     hysteretic: FloatArray | None = None
 
+    def dynamic_stiffness(self, pole: complex) -> ComplexArray:
+        """Return ``s^2 M + s C + K + i H`` ``(n, n)`` for ``s`` above the real axis [rad/s]."""
+        dynamic = pole**2 * self.mass + self.stiffness
+        if self.damping is not None:
+            dynamic = dynamic + pole * self.damping
+        return dynamic if self.hysteretic is None else dynamic + 1j * self.hysteretic
+
 
 @dataclass(frozen=True)
 class Index:

@@ -193,10 +193,16 @@ class ReductionSettings:
 class SegmentSettings:
     """Into how many rigid segments a component is cut, and along which of its axes (None: the
     longest side).
+
+    Attributes:
+        bending: Factor on the bending stiffness of the section.
+        torsion: Factor on its torsional stiffness.
     """
 
     count: int = 10
     along: Literal["x", "y", "z"] | None = None
+    bending: float = 1.0
+    torsion: float = 1.0
 
 
 NORMAL = "normal"

@@ -29,6 +29,8 @@ class PrismaticBar:
             axis, in the order x y z.
         torsion_constant: Saint-Venant's constant [m^4].
         hollow_ratio: Inner over outer diameter of a round section; None for a rectangular one.
+        bending_factor: Bending stiffness over that of the section.
+        torsion_factor: Torsional stiffness over that of the section.
     """
 
     axis: int
@@ -39,6 +41,8 @@ class PrismaticBar:
     second_moments: tuple[float, float]
     torsion_constant: float
     hollow_ratio: float | None = None
+    bending_factor: float = 1.0
+    torsion_factor: float = 1.0
 
     @property
     def length(self) -> float:

@@ -58,12 +58,14 @@ def _end_flexibility(bar: PrismaticBar, material: Material, length: float) -> Fl
     across = in_plane_axes(bar.axis)
     flexibility = np.zeros((6, 6))
     flexibility[bar.axis, bar.axis] = length / (modulus * bar.area)
-    flexibility[3 + bar.axis, 3 + bar.axis] = length / (shear * bar.torsion_constant)
+    flexibility[3 + bar.axis, 3 + bar.axis] = length / (
+        shear * bar.torsion_constant * bar.torsion_factor
+    )
     slide = length / (shear_coefficient(bar, material.poisson_ratio) * shear * bar.area)
     for direction, about, second_moment in zip(
         across, across[::-1], bar.second_moments, strict=True
     ):
-        bending = modulus * second_moment
+        bending = modulus * second_moment * bar.bending_factor
         # a small rotation about `about` moves points further along the axis by +-1 in `direction`
         sign = float(np.cross(np.eye(3)[about], np.eye(3)[bar.axis])[direction])
         flexibility[direction, direction] = length**3 / (3.0 * bending) + slide

@@ -66,7 +66,11 @@ def reduce_segmented(
     other).
     """
     try:
-        bar = prismatic_bar(component.solid, component.segments.along)
+        bar = dataclasses.replace(
+            prismatic_bar(component.solid, component.segments.along),
+            bending_factor=component.segments.bending,
+            torsion_factor=component.segments.torsion,
+        )
         row = attach_interfaces(
             component, cast(PlanarSolid | Tube, component.solid), bar, properties
         )

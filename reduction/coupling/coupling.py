@@ -148,7 +148,7 @@ def couple(
     # components and joints where the pose puts them
     placements = place_components(machine, pose)
     layout = lay_out_dofs(superelements, {name: placements[name] for name in superelements})
-    rayleigh = _sum_rayleigh(machine, superelements)
+    rayleigh = sum_rayleigh(machine, superelements)
     matrices = component_matrices(layout, memo, rayleigh)
     springs = place_joints(machine, layout)
     shapes = couple_shapes(machine, layout)
@@ -259,7 +259,7 @@ def _stiffen_by_gravity(
     return dataclasses.replace(system, stiffness=system.stiffness + added), stacked
 
 
-def _sum_rayleigh(
+def sum_rayleigh(
     machine: Machine, superelements: Mapping[str, Superelement]
 ) -> dict[str, RayleighDamping]:
     """Return the Rayleigh damping of every component: that of the component and of the machine."""

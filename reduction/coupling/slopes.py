@@ -1,5 +1,5 @@
-"""How the frequencies, shapes and compliances of a coupled machine change with a parameter,
-exactly, from the change of its parts.
+"""How the frequencies, damping, shapes, compliances and responses of a coupled machine change with a
+parameter, exactly, from the change of its parts.
 
 With ``q = T z`` and fixed motions ``C q = 0`` that a parameter may move, any ``dT`` with ``C dT =
 -dC T`` keeps the coordinates admissible, and ``K = T^T K_s T`` differentiates by the product rule;
@@ -11,7 +11,7 @@ and place in the scene, which coordinates and mode shapes are not.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from headstock.geometry.frames import FloatArray, rotate_dofs
 from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine
 from headstock.reduction.coupling.channels import point_rows
-from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.coupling.coupling import CoupledMachine, sum_rayleigh
 from headstock.reduction.coupling.dof_layout import (
     DofLayout,
     locate_interface,
@@ -33,29 +33,33 @@ from headstock.reduction.coupling.joint_springs import place_joint
 from headstock.reduction.coupling.matrices import component_matrices
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.errors import ModelError
+from headstock.solvers.second_order import ComplexArray
 
 CONSISTENCY_LIMIT = 1e-6
+Term = Literal["stiffness", "damping", "loss", "mass"]
+TERMS: tuple[Term, ...] = ("stiffness", "damping", "loss", "mass")
 
 
 @dataclass(frozen=True, eq=False)
 class StackedPieces:
     """Parts of a machine, or the derivatives of those parts that a parameter moves.
 
+    A term is a matrix of the equations of motion ``(s^2 M + s C + K + i H) q = f``: mass, damping,
+    stiffness and loss (loss factor times stiffness). What is zero may be left out.
+
     Attributes:
-        stiffnesses: By component, ``(n_c, n_c)`` in machine axes.
-        masses: By component, ``(n_c, n_c)`` in machine axes.
-        rows: By joint, ``(6, n_all)`` relative motion in joint axes.
-        springs: By joint, ``(6, 6)`` in joint axes.
+        bodies: By term and component, ``(n_c, n_c)`` in machine axes.
+        joints: By term and joint, ``(6 + m, 6 + m)`` in joint axes.
+        rows: By joint, ``(6 + m, n_all)`` relative motion in joint axes.
         constraints: By what holds (``component a``, ``joint b``), rows ``(m, n_all)`` that must
             vanish.
         observers: By point, interface (``component.interface``) or component (its mean rigid motion
             at the centre of mass), rows ``(6, n_all)`` of the motion there in machine axes.
     """
 
-    stiffnesses: dict[str, FloatArray]
-    masses: dict[str, FloatArray]
+    bodies: dict[Term, dict[str, FloatArray]]
+    joints: dict[Term, dict[str, FloatArray]]
     rows: dict[str, FloatArray]
-    springs: dict[str, FloatArray]
     constraints: dict[str, FloatArray]
     observers: dict[str, FloatArray]
 
@@ -86,17 +90,35 @@ def stack_pieces(layout: DofLayout, machine: Machine, wanted: Selection) -> Stac
         layout.size,
         layout.length,
     )
-    matrices = component_matrices(part)
+    matrices = component_matrices(part, rayleigh=sum_rayleigh(machine, part.superelements))
     joints = [place_joint(machine.joints[name], machine, layout) for name in wanted.joints]
     constraints = {
         f"component {name}": _component_constraints(layout, name) for name in wanted.components
     }
     constraints |= {f"joint {spring.name}": spring.rows[list(spring.fixed)] for spring in joints}
+    body_losses = {
+        name: factor * matrices.stiffnesses[name]
+        for name in wanted.components
+        if (factor := machine.components[name].material.loss_factor)
+    }
+    joint_losses = {
+        spring.name: factor * spring.stiffness
+        for spring in joints
+        if (factor := machine.joints[spring.name].loss_factor)
+    }
     return StackedPieces(
-        stiffnesses=matrices.stiffnesses,
-        masses=matrices.masses,
+        bodies={
+            "stiffness": matrices.stiffnesses,
+            "damping": matrices.dampings,
+            "loss": body_losses,
+            "mass": matrices.masses,
+        },
+        joints={
+            "stiffness": {spring.name: spring.stiffness for spring in joints},
+            "damping": {spring.name: spring.damping for spring in joints if spring.damping.any()},
+            "loss": joint_losses,
+        },
         rows={spring.name: spring.rows for spring in joints},
-        springs={spring.name: spring.stiffness for spring in joints},
         constraints=constraints,
         observers={name: _observer_rows(layout, machine, name) for name in wanted.observers},
     )
@@ -111,16 +133,20 @@ def difference_pieces(pairs: Sequence[tuple[StackedPieces, StackedPieces, float]
         pick: Callable[[StackedPieces], Mapping[str, FloatArray]],
     ) -> dict[str, FloatArray]:
         tables = [(pick(after), pick(before), weight) for after, before, weight in pairs]
+        names = dict.fromkeys(name for *both, _ in tables for table in both for name in table)
         return {
-            name: np.sum([w * (after[name] - before[name]) for after, before, w in tables], axis=0)
-            for name in tables[0][0]
+            # a part without damping has no matrix
+            name: np.sum(
+                [w * (after.get(name, 0.0) - before.get(name, 0.0)) for after, before, w in tables],
+                axis=0,
+            )
+            for name in names
         }
 
     return StackedPieces(
-        stiffnesses=subtract(lambda part: part.stiffnesses),
-        masses=subtract(lambda part: part.masses),
+        bodies={term: subtract(lambda part, t=term: part.bodies.get(t, {})) for term in TERMS},
+        joints={term: subtract(lambda part, t=term: part.joints.get(t, {})) for term in TERMS},
         rows=subtract(lambda part: part.rows),
-        springs=subtract(lambda part: part.springs),
         constraints=subtract(lambda part: part.constraints),
         observers=subtract(lambda part: part.observers),
     )
@@ -186,37 +212,49 @@ class CoupledSlopes:
             start += len(rows)
         return places
 
-    def stiffness_times(self, motions: FloatArray) -> FloatArray:
-        """Return ``K_s q`` ``(n_all, m)`` of components and joints without fixed motions."""
-        forces = self._component_forces(self.pieces.stiffnesses, motions)
-        for name, rows in self.pieces.rows.items():
-            if self.pieces.springs[name].any():
-                forces += rows.T @ (self.pieces.springs[name] @ (rows @ motions))
+    def times[Array: (FloatArray, ComplexArray)](self, term: Term, motions: Array) -> Array:
+        """Return a term of components and joints without fixed motions, times motions
+        ``(n_all, m)``.
+        """
+        forces = self._component_forces(self.pieces.bodies.get(term, {}), motions)
+        for name, matrix in self.pieces.joints.get(term, {}).items():
+            if matrix.any():
+                rows = self.pieces.rows[name]
+                forces += rows.T @ (matrix @ (rows @ motions))
         return forces
 
-    def mass_times(self, motions: FloatArray) -> FloatArray:
-        """Return ``M_s q`` ``(n_all, m)``."""
-        return self._component_forces(self.pieces.masses, motions)
-
-    def changed_forces(
-        self, slope: StackedPieces, motions: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return ``dK_s q`` and ``dM_s q`` ``(n_all, m)``."""
-        forces = self._component_forces(slope.stiffnesses, motions)
-        for name, spring in slope.springs.items():
-            if spring.any():
+    def changes[Array: (FloatArray, ComplexArray)](
+        self, slope: StackedPieces, term: Term, motions: Array
+    ) -> Array:
+        """Return the derivative of a term times motions ``(n_all, m)``."""
+        forces = self._component_forces(slope.bodies.get(term, {}), motions)
+        for name, matrix in slope.joints.get(term, {}).items():
+            if matrix.any():
                 rows = self.pieces.rows[name]
-                forces += rows.T @ (spring @ (rows @ motions))
+                forces += rows.T @ (matrix @ (rows @ motions))
         for name, change in slope.rows.items():
-            rows, spring = self.pieces.rows[name], self.pieces.springs[name]
-            if change.any() and spring.any():
+            matrix = self.pieces.joints.get(term, {}).get(name)
+            if matrix is not None and change.any() and matrix.any():
+                rows = self.pieces.rows[name]
                 # a spring is R^T k R: product rule in R, of which a moved joint changes the rows
-                forces += rows.T @ (spring @ (change @ motions)) + change.T @ (
-                    spring @ (rows @ motions)
+                forces += rows.T @ (matrix @ (change @ motions)) + change.T @ (
+                    matrix @ (rows @ motions)
                 )
-        return forces, self._component_forces(slope.masses, motions)
+        return forces
 
-    def carried_motions(self, slope: StackedPieces, motions: FloatArray) -> FloatArray | None:
+    def dynamic_times(self, motions: ComplexArray, poles: ComplexArray) -> ComplexArray:
+        """Return ``(s^2 M + s C + K + i H) q`` ``(n_all, m)`` of motions at each ``s`` [rad/s]."""
+        return _sum_terms(poles, lambda term: self.times(term, motions))
+
+    def dynamic_changes(
+        self, slope: StackedPieces, motions: ComplexArray, poles: ComplexArray
+    ) -> ComplexArray:
+        """Return the derivative of what ``dynamic_times`` returns, by the matrices."""
+        return _sum_terms(poles, lambda term: self.changes(slope, term, motions))
+
+    def carried_motions[Array: (FloatArray, ComplexArray)](
+        self, slope: StackedPieces, motions: Array
+    ) -> Array | None:
         """Return ``dT z`` ``(n_all, m)`` for ``q = T z``: how the fixed motions carry the dofs
         along; None where they do not change.
 
@@ -225,7 +263,7 @@ class CoupledSlopes:
         """
         if not any(change.any() for change in slope.constraints.values()):
             return None
-        gap = np.zeros((self._spread.shape[1], motions.shape[1]))
+        gap = np.zeros((self._spread.shape[1], motions.shape[1]), dtype=motions.dtype)
         for name, change in slope.constraints.items():
             gap[self._places[name]] = change @ motions
         if not gap.any():
@@ -246,14 +284,28 @@ class CoupledSlopes:
             total -= change.T @ multipliers[self._places[name]]
         return self.coupled.basis.T @ total
 
-    def _component_forces(
-        self, matrices: Mapping[str, FloatArray], motions: FloatArray
-    ) -> FloatArray:
+    def _component_forces[Array: (FloatArray, ComplexArray)](
+        self, matrices: Mapping[str, FloatArray], motions: Array
+    ) -> Array:
         forces = np.zeros_like(motions)
         for name, matrix in matrices.items():
             part = self.coupled.layout.offsets[name]
             forces[part] += matrix @ motions[part]
         return forces
+
+
+def _sum_terms(poles: ComplexArray, multiply: Callable[[Term], ComplexArray]) -> ComplexArray:
+    """Return the sum of terms times their powers of ``s``; at rest there is no structural damping.
+
+    Args:
+        poles: ``(m,)`` ``s`` of each column.
+        multiply: Gives a term times the columns ``(n, m)``.
+    """
+    turning = 1j * (poles.imag > 0.0)
+    weights = {"stiffness": np.ones_like(poles), "damping": poles, "loss": turning, "mass": poles**2}
+    return np.sum(
+        [weights[term] * multiply(term) for term in TERMS if weights[term].any()], axis=0
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,15 +336,15 @@ def slope_modes(
     """
     basis = machine.coupled.basis
     motions = basis @ shapes
-    stiff, heavy = machine.changed_forces(slope, motions)
+    stiff, heavy = (machine.changes(slope, term, motions) for term in ("stiffness", "mass"))
     stacked = stiff - heavy * eigenvalues
     mass_terms = np.einsum("ij,ij->j", motions, heavy)
     carried = machine.carried_motions(slope, motions)
     if carried is None:
         return ModeSlopes(basis.T @ stacked, mass_terms, np.zeros_like(motions))
-    inertia = machine.mass_times(motions)
-    reactions = machine.stiffness_times(motions) - inertia * eigenvalues
-    stacked += machine.stiffness_times(carried) - machine.mass_times(carried) * eigenvalues
+    inertia = machine.times("mass", motions)
+    reactions = machine.times("stiffness", motions) - inertia * eigenvalues
+    stacked += machine.times("stiffness", carried) - machine.times("mass", carried) * eigenvalues
     mass_terms += 2.0 * np.einsum("ij,ij->j", carried, inertia)
     return ModeSlopes(
         basis.T @ stacked + machine.carried_forces(slope, reactions), mass_terms, carried
@@ -306,33 +358,61 @@ class ObservedDof(NamedTuple):
     dof: int
 
 
-def slope_point_compliance(
+def slope_receptances(
     machine: CoupledSlopes,
     slope: StackedPieces,
-    answers: FloatArray,
+    by_motion: ComplexArray,
+    by_force: ComplexArray,
+    poles: ComplexArray,
     *,
     motion: ObservedDof,
     force: ObservedDof,
-) -> float:
-    """Return the derivative of the motion at one channel per unit force at another.
+) -> ComplexArray:
+    """Return the derivatives ``(l,)`` of the motion at one channel per unit force at another.
 
     Args:
         machine: The machine at the parameter's value.
         slope: Derivatives of the parts that the parameter moves.
-        answers: ``(n_all, 2)`` static motions under a unit force where the motion is seen, and
-            where the force acts.
+        by_motion: ``(n_all, l)`` motions under a unit force where the motion is seen.
+        by_force: ``(n_all, l)`` motions under a unit force where the force acts.
+        poles: ``(l,)`` ``i omega`` [rad/s]; zero at rest.
     """
-    rows = np.vstack(
-        [machine.pieces.observers[channel.observer][channel.dof] for channel in (motion, force)]
-    )
-    stiff, _ = machine.changed_forces(slope, answers)
-    total = -float(answers[:, 0] @ stiff[:, 1])
-    if motion.observer in slope.observers:
-        total += float(slope.observers[motion.observer][motion.dof] @ answers[:, 1])
-    if force.observer in slope.observers:
-        total += float(slope.observers[force.observer][force.dof] @ answers[:, 0])
-    carried = machine.carried_motions(slope, answers)
-    if carried is not None:
-        reactions = machine.stiffness_times(answers) - rows.T
-        total -= float(carried[:, 0] @ reactions[:, 1] + carried[:, 1] @ reactions[:, 0])
+    total = -_column_products(by_motion, machine.dynamic_changes(slope, by_force, poles))
+    observers = machine.pieces.observers
+    carried = machine.carried_motions(slope, np.hstack([by_motion, by_force]))
+    ends = ((motion, by_motion, by_force), (force, by_force, by_motion))
+    for number, (channel, answers, others) in enumerate(ends):
+        if channel.observer in slope.observers:
+            total += slope.observers[channel.observer][channel.dof] @ others
+        if carried is not None:
+            row = observers[channel.observer][channel.dof]
+            reactions = machine.dynamic_times(answers, poles) - row[:, None]
+            moved = carried[:, len(poles) :] if number == 0 else carried[:, : len(poles)]
+            total -= _column_products(moved, reactions)
     return total
+
+
+def _column_products[Array: (FloatArray, ComplexArray)](first: Array, second: Array) -> Array:
+    """Return the sums ``(m,)`` of products of columns, complex ones as they are."""
+    return np.einsum("ij,ij->j", first, second)
+
+
+def slope_pole(
+    machine: CoupledSlopes, slope: StackedPieces, shape: ComplexArray, pole: complex
+) -> complex:
+    """Return the derivative of a pole.
+
+    Args:
+        machine: The machine at the parameter's value.
+        slope: Derivatives of the parts that the parameter moves.
+        shape: ``(n_all,)`` complex mode shape with ``x^T (2 s M + C) x = 1``.
+        pole: ``s`` [rad/s] above the real axis.
+
+    Source: Adhikari (1999), derivatives of eigenvalues of symmetric quadratic pencils.
+    """
+    poles, motion = np.array([pole]), shape[:, None]
+    total = complex(shape @ machine.dynamic_changes(slope, motion, poles)[:, 0])
+    carried = machine.carried_motions(slope, motion)
+    if carried is not None:
+        total += 2.0 * complex(carried[:, 0] @ machine.dynamic_times(motion, poles)[:, 0])
+    return -total

@@ -398,6 +398,10 @@ class _SegmentsTable(types.StrictTable):
     """number of segments"""
     along: Literal["x", "y", "z"] | None = None
     """axis of the component along which it is cut; default: the longest side"""
+    bending: types.PositiveNumber = 1.0
+    """factor on the bending stiffness E I of the section"""
+    torsion: types.PositiveNumber = 1.0
+    """factor on the torsional stiffness G J of the section"""
 
 
 def _wrap_rotation(value: object) -> object:

@@ -1,10 +1,10 @@
-"""One variant in one pose as a function of the parameters: modes and compliances, and their exact
-derivatives.
+"""One variant in one pose as a function of the parameters: modes with their damping, compliances and
+responses, and their exact derivatives.
 """
 
 import dataclasses
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -16,21 +16,27 @@ from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.slopes import (
     CoupledSlopes,
     ModeSlopes,
+    ObservedDof,
     Selection,
     StackedPieces,
     difference_pieces,
     slope_modes,
-    slope_point_compliance,
+    slope_pole,
+    slope_receptances,
     stack_pieces,
 )
+from headstock.pipeline.stages.machine import damp_system
 from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.damped_mode import DampedMode, follow_damped_mode
 from headstock.solvers.linear.modal_analysis import slope_shape, slope_squares
 from headstock.solvers.linear.symmetric_modes import solve_symmetric_modes
 from headstock.studies.identification.parametric_scene import ParametricScene
+from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 from headstock.studies.identification.targets import Parameter, ShapeTarget, TargetCase
 
 RIGID_MOTIONS = 6
+AT_REST = (0.0,)  # frequencies of a static compliance
 SPARE_MODES = 8  # computed above the targets, so that a pairing can choose
 STEP = 2.0**-10  # of the difference of parts, relative to the parameter
 # the same where a part is meshed anew: well above what two meshes differ by
@@ -63,12 +69,10 @@ class CaseSlope:
 
     Attributes:
         eigenvalues: ``(m,)`` of omega^2.
-        compliances: ``(c,)``.
         modes: What the parameter does to the modes.
     """
 
     eigenvalues: FloatArray
-    compliances: FloatArray
     modes: ModeSlopes
     pieces: StackedPieces
 
@@ -81,8 +85,6 @@ class CaseState:
         eigenvalues: ``(m,)`` omega^2 of the modes above the floor.
         shapes: ``(n, m)`` mass-normalised.
         below: How many modes lie below the floor.
-        displacements: ``(n, 2 c)`` static motion under a unit force at the motion port and at the
-            force port of each compliance.
     """
 
     model: CaseModel
@@ -91,7 +93,8 @@ class CaseState:
     eigenvalues: FloatArray
     shapes: FloatArray
     below: int
-    displacements: FloatArray
+    _answers: dict[float, ComplexArray] = field(default_factory=dict)
+    _damped: dict[int, DampedMode] = field(default_factory=dict)
 
     @cached_property
     def frequencies_hz(self) -> FloatArray:
@@ -104,16 +107,84 @@ class CaseState:
         return self.coupled.basis @ self.shapes
 
     @cached_property
+    def system(self) -> SecondOrderSystem:
+        """The equations of motion with the damping of the scene."""
+        return damp_system(self.model.parametric.scene, self.coupled.system)
+
+    def damped_mode(self, mode: int) -> DampedMode:
+        """Return what a mode becomes with damping.
+
+        Raises:
+            ConvergenceError: It is damped too strongly.
+        """
+        if mode not in self._damped:
+            omega = float(np.sqrt(self.eigenvalues[mode]))
+            self._damped[mode] = follow_damped_mode(self.system, omega, self.shapes[:, mode])
+        return self._damped[mode]
+
+    def slope_damping(self, mode: int, slope: CaseSlope) -> float:
+        """Return the derivative of the damping ratio of a mode."""
+        damped = self.damped_mode(mode)
+        motion = self.coupled.basis @ damped.shape
+        return damped.slope_ratio(slope_pole(self.slopes, slope.pieces, motion, damped.pole))
+
+    def receptances(
+        self, motion: ObservedDof, force: ObservedDof, frequencies_hz: Sequence[float]
+    ) -> ComplexArray:
+        """Return the motion per unit force at frequencies ``(l,)`` [m/N]; at rest for zero [Hz].
+
+        Raises:
+            ModelError: At rest a free motion leaves it undetermined.
+        """
+        name, dof = motion
+        row, column = self.coupled.system.outputs[name, DOF_NAMES[dof]], self._channels[force]
+        return np.array([row @ self._answer(hz)[:, column] for hz in frequencies_hz])
+
+    def slope_receptances(
+        self,
+        motion: ObservedDof,
+        force: ObservedDof,
+        frequencies_hz: Sequence[float],
+        slope: CaseSlope,
+    ) -> ComplexArray:
+        """Return the derivatives of what ``receptances`` returns."""
+        by_motion, by_force = (
+            self.coupled.basis
+            @ np.column_stack([self._answer(hz)[:, self._channels[end]] for hz in frequencies_hz])
+            for end in (motion, force)
+        )
+        poles = 2j * np.pi * np.array(frequencies_hz)
+        return slope_receptances(
+            self.slopes, slope.pieces, by_motion, by_force, poles, motion=motion, force=force
+        )
+
+    @property
     def compliances(self) -> FloatArray:
         """Motion per unit force of each target ``(c,)`` [m/N]."""
-        channels = [target.motion for target in self.model.case.compliances]
-        rows = [self.coupled.system.outputs[name, DOF_NAMES[dof]] for name, dof in channels]
-        return np.array([row @ self.displacements[:, 2 * i + 1] for i, row in enumerate(rows)])
+        targets = self.model.case.compliances
+        pairs = [self.receptances(item.motion, item.force, AT_REST)[0] for item in targets]
+        return np.real(pairs)
 
     @cached_property
-    def answers(self) -> FloatArray:
-        """The static motions in stacked dofs ``(n_all, 2 c)``."""
-        return self.coupled.basis @ self.displacements
+    def _channels(self) -> dict[ObservedDof, int]:
+        """Columns of the answers by channel."""
+        case = self.model.case
+        targets = [*case.compliances, *case.responses]
+        ends = [end for target in targets for end in (target.motion, target.force)]
+        return {end: column for column, end in enumerate(dict.fromkeys(ends))}
+
+    def _answer(self, hz: float) -> ComplexArray:
+        """Motions ``(n, c)`` under a unit force in each channel at a frequency."""
+        if hz not in self._answers:
+            inputs = self.coupled.system.inputs
+            loads = np.column_stack([inputs[name, DOF_NAMES[dof]] for name, dof in self._channels])
+            if hz == 0.0:
+                answer = solve_machine_static(self.coupled, loads).displacements
+            else:
+                dynamic = self.system.dynamic_stiffness(2j * np.pi * hz)
+                answer = np.linalg.solve(dynamic, loads)
+            self._answers[hz] = answer.astype(np.complex128)
+        return self._answers[hz]
 
     @cached_property
     def by_parameter(self) -> dict[int, CaseSlope]:
@@ -153,9 +224,8 @@ def make_case(
         parametric: The variant as a function of the parameters.
     """
     watched = {name for target in case.modes if target.shape for name, _, _ in target.shape.entries}
-    watched |= {
-        channel.observer for target in case.compliances for channel in (target.motion, target.force)
-    }
+    pairs = [*case.compliances, *case.responses]
+    watched |= {channel.observer for pair in pairs for channel in (pair.motion, pair.force)}
     return CaseModel(case, parametric, pose, parameters, tuple(sorted(watched)))
 
 
@@ -168,9 +238,7 @@ def solve_case(model: CaseModel, values: Mapping[str, float]) -> CaseState:
     built = model.parametric.build(values)
     coupled = couple(built.superelements, built.machine, model.pose)
     eigenvalues, shapes, below = _solve_modes(model, coupled)
-    return CaseState(
-        model, dict(values), coupled, eigenvalues, shapes, below, _solve_static(model, coupled)
-    )
+    return CaseState(model, dict(values), coupled, eigenvalues, shapes, below)
 
 
 def _slope_case(state: CaseState, parameter: Parameter) -> CaseSlope | None:
@@ -179,19 +247,7 @@ def _slope_case(state: CaseState, parameter: Parameter) -> CaseSlope | None:
     if pieces is None:
         return None
     modes = slope_modes(state.slopes, pieces, state.eigenvalues, state.shapes)
-    compliances = [
-        slope_point_compliance(
-            state.slopes,
-            pieces,
-            state.answers[:, 2 * i : 2 * i + 2],
-            motion=target.motion,
-            force=target.force,
-        )
-        for i, target in enumerate(state.model.case.compliances)
-    ]
-    return CaseSlope(
-        slope_squares(state.shapes, modes.forces), np.array(compliances), modes, pieces
-    )
+    return CaseSlope(slope_squares(state.shapes, modes.forces), modes, pieces)
 
 
 def shape_rows(state: CaseState, shape: ShapeTarget) -> FloatArray:
@@ -255,16 +311,6 @@ def _solve_modes(model: CaseModel, coupled: CoupledMachine) -> tuple[FloatArray,
     return pairs.eigenvalues[above], pairs.shapes[:, above], below
 
 
-def _solve_static(model: CaseModel, coupled: CoupledMachine) -> FloatArray:
-    channels = [
-        channel for target in model.case.compliances for channel in (target.motion, target.force)
-    ]
-    if not channels:
-        return np.zeros((coupled.basis.shape[1], 0))
-    loads = np.column_stack([coupled.system.inputs[name, DOF_NAMES[dof]] for name, dof in channels])
-    return solve_machine_static(coupled, loads).displacements
-
-
 def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | None:
     """Derivatives of the touched parts by the parameter's value: of the small matrices, never of an
     eigenvalue.
@@ -272,7 +318,7 @@ def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | Non
     touched = state.model.parametric.touched[parameter.name]
     if not touched.any:
         return None
-    if touched.stiffness_only:
+    if touched.springs_only:
         return _slope_springs(state, parameter)
     joints = state.model.parametric.scene.machine.joints
     neighbours = [
@@ -322,15 +368,29 @@ def _bodies_of(joint: Joint) -> set[str | None]:
 
 
 def _slope_springs(state: CaseState, parameter: Parameter) -> StackedPieces:
-    """Derivatives of joint stiffnesses, exactly."""
-    springs: dict[str, FloatArray] = {}
-    for name in state.model.parametric.touched[parameter.name].joints:
-        joint = state.model.parametric.joints[name]
-        springs[name] = np.zeros((6, 6))
-        for law in joint.stiffness_laws:
-            for dof in joint.dofs(law):
-                springs[name][dof, dof] = law.slope(state.values, parameter.name)
-    return StackedPieces({}, {}, {}, springs, {}, {})
+    """Derivatives of joints in stiffness and damping, exactly."""
+    parametric, machine = state.model.parametric, state.model.parametric.scene.machine
+    pieces = StackedPieces({}, {"stiffness": {}, "damping": {}, "loss": {}}, {}, {}, {})
+    for name in parametric.touched[parameter.name].joints:
+        joint = parametric.joints[name]
+        built = joint.build(state.values)
+        slopes = {
+            law.key[2]: law.slope(state.values, parameter.name)
+            for law in joint.laws
+            if law.key[2] == "loss_factor"
+        }
+        stiffness, damping = np.zeros((6, 6)), np.zeros((6, 6))
+        for law in joint.laws:
+            if law.key[2] in ("stiffness", "damping"):
+                for dof in joint.dofs(law):
+                    matrix = stiffness if law.key[2] == "stiffness" else damping
+                    matrix[dof, dof] = law.slope(state.values, parameter.name)
+        pieces.joints["stiffness"][name] = stiffness
+        pieces.joints["damping"][name] = damping + machine.rayleigh.beta * stiffness
+        pieces.joints["loss"][name] = (
+            built.loss_factor * stiffness + slopes.get("loss_factor", 0.0) * built.stiffness
+        )
+    return pieces
 
 
 def _owners(state: CaseState, observer: str) -> set[str]:

@@ -21,15 +21,12 @@ REMEMBERED = 64  # calculated scenes, or builds of one entry, that are kept
 STEP = 2.0**-10  # of a derivative of what is calculated, relative to the parameter
 # where between its bounds a parameter is put to see what follows it: nowhere special
 SOMEWHERE = 0.381966
-# what neither undamped modes nor compliances depend on
+# what neither modes nor compliances and responses depend on
 UNSEEN_SECTIONS = (
     *("name", "analyses", "sweeps", "studies", "variants", "compare", "effects", "limits"),
     *("accuracy", "drives", "probes", "loads"),
 )
 UNSEEN_KEYS = {
-    "materials": ("loss_factor",),
-    "components": ("rayleigh",),
-    "joints": ("damping", "loss_factor"),
     "axes": ("limits",),
 }
 

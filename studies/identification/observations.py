@@ -10,9 +10,24 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.static import UM_PER_KN
-from headstock.studies.identification.cases import CaseSlope, CaseState, shape_rows, slope_motions
+from headstock.studies.identification.cases import (
+    AT_REST,
+    CaseSlope,
+    CaseState,
+    shape_rows,
+    slope_motions,
+)
 from headstock.studies.identification.pairings import Pairing, compare_shape
-from headstock.studies.identification.targets import ComplianceTarget, ModeTarget, ShapeTarget
+from headstock.studies.identification.targets import (
+    ComplianceTarget,
+    MeasuredDamping,
+    ModeTarget,
+    ResponseTarget,
+    ShapeTarget,
+)
+
+# of a measured damping ratio: below, the model has none as far as its logarithm is concerned
+LEAST_SHARE = 1e-4
 
 type Slopes = Callable[[], FloatArray]
 
@@ -33,7 +48,9 @@ class TargetKind:
 KINDS = {
     "frequency": TargetKind("Hz", 1.0),
     "shape": TargetKind("", 1.0),
+    "damping": TargetKind("%", 100.0),
     "compliance": TargetKind("um/kN", UM_PER_KN),
+    "response": TargetKind("um/kN", UM_PER_KN),
     "limit": TargetKind("Hz", 1.0),
 }
 
@@ -77,8 +94,12 @@ def list_observations(state: CaseState, pairing: Pairing) -> Iterator[Observatio
         yield _observe_frequency(state, target, mode)
         if target.shape is not None:
             yield _observe_shape(state, target, target.shape, mode)
-    for number, compliance in enumerate(case.compliances):
-        yield _observe_compliance(state, compliance, number)
+        if target.damping is not None:
+            yield _observe_damping(state, target, target.damping, mode)
+    for compliance in case.compliances:
+        yield _observe_compliance(state, compliance)
+    for response in case.responses:
+        yield _observe_response(state, response)
     if case.limit is not None:
         yield _observe_limit(state)
 
@@ -120,8 +141,30 @@ def _observe_shape(
     )
 
 
-def _observe_compliance(state: CaseState, target: ComplianceTarget, number: int) -> Observation:
-    value = float(state.compliances[number])
+def _observe_damping(
+    state: CaseState, target: ModeTarget, damping: MeasuredDamping, mode: int
+) -> Observation:
+    value = state.damped_mode(mode).ratio
+    size = max(value, LEAST_SHARE * damping.ratio)
+    scale = size * damping.sigma
+    return Observation(
+        kind="damping",
+        name=target.name,
+        wanted=damping.ratio,
+        value=value,
+        sigma=damping.sigma,
+        residuals=np.array([np.log(size / damping.ratio) / damping.sigma]),
+        find_slopes=partial(
+            _spread_slopes, state, lambda slope: state.slope_damping(mode, slope) / scale
+        ),
+        hold_out=target.hold_out,
+        mode=mode,
+    )
+
+
+def _observe_compliance(state: CaseState, target: ComplianceTarget) -> Observation:
+    ends = (target.motion, target.force, AT_REST)
+    value = float(state.receptances(*ends)[0].real)
     ratio = value / target.value
     if target.logarithmic:
         size = abs(ratio) if target.either_sign else max(ratio, np.finfo(float).tiny)
@@ -135,7 +178,36 @@ def _observe_compliance(state: CaseState, target: ComplianceTarget, number: int)
         value=abs(value) if target.either_sign else value,
         sigma=target.sigma,
         residuals=np.array([gap]),
-        find_slopes=partial(_spread_slopes, state, lambda slope: slope.compliances[number] / scale),
+        find_slopes=partial(
+            _spread_slopes, state, lambda slope: state.slope_receptances(*ends, slope).real / scale
+        ),
+        hold_out=target.hold_out,
+    )
+
+
+def _observe_response(state: CaseState, target: ResponseTarget) -> Observation:
+    """The logarithms of the ratio of model and measurement: of sizes, then the phases between them.
+
+    Shown is the line with the largest measured size.
+    """
+    ends = (target.motion, target.force, target.frequencies_hz)
+    values, measured = state.receptances(*ends), np.array(target.values)
+    peak = int(np.argmax(np.abs(measured)))
+    logs = np.log(values / measured)
+
+    def read(slope: CaseSlope) -> FloatArray:
+        changes = state.slope_receptances(*ends, slope) / values
+        return np.concatenate([changes.real, changes.imag]) / target.sigma
+
+    return Observation(
+        kind="response",
+        name=target.name,
+        wanted=float(np.abs(measured[peak])),
+        value=float(np.abs(values[peak])),
+        sigma=target.sigma,
+        residuals=np.concatenate([logs.real, logs.imag]) / target.sigma,
+        find_slopes=partial(_spread_slopes, state, read, 2 * len(values)),
+        data=2 * len(values),
         hold_out=target.hold_out,
     )
 

@@ -77,7 +77,7 @@ def follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairi
     """
     if not pairing.modes:
         return pairing
-    weighed = before.slopes.mass_times(before.motions[:, list(pairing.modes)])
+    weighed = before.slopes.times("mass", before.motions[:, list(pairing.modes)])
     offsets, others = before.coupled.offsets, state.coupled.offsets
     moved = np.zeros((len(before.motions), state.motions.shape[1]))
     for name, rows in offsets.items():
@@ -85,7 +85,7 @@ def follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairi
         if other.stop - other.start == rows.stop - rows.start:
             moved[rows] = state.motions[other]
     products = (weighed.T @ moved) ** 2
-    sizes = np.einsum("ij,ij->j", moved, before.slopes.mass_times(moved))
+    sizes = np.einsum("ij,ij->j", moved, before.slopes.times("mass", moved))
     macs = products / np.maximum(sizes, np.finfo(float).tiny)
     pairs = assign_modes(macs, np.zeros(1), mac_threshold=0.0)
     return Pairing(tuple(pair.second for pair in pairs))

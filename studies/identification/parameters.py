@@ -35,11 +35,11 @@ from headstock.studies.identification.targets import (
 Scenes = Mapping[str | None, Scene]
 Rule = SetRuleTable | PowerRuleTable | ShiftRuleTable
 _TABLES = {"set": "keys", "multiply": "multiplies", "shift": "shifts"}
-_FREE_OF_MESH = ("at", "rotate", "mass")
+_FREE_OF_MESH = ("at", "rotate", "mass", "rayleigh")
 _PLACES: dict[str, tuple[str, ...]] = {
-    "components": ("solid", "mass", "at", "rotate", "interfaces"),
-    "joints": ("stiffness", "at"),
-    "materials": ("E", "nu", "rho"),
+    "components": ("solid", "mass", "at", "rotate", "interfaces", "rayleigh", "segments"),
+    "joints": ("stiffness", "stiffness_per_area", "damping", "loss_factor", "at"),
+    "materials": ("E", "nu", "rho", "loss_factor"),
 }
 
 
@@ -186,6 +186,8 @@ def _find_fault(key: KeyPath, scene: Scene) -> str:
     section = str(key[0])
     if section == PARAMETERS:
         return ""  # what is calculated from it is looked at once its bounds are known
+    if key[2:] == ("segments", "count"):
+        return "the number of segments cannot be fitted; what can: segments.bending and torsion, factors on E I and G J"
     if len(key) < 3 or section not in _PLACES or key[2] not in _PLACES[section]:
         places = "; ".join(
             [

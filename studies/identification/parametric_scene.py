@@ -7,6 +7,7 @@ import itertools
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -15,7 +16,7 @@ from scipy.optimize import linear_sum_assignment
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray, Frame
-from headstock.geometry.machine.joints import Joint
+from headstock.geometry.machine.joints import ContactLayer, Joint
 from headstock.geometry.machine.machine import Machine
 from headstock.geometry.parts.components import (
     Component,
@@ -54,13 +55,15 @@ from headstock.studies.identification.targets import Parameter
 # neighbours nearer than this share of their frequency are turned together: two bending modes of a
 # square section are any two of their plane
 CLOSE = 0.02
+# of joints, whose matrices they change in proportion
+SPRING_KEYS = ("stiffness", "damping", "loss_factor")
 # how far apart in ln f two modes cost as much as no likeness at all
 FAR = 0.5
 
 
 @dataclass(eq=False)
 class _ParametricJoint:
-    """A joint whose stiffness and place follow parameters."""
+    """A joint whose stiffness, damping and place follow parameters."""
 
     written: Joint
     laws: tuple[KeyLaw, ...]
@@ -69,30 +72,35 @@ class _ParametricJoint:
         """The joint for given parameter values.
 
         Raises:
-            ParameterValueError: A stiffness is negative.
+            ParameterValueError: A stiffness or damping is negative.
         """
-        stiffness = self.written.stiffness.copy()
-        point = None if self.written.point is None else self.written.point.copy()
+        written = self.written
+        matrices = {"stiffness": written.stiffness.copy(), "damping": written.damping.copy()}
+        point = None if written.point is None else written.point.copy()
+        changed: dict[str, Any] = {}
+        layer = {} if written.layer is None else dataclasses.asdict(written.layer)
         for law in self.laws:
-            number = law.value(values)
-            if law.key[2] == "at" and point is not None:
+            number, what = law.value(values), str(law.key[2])
+            if what == "at" and point is not None:
                 point[int(law.key[3])] = number
                 continue
             if number < 0.0 <= law.written:
                 raise ParameterValueError(
                     f"{show_key(law.key)} is {number:g} in SI units, below zero"
                 )
-            for dof in self.dofs(law):
-                stiffness[dof, dof] = number
-        return dataclasses.replace(self.written, stiffness=stiffness, point=point)
-
-    @property
-    def stiffness_laws(self) -> tuple[KeyLaw, ...]:
-        """Laws of its stiffnesses."""
-        return tuple(law for law in self.laws if law.key[2] == "stiffness")
+            if what in matrices:
+                for dof in self.dofs(law):
+                    matrices[what][dof, dof] = number
+            elif what == "stiffness_per_area":
+                layer[str(law.key[3])] = number
+            elif what == "loss_factor":
+                changed[what] = number
+        if layer:
+            changed["layer"] = ContactLayer(**layer)
+        return dataclasses.replace(written, point=point, **matrices, **changed)
 
     def dofs(self, law: KeyLaw) -> tuple[int, ...]:
-        """Joint dofs that the stiffness of a law acts on."""
+        """Joint dofs that the stiffness or damping of a law acts on."""
         return KINDS[self.written.kind].keys[str(law.key[3])]
 
 
@@ -297,14 +305,14 @@ class _Touched:
 
     Attributes:
         joints: By name: their stiffness or their own place.
-        stiffness_only: Nothing but stiffnesses of joints, none of them in series with a screw.
+        springs_only: Nothing but springs and dampers of joints, none of them in series with a screw.
         matrices: The superelement of a component changes too, not only places.
         meshed: Elastic components that are meshed and reduced anew.
     """
 
     components: tuple[str, ...]
     joints: tuple[str, ...]
-    stiffness_only: bool
+    springs_only: bool
     matrices: bool
     meshed: tuple[str, ...] = ()
 
@@ -422,8 +430,8 @@ def _find_touched(
     return _Touched(
         components=tuple(parts),
         joints=tuple(links),
-        stiffness_only=not parts
-        and all(law.key[2] == "stiffness" for law in itertools.chain(*links.values()))
+        springs_only=not parts
+        and all(law.key[2] in SPRING_KEYS for law in itertools.chain(*links.values()))
         and all(joints[name].written.screw is None for name in links),
         matrices=not all(map(moves, itertools.chain(*parts.values()))),
         meshed=tuple(name for name in elastic if any(map(_reshapes, parts[name]))),

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.numbers.numbers import Key, parse_key
 from headstock.reduction.coupling.slopes import ObservedDof
@@ -23,10 +25,12 @@ from headstock.studies.identification.targets import (
     ComplianceTarget,
     FitTable,
     IdentificationTask,
+    MeasuredDamping,
     ModeLimit,
     ModeTarget,
     ModeTargetTable,
     Parameter,
+    ResponseTarget,
     ShapeTarget,
     TargetCase,
     TargetsTable,
@@ -36,6 +40,9 @@ DEFAULT_TOLERANCE = 0.01
 DESCRIBED_TOLERANCE = 0.3
 VECTOR_TOLERANCE = 0.1
 LIMIT_TOLERANCE = 0.01
+DAMPING_TOLERANCE = 0.1
+RESPONSE_TOLERANCE = 0.1
+DAMPING = "damping"
 
 
 def _read_case(
@@ -59,6 +66,7 @@ def _read_case(
         *_read_compliances(name, table, spread, scene, findings),
         *_read_numbers(name, table, spread, pose, scene, findings),
     ]
+    responses = tuple(_read_responses(name, table, scene, findings))
     modes = [target for target in targets if isinstance(target, ModeTarget)]
     compliances = [target for target in targets if isinstance(target, ComplianceTarget)]
     modes.sort(key=lambda mode: mode.frequency_hz)
@@ -74,7 +82,21 @@ def _read_case(
     if (at_most := table.at_most) is not None:
         sigma = _relative(at_most.tolerance, 1.0) or LIMIT_TOLERANCE
         limit = ModeLimit(at_most.modes, at_most.below, sigma)
-    return TargetCase(name, table.variant, pose, floor, shaped, tuple(compliances), limit)
+    damped = bool(responses) or any(mode.damping is not None for mode in modes)
+    if damped and DAMPING not in scene.effects:
+        findings.add(
+            key, "damping and responses are fitted with the effect damping; name it in the scene's effects"
+        )
+    return TargetCase(
+        name=name,
+        variant=table.variant,
+        pose=pose,
+        floor_hz=floor,
+        modes=shaped,
+        compliances=tuple(compliances),
+        responses=responses,
+        limit=limit,
+    )
 
 
 def _read_modes(
@@ -88,7 +110,11 @@ def _read_modes(
         hz, hold_out = entry.frequency, entry.hold_out or table.hold_out
         sigma = (_relative(entry.tolerance, hz) or spread) / entry.weight**0.5
         name = f"{case} {hz:g} Hz" + (f" {entry.name}" if entry.name else "")
-        yield ModeTarget(name, hz, sigma, _read_shape(entry), hold_out)
+        damping = None
+        if entry.damping is not None:
+            spread_of_damping = _relative(entry.damping_tolerance, 1.0) or DAMPING_TOLERANCE
+            damping = MeasuredDamping(entry.damping.value, spread_of_damping / entry.weight**0.5)
+        yield ModeTarget(name, hz, sigma, _read_shape(entry), hold_out, damping=damping)
 
 
 def _read_compliances(
@@ -108,6 +134,27 @@ def _read_compliances(
             value=entry.value,
             sigma=(_relative(entry.tolerance, entry.value) or spread) / entry.weight**0.5,
             either_sign=entry.either_sign,
+            hold_out=entry.hold_out or table.hold_out,
+        )
+
+
+def _read_responses(
+    case: str, table: CaseTable, scene: Scene, findings: Findings
+) -> Iterator[ResponseTarget]:
+    """Yield the targets of frequency responses."""
+    for index, entry in enumerate(table.responses or ()):
+        key: KeyPath = ("cases", case, "responses", index)
+        _check_place((*key, "point"), entry.point, scene, findings)
+        if entry.force_at is not None:
+            _check_place((*key, "force_at"), entry.force_at, scene, findings)
+        yield ResponseTarget(
+            name=f"{case} {entry.point} {entry.motion}/F{entry.force}"
+            + (f" at {entry.force_at}" if entry.force_at else ""),
+            motion=ObservedDof(entry.point, "xyz".index(entry.motion)),
+            force=ObservedDof(entry.force_at or entry.point, "xyz".index(entry.force)),
+            frequencies_hz=tuple(line[0] for line in entry.lines),
+            values=tuple(complex(line[1], line[2]) for line in entry.lines),
+            sigma=(_relative(entry.tolerance, 1.0) or RESPONSE_TOLERANCE) / entry.weight**0.5,
             hold_out=entry.hold_out or table.hold_out,
         )
 
@@ -184,11 +231,15 @@ def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
     ``_fill_shape``.
     """
     if table.vectors is not None:
-        entries = [
+        motions = [
             (observer, dof, value)
             for observer, vector in table.vectors.items()
             for dof, value in enumerate(vector)
+            if value is not None
         ]
+        # a complex shape is turned to the phase in which its imaginary part is smallest
+        turn = np.exp(-0.5j * np.angle(sum(value**2 for *_, value in motions)))
+        entries = [(observer, dof, float((turn * value).real)) for observer, dof, value in motions]
         return ShapeTarget(
             tuple(entries), table.shape_tolerance or VECTOR_TOLERANCE, described=False
         )
@@ -363,7 +414,7 @@ def _check_amount(
     """Refuse more free parameters than there is data."""
     if findings.problems:
         return
-    data = sum(not held for case in cases for held in case.held_out)
+    data = sum(case.data for case in cases)
     free = [parameter for parameter in parameters if parameter.prior is None]
     if data == 0:
         findings.add(
@@ -372,6 +423,6 @@ def _check_amount(
     elif data < len(free):
         findings.add(
             ("parameters",),
-            f"{data} target(s) cannot fix {len(free)} parameters without a prior; add targets, fix some parameters, or give them "
+            f"{data} measured value(s) cannot fix {len(free)} parameters without a prior; add targets, fix some parameters, or give them "
             "prior and prior_sigma",
         )

@@ -69,6 +69,25 @@ ComplianceSpread = Annotated[
 RatioSpread = Annotated[Quantity, QuantityOf((units.RATIO,)), AfterValidator(_require_spread)]
 
 
+def _read_motion(value: object) -> complex | None:
+    """Read a motion of a mode shape: a number, its real and imaginary part, or none."""
+    if value == "-":
+        return None
+    parts = value if isinstance(value, list) and len(value) == 2 else [value]
+    numbers = [float(part) for part in parts if isinstance(part, int | float)]
+    if len(numbers) < len(parts) or not np.isfinite(numbers).all():
+        raise problem(f'is {value!r}; write a number, [re, im], or "-" where nothing was measured')
+    return complex(*numbers)
+
+
+_NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
+_MeasuredMotion = Annotated[
+    complex | None,
+    BeforeValidator(_read_motion),
+    JsonForm({"anyOf": [{"type": "number"}, {"const": "-"}, _NUMBERS]}),
+]
+
+
 class _BodyMoveTable(StrictTable):
     """Bodies that move alike in a mode: turn about an axis or shift along one, ``-`` for the other
     way round.
@@ -93,22 +112,26 @@ class ModeTargetTable(StrictTable):
     """measured natural frequency"""
     tolerance: FrequencySpread | None = None
     """its standard deviation"""
+    damping: Annotated[Quantity | None, QuantityOf((units.RATIO,), "positive")] = None
+    """measured damping ratio"""
+    damping_tolerance: RatioSpread | None = None
+    """relative standard deviation of the damping ratio"""
     weight: PositiveNumber = 1.0
-    """multiplies the squared residual"""
+    """multiplies the squared residuals"""
     name: Text = ""
-    """in tables"""
+    """in tables; a case that is `like` another one pairs modes of the same name"""
     moves: Annotated[list[_BodyMoveTable], Field(min_length=1, max_length=100)] | None = None
     """mode shape in words: which bodies move together, and how"""
     ignore: Names | None = None
     """bodies that the description says nothing about"""
     vectors: (
         Annotated[
-            dict[Text, Annotated[list[Number], Field(min_length=3, max_length=3)]],
+            dict[Text, Annotated[list[_MeasuredMotion], Field(min_length=3, max_length=3)]],
             Field(min_length=1),
         ]
         | None
     ) = None
-    """measured motion `[x, y, z]` of points, by name"""
+    """measured motion `[x, y, z]` of points, by name; `[re, im]` for a complex one, `"-"` for one that was not measured"""
     shape_tolerance: Annotated[PositiveNumber, Between(0.0, 10.0)] | None = None
     """standard deviation of the square root of 1 - MAC"""
     insist: Flag = False
@@ -123,6 +146,8 @@ class ModeTargetTable(StrictTable):
             yield "`ignore` names bodies that moves says nothing about; it goes with moves"
         if self.insist and self.moves is None:
             yield "`insist` keeps a shape in words; it goes with moves"
+        if self.damping_tolerance is not None and self.damping is None:
+            yield "`damping_tolerance` goes with damping, which is not given"
 
 
 class _ComplianceTargetTable(StrictTable):
@@ -152,6 +177,34 @@ class _ComplianceTargetTable(StrictTable):
     def _faults(self) -> Iterator[str]:
         if self.value == 0.0:
             yield "is zero; leave an entry that should vanish out, or give what was measured"
+
+
+class _ResponseTargetTable(StrictTable):
+    """A measured frequency response: motion at a point in one direction per unit force in another."""
+
+    point: Text
+    """where the motion was measured"""
+    motion: Literal["x", "y", "z"]
+    """direction of the motion"""
+    force: Literal["x", "y", "z"]
+    """direction of the force"""
+    force_at: Text | None = None
+    """where the force acts; default: the same point"""
+    lines: Annotated[
+        list[tuple[PositiveFrequency, Compliance, Compliance]],
+        Field(min_length=1, max_length=1000),
+    ]
+    """frequency, real and imaginary part of displacement over force"""
+    tolerance: RatioSpread | None = None
+    """standard deviation of each line, relative to its size"""
+    weight: PositiveNumber = 1.0
+    """multiplies the squared residuals"""
+    hold_out: Flag = False
+    """compared, but not fitted"""
+
+    def _faults(self) -> Iterator[str]:
+        if any(line[1] == line[2] == 0.0 for line in self.lines):
+            yield "has a line that is zero; leave it out"
 
 
 class _AtMostTable(StrictTable):
@@ -186,6 +239,10 @@ class CaseTable(StrictTable):
         Annotated[list[_ComplianceTargetTable], Field(min_length=1, max_length=1000)] | None
     ) = None
     """measured compliances"""
+    responses: (
+        Annotated[list[_ResponseTargetTable], Field(min_length=1, max_length=1000)] | None
+    ) = None
+    """measured frequency responses"""
     numbers: Annotated[dict[Text, Measured], Field(min_length=1, max_length=1000)] | None = None
     """measured values of numbers by name: `frequency(mode=3)`, `compliance(point=tcp,direction=x)`"""
     at_most: _AtMostTable | None = None
@@ -194,7 +251,9 @@ class CaseTable(StrictTable):
     """compared, but not fitted"""
 
     def _faults(self) -> Iterator[str]:
-        if not (self.frequencies or self.modes or self.compliances or self.numbers):
+        if not (
+            self.frequencies or self.modes or self.compliances or self.responses or self.numbers
+        ):
             yield 'holds no target; write frequencies = ["80 Hz"], modes = [{ ... }] or compliances = [{ ... }]'
 
 
@@ -320,8 +379,16 @@ class ShapeTarget:
 
 
 @dataclass(frozen=True)
+class MeasuredDamping:
+    """A measured damping ratio, and the standard deviation of its logarithm, weight counted."""
+
+    ratio: float
+    sigma: float
+
+
+@dataclass(frozen=True)
 class ModeTarget:
-    """A measured natural frequency.
+    """A measured natural frequency, with shape and damping where they are known.
 
     Attributes:
         frequency_hz: [Hz].
@@ -336,6 +403,7 @@ class ModeTarget:
     shape: ShapeTarget | None = None
     hold_out: bool = False
     number: int | None = None
+    damping: MeasuredDamping | None = None
 
 
 @dataclass(frozen=True)
@@ -365,6 +433,27 @@ class ComplianceTarget:
 
 
 @dataclass(frozen=True)
+class ResponseTarget:
+    """A measured frequency response.
+
+    Attributes:
+        motion: That is measured, along x, y or z.
+        frequencies_hz: Lines ``(l,)`` [Hz], above zero.
+        values: Displacement over force at each [m/N].
+        sigma: Standard deviation relative to the size, weight counted; of the phase in radians.
+        hold_out: Predicted, not fitted.
+    """
+
+    name: str
+    motion: ObservedDof
+    force: ObservedDof
+    frequencies_hz: tuple[float, ...]
+    values: tuple[complex, ...]
+    sigma: float
+    hold_out: bool = False
+
+
+@dataclass(frozen=True)
 class ModeLimit:
     """At most so many modes below a frequency [Hz]; sigma of the logarithm by which the next one
     may miss it.
@@ -391,6 +480,7 @@ class TargetCase:
     floor_hz: float
     modes: tuple[ModeTarget, ...]
     compliances: tuple[ComplianceTarget, ...]
+    responses: tuple[ResponseTarget, ...] = ()
     limit: ModeLimit | None = None
 
     @property
@@ -399,11 +489,19 @@ class TargetCase:
         return max(len(self.modes), *(target.number or 0 for target in self.modes), 0)
 
     @property
+    def data(self) -> int:
+        """Number of measured values that are fitted, shapes aside."""
+        modes = [1 + (mode.damping is not None) for mode in self.modes if not mode.hold_out]
+        lines = [2 * len(item.values) for item in self.responses if not item.hold_out]
+        compliances = sum(not item.hold_out for item in self.compliances)
+        return sum(modes) + sum(lines) + compliances
+
+    @property
     def held_out(self) -> tuple[bool, ...]:
         """Of each target, modes first: whether it is predicted and not fitted."""
         return (
             *(target.hold_out for target in self.modes),
-            *(target.hold_out for target in self.compliances),
+            *(target.hold_out for target in (*self.compliances, *self.responses)),
         )
 
 

@@ -85,12 +85,12 @@ def _write_frequencies(values_hz: FloatArray) -> str:
     return "[" + ", ".join(f'"{value:.15g} Hz"' for value in values_hz) + "]"
 
 
-def _prepare_text(folder: Path, targets: str) -> FitProblem:
-    """Prepare the machine and the text of a target file, written into a folder and ready to be
+def _prepare_text(folder: Path, targets: str, machine: str = SCENE) -> FitProblem:
+    """Prepare a machine and the text of a target file, written into a folder and ready to be
     computed.
     """
     scene, path = folder / "machine.toml", folder / "targets.toml"
-    scene.write_text(SCENE)
+    scene.write_text(machine)
     path.write_text(targets)
     return prepare_problem(load_targets(path, scene), Store(folder / "store"), MPI.COMM_SELF)
 

@@ -10,7 +10,7 @@ import pytest
 from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.studies.identification.problem import FitProblem, data_jacobian, evaluate
-from headstock.validation.machines.identification_cases import _prepare_text
+from headstock.validation.machines.identification_cases import SCENE, _prepare_text
 
 pytestmark = pytest.mark.slow
 
@@ -130,3 +130,59 @@ def test_a_nut_in_series_with_its_screw_is_differentiated_as_a_whole(tmp_path: P
     assert exact == approx(expected, abs=1e-6 * np.abs(expected).max())
     _, bare = slopes(_prepare_text(tmp_path, SCREW.format(variant="stiff")))
     assert np.abs(exact - bare)[:, 0].max() > 1e-3 * np.abs(bare[:, 0]).max()
+
+
+DAMPED = """
+[cases.bent]
+pose = "out"
+modes = [
+  { frequency = "60 Hz", damping = "2 %" },
+  { frequency = "75 Hz", damping = "1 %" },
+  { frequency = "120 Hz", damping = "1 %" },
+]
+[[cases.bent.responses]]
+point = "tcp"
+motion = "z"
+force = "x"
+force_at = "column.head"
+lines = [["40 Hz", "1 um/kN", "2 um/kN"], ["70 Hz", "-1 um/kN", "9 um/kN"]]
+[[cases.bent.responses]]
+point = "tcp"
+motion = "z"
+force = "z"
+lines = [["66 Hz", "1 um/kN", "20 um/kN"], ["110 Hz", "-1 um/kN", "9 um/kN"]]
+"""
+DAMPINGS = {
+    "viscous": ('keys = ["joints.feet.damping.x"]', 'bounds = ["1 N s/mm", "100 N s/mm"]'),
+    "structural": ('keys = ["joints.guide_*.loss_factor"]', "bounds = [0.001, 0.5]"),
+    "material": ('keys = ["materials.steel.loss_factor"]', "bounds = [0.0001, 0.1]"),
+    "rayleigh": ('keys = ["components.column.rayleigh.beta"]', 'bounds = ["1e-7 s", "1e-3 s"]'),
+    "bending": ('keys = ["components.column.segments.bending"]', "bounds = [0.3, 3.0]"),
+    "torsion": ('keys = ["components.column.segments.torsion"]', "bounds = [0.3, 3.0]"),
+}
+WITHOUT = ("tied", "height", "poisson", "angle")
+
+
+def test_damping_and_responses_are_differentiated_exactly(tmp_path: Path) -> None:
+    known = {name: lines for name, lines in PARAMETERS.items() if name not in WITHOUT} | DAMPINGS
+    text = "".join("\n".join([f"[parameters.{name}]", *lines, ""]) for name, lines in known.items())
+    changes = {
+        "segments = { count = 4 }": "segments = { count = 4, bending = 1.0, torsion = 1.0 }\nrayleigh = { beta = '2e-5 s' }",
+        'nu = 0.3': "nu = 0.3\nloss_factor = 0.004",
+        'stiffness = { lateral = "40 N/um", normal = "50 N/um" }': 'stiffness = { lateral = "40 N/um", normal = "50 N/um" }\nloss_factor = 0.03',
+        '[joints.feet]': '[joints.feet]\ndamping = { x = "20 N s/mm", z = "40 N s/mm" }',
+    }
+    scene = "effects = ['damping']\n" + SCENE
+    for old, new in changes.items():
+        assert old in scene
+        scene = scene.replace(old, new)
+    problem = _prepare_text(tmp_path, DAMPED + text, scene)
+    place, exact = slopes(problem)
+    kinds = [item.kind for item in evaluate(problem, place).fitted]
+    assert kinds == ["frequency", "damping"] * 3 + ["response"] * 2
+    expected = differences(problem, place)
+    scale = np.abs(expected).max(axis=0)
+    assert (scale > 1e-3).all()
+    worst = np.abs(exact - expected).max(axis=0) / scale
+    named = dict(zip(known, worst, strict=True))
+    assert named == approx(dict.fromkeys(known, 0.0), abs=1e-6)

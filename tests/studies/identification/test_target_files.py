@@ -172,7 +172,7 @@ FEET = "".join(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (GOOD + FEET, "3 target(s) cannot fix 4 parameters without a prior"),
+        (GOOD + FEET, "3 measured value(s) cannot fix 4 parameters without a prior"),
         (GOOD.replace('tolerance = "2 %"', "hold_out = true"), "nothing to fit to"),
     ],
 )
