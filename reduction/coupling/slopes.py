@@ -302,10 +302,13 @@ def _sum_terms(poles: ComplexArray, multiply: Callable[[Term], ComplexArray]) ->
         multiply: Gives a term times the columns ``(n, m)``.
     """
     turning = 1j * (poles.imag > 0.0)
-    weights = {"stiffness": np.ones_like(poles), "damping": poles, "loss": turning, "mass": poles**2}
-    return np.sum(
-        [weights[term] * multiply(term) for term in TERMS if weights[term].any()], axis=0
-    )
+    weights = {
+        "stiffness": np.ones_like(poles),
+        "damping": poles,
+        "loss": turning,
+        "mass": poles**2,
+    }
+    return np.sum([weights[term] * multiply(term) for term in TERMS if weights[term].any()], axis=0)
 
 
 @dataclass(frozen=True, eq=False)

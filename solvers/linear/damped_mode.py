@@ -63,7 +63,9 @@ def follow_damped_mode(system: SecondOrderSystem, omega: float, shape: FloatArra
         dynamic = system.dynamic_stiffness(pole)
         change = 2.0 * pole * (system.mass @ motion) + damping @ motion
         # unknowns of one scale: the pole in units of omega, the border in that of a stiffness
-        scale = np.abs(dynamic.diagonal()).mean() / max(np.linalg.norm(border), np.finfo(float).tiny)
+        scale = np.abs(dynamic.diagonal()).mean() / max(
+            np.linalg.norm(border), np.finfo(float).tiny
+        )
         bordered[:size, :size], bordered[:size, size] = dynamic, omega * change
         bordered[size, :size] = scale * border
         step = np.linalg.solve(bordered, np.append(-dynamic @ motion, 0.0))

@@ -12,6 +12,7 @@ import numpy as np
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.joints import Joint
 from headstock.geometry.machine.machine import Pose, place_components
+from headstock.pipeline.stages.machine import damp_system
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.slopes import (
     CoupledSlopes,
@@ -25,14 +26,13 @@ from headstock.reduction.coupling.slopes import (
     slope_receptances,
     stack_pieces,
 )
-from headstock.pipeline.stages.machine import damp_system
 from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damped_mode import DampedMode, follow_damped_mode
 from headstock.solvers.linear.modal_analysis import slope_shape, slope_squares
 from headstock.solvers.linear.symmetric_modes import solve_symmetric_modes
-from headstock.studies.identification.parametric_scene import ParametricScene
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+from headstock.studies.identification.parametric_scene import ParametricScene
 from headstock.studies.identification.targets import Parameter, ShapeTarget, TargetCase
 
 RIGID_MOTIONS = 6

@@ -70,6 +70,7 @@ class _LinearCase:
         sigmas: ``(t,)``.
         shape_costs: ``(t, m)``.
         rows: Row of the residuals for each target; -1 where it is held out.
+        fixed: Pairing of a case whose modes follow those of another one; None for others.
     """
 
     logs: FloatArray
@@ -78,6 +79,7 @@ class _LinearCase:
     sigmas: FloatArray
     shape_costs: FloatArray
     rows: tuple[int, ...]
+    fixed: Pairing | None
 
 
 def _propose_exchanges(problem: FitProblem, point: FitPoint) -> list[tuple[Pairing, ...]]:
@@ -102,7 +104,9 @@ def _propose_exchanges(problem: FitProblem, point: FitPoint) -> list[tuple[Pairi
 
 def _linearise(problem: FitProblem, point: FitPoint) -> list[_LinearCase]:
     scale, start, cases = problem.value_slopes(point.coordinates), 0, []
-    for state, observations in zip(point.states, point.observations, strict=True):
+    for state, pairing, observations in zip(
+        point.states, point.pairings, point.observations, strict=True
+    ):
         targets = state.model.case.modes
         slopes = np.zeros((len(state.eigenvalues), len(scale)))
         for index, slope in state.by_parameter.items():
@@ -120,6 +124,7 @@ def _linearise(problem: FitProblem, point: FitPoint) -> list[_LinearCase]:
                 sigmas=np.array([target.sigma for target in targets]),
                 shape_costs=shape_costs(state),
                 rows=tuple(rows),
+                fixed=pairing if state.model.case.like else None,
             )
         )
     return cases
@@ -134,8 +139,8 @@ def _places(problem: FitProblem, point: FitPoint) -> FloatArray:
 
 
 def _pair(case: _LinearCase, move: FloatArray) -> Pairing:
-    if not len(case.wanted):
-        return Pairing(())
+    if case.fixed is not None or not len(case.wanted):
+        return case.fixed or Pairing(())
     logs = case.logs + case.slopes @ move
     return Pairing(match_frequencies(logs, case.wanted, sigmas=case.sigmas, costs=case.shape_costs))
 

@@ -18,6 +18,7 @@ from headstock.studies.identification.identification import (
 )
 from headstock.studies.identification.observations import KINDS
 from headstock.studies.identification.problem import FitProblem
+from headstock.studies.identification.targets import MachineKey
 
 OVERRIDES_FILE = "calibrated.toml"
 RECORD_FILE = "identification.json"
@@ -69,21 +70,23 @@ def summarise_identification(found: Identification) -> JsonTable:
             for index, record in enumerate(found.starts)
         ],
         "keys": {
-            variant or "": {show_key(key): written for key, written in values.items()}
-            for variant, values in _write_keys(found).items()
+            f"{scene}:{variant or ''}".strip(":"): {
+                show_key(key): text for key, text in values.items()
+            }
+            for (scene, variant), values in _write_keys(found).items()
         },
     }
 
 
-def _write_keys(found: Identification) -> dict[str | None, dict[KeyPath, str | float]]:
-    """By variant of the target file: every key that follows a parameter with its fitted value as
+def _write_keys(found: Identification) -> dict[MachineKey, dict[KeyPath, str | float]]:
+    """By machine of the target file: every key that follows a parameter with its fitted value as
     the scene writes it.
     """
-    result: dict[str | None, dict[KeyPath, str | float]] = {}
+    result: dict[MachineKey, dict[KeyPath, str | float]] = {}
     for state in found.point.states:
         parametric = state.model.parametric
         scene = parametric.scene
-        result[state.model.case.variant] = {
+        result[state.model.case.machine] = {
             law.key: write_number(
                 law.value(found.values), written_unit(scene.raw, law.key, scene.written)
             )
@@ -102,7 +105,7 @@ def render_overrides(found: Identification, written: Scene, command: str) -> str
             values that only one variant has go into ``calibrated_VARIANT``, to be applied after it.
         command: How to get this file again.
     """
-    keys = _write_keys(found)
+    keys = {variant: values for (scene, variant), values in _write_keys(found).items() if not scene}
     shared = {
         key: value
         for values in keys.values()

@@ -44,7 +44,7 @@ from headstock.studies.identification.problem import (
 )
 from headstock.studies.identification.statistics import DataGroup, FitStatistics, assess
 from headstock.studies.identification.target_files import LoadedTask
-from headstock.studies.identification.targets import Parameter, TargetCase
+from headstock.studies.identification.targets import MachineKey, Parameter, TargetCase
 
 UNKNOWN = 50.0  # half-width of an interval, in coordinates, that says nothing: a factor of e^50
 BOUND_SHARE = 1e-4  # nearer to a bound than this share of the way between them: at the bound
@@ -211,22 +211,22 @@ def prepare_problem(loaded: LoadedTask, store: Store, comm: MPI.Comm) -> FitProb
 def _tie_scenes(loaded: LoadedTask, store: Store) -> FitProblem:
     """Tie the scenes to the parameters, in one process."""
     comm = MPI.COMM_SELF
-    scenes: dict[str | None, ParametricScene] = {}
+    scenes: dict[MachineKey, ParametricScene] = {}
     cases = []
     for case in loaded.task.cases:
-        if case.variant not in scenes:
-            scene = _with_modes(loaded.scenes[case.variant], loaded.task.cases)
+        if case.machine not in scenes:
+            scene = _with_modes(loaded.scenes[case.machine], loaded.task.cases)
             superelements = make_superelements(start_run(scene, comm, store))
-            scenes[case.variant] = make_parametric(
+            scenes[case.machine] = make_parametric(
                 scene,
                 superelements,
                 loaded.task.parameters,
                 scenes.values(),
                 reduce=functools.partial(_reduce, scene, comm, store),
             )
-        poses = loaded.scenes[case.variant].poses
+        poses = loaded.scenes[case.machine].poses
         pose = poses[case.pose] if case.pose is not None else next(iter(poses.values()))
-        cases.append(make_case(case, scenes[case.variant], pose, loaded.task.parameters))
+        cases.append(make_case(case, scenes[case.machine], pose, loaded.task.parameters))
     problem = FitProblem(tuple(cases), loaded.task.parameters, loaded.task.settings)
     _check_bounds(problem, loaded.findings)
     return problem

@@ -2,7 +2,7 @@
 every variant.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -32,7 +32,7 @@ from headstock.studies.identification.targets import (
     TargetsTable,
 )
 
-Scenes = Mapping[str | None, Scene]
+Scenes = Sequence[Scene]
 Rule = SetRuleTable | PowerRuleTable | ShiftRuleTable
 _TABLES = {"set": "keys", "multiply": "multiplies", "shift": "shifts"}
 _FREE_OF_MESH = ("at", "rotate", "mass", "rayleigh")
@@ -60,7 +60,7 @@ def read_parameters(
 
     Args:
         table: The target file, as checked against its schema.
-        scenes: The scene of each variant that the targets use.
+        scenes: The scene of each machine and variant that the targets use.
         findings: Takes the faults, with their place in the file.
     """
     parameters = []
@@ -94,7 +94,7 @@ def _check_followers(
     if not named:
         return
     first, count = named[0], 0
-    for scene in scenes.values():
+    for scene in scenes:
         try:
             laws = [law for law in find_laws(scene, (parameter,)) if law.calculated is not None]
         except ParameterValueError as error:
@@ -129,7 +129,7 @@ def _find_targets(
         return []
     targets: dict[KeyPath, _Target] = {}
     faults: list[str] = []
-    for scene in scenes.values():
+    for scene in scenes:
         for key in find_keys(scene.raw, pattern):
             faults.append(_find_fault(key, scene))
             if key not in targets and holds_number(scene.raw, key):
@@ -161,13 +161,13 @@ def _find_offset_fault(rule: Rule, quantity: Quantity) -> str:
 
 
 def _explain_missing(pattern: KeyPath, text: str, scenes: Scenes) -> str:
-    for scene in scenes.values():
+    for scene in scenes:
         for key in find_keys(scene.raw, pattern):
             try:
                 read_number(scene.raw, key)
             except ValueError as error:
                 return str(error)
-    raw = next(iter(scenes.values())).raw
+    raw = scenes[0].raw
     depth = max(length for length in range(len(pattern) + 1) if find_keys(raw, pattern[:length]))
     table = value_at(raw, find_keys(raw, pattern[:depth])[0])
     holds = (

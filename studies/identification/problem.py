@@ -120,8 +120,25 @@ def evaluate(
         pairs = zip(anchor.states, anchor.pairings, states, strict=True)
         pairings = tuple(follow_modes(before, pairing, state) for before, pairing, state in pairs)
     else:
-        pairings = tuple(pair_targets(state) for state in states)
+        pairings = _pair_anew(states)
     return _make_point(problem, np.array(coordinates), states, pairings)
+
+
+def _pair_anew(states: Sequence[CaseState]) -> tuple[Pairing, ...]:
+    """Return the cheapest pairing of each case; a modified machine follows the modes of another case."""
+    cases = [state.model.case for state in states]
+    places = {case.name: number for number, case in enumerate(cases)}
+    pairings = [
+        Pairing(()) if case.like else pair_targets(state)
+        for case, state in zip(cases, states, strict=True)
+    ]
+    for number, case in enumerate(cases):
+        if case.like is not None:
+            base = places[case.like]
+            labels = [target.label for target in cases[base].modes]
+            modes = [pairings[base].modes[labels.index(target.label)] for target in case.modes]
+            pairings[number] = follow_modes(states[base], Pairing(tuple(modes)), states[number])
+    return tuple(pairings)
 
 
 def exchange_modes(problem: FitProblem, point: FitPoint, pairings: tuple[Pairing, ...]) -> FitPoint:

@@ -14,7 +14,7 @@ from headstock.pipeline.numbers.numbers import Key, parse_key
 from headstock.reduction.coupling.slopes import ObservedDof
 from headstock.scene.building.loader import load_scene
 from headstock.scene.expansion.overrides import split_variant
-from headstock.scene.reading.files import read_scene
+from headstock.scene.reading.files import read_scene, resolve_file
 from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.reading.units import COMPLIANCE, FREQUENCY, RATIO, Quantity
 from headstock.scene.scene import Scene
@@ -25,6 +25,7 @@ from headstock.studies.identification.targets import (
     ComplianceTarget,
     FitTable,
     IdentificationTask,
+    MachineKey,
     MeasuredDamping,
     ModeLimit,
     ModeTarget,
@@ -85,7 +86,8 @@ def _read_case(
     damped = bool(responses) or any(mode.damping is not None for mode in modes)
     if damped and DAMPING not in scene.effects:
         findings.add(
-            key, "damping and responses are fitted with the effect damping; name it in the scene's effects"
+            key,
+            "damping and responses are fitted with the effect damping; name it in the scene's effects",
         )
     return TargetCase(
         name=name,
@@ -96,6 +98,8 @@ def _read_case(
         compliances=tuple(compliances),
         responses=responses,
         limit=limit,
+        like=table.like,
+        scene=table.scene or "",
     )
 
 
@@ -114,7 +118,8 @@ def _read_modes(
         if entry.damping is not None:
             spread_of_damping = _relative(entry.damping_tolerance, 1.0) or DAMPING_TOLERANCE
             damping = MeasuredDamping(entry.damping.value, spread_of_damping / entry.weight**0.5)
-        yield ModeTarget(name, hz, sigma, _read_shape(entry), hold_out, damping=damping)
+        shape = _read_shape(entry)
+        yield ModeTarget(name, hz, sigma, shape, hold_out, label=entry.name, damping=damping)
 
 
 def _read_compliances(
@@ -326,12 +331,12 @@ class LoadedTask:
     """A checked target file.
 
     Attributes:
-        scenes: The scene in each of the variants the file names.
+        scenes: Every machine that the file names.
         findings: Lines of the file, for what only the built scene can tell.
     """
 
     task: IdentificationTask
-    scenes: Mapping[str | None, Scene]
+    scenes: Mapping[MachineKey, Scene]
     findings: Findings
 
 
@@ -360,15 +365,24 @@ def load_targets(
     if table is None:
         findings.raise_if_any()
         raise AssertionError("the schema refused a target file without saying why")
-    scenes: dict[str | None, Scene] = {}
+    machines = {"": written}
+    scenes: dict[MachineKey, Scene] = {}
     for name, entry in table.cases.items():
-        _load_variant(name, entry, written, overrides, scenes, findings)
+        if entry.scene is not None and entry.scene not in machines:
+            try:
+                file = resolve_file(path.parent, entry.scene, (".toml",))
+            except ValueError as error:
+                findings.add(("cases", name, "scene"), str(error))
+                continue
+            machines[entry.scene] = load_scene(file)
+        _load_variant(name, entry, machines, overrides, scenes, findings)
     cases = [
-        _read_case(name, entry, scenes[entry.variant], table.fit, findings)
+        _read_case(name, entry, scenes[entry.machine], table.fit, findings)
         for name, entry in table.cases.items()
-        if entry.variant in scenes
+        if entry.machine in scenes
     ]
-    parameters = read_parameters(table, scenes or {None: written}, findings)
+    _check_likes(cases, findings)
+    parameters = read_parameters(table, [*scenes.values()] or [written], findings)
     _check_amount(cases, parameters, findings)
     findings.raise_if_any()
     settings = table.fit if starts is None else table.fit.model_copy(update={"starts": starts})
@@ -382,13 +396,14 @@ def load_targets(
 def _load_variant(
     name: str,
     entry: CaseTable,
-    written: Scene,
+    machines: Mapping[str, Scene],
     overrides: Sequence[str],
-    scenes: dict[str | None, Scene],
+    scenes: dict[MachineKey, Scene],
     findings: Findings,
 ) -> None:
-    if entry.variant in scenes:
+    if entry.machine in scenes:
         return
+    written = machines[entry.scene or ""]
     unknown = [part for part in split_variant(entry.variant) if part not in written.variants]
     for part in unknown:
         text = f"unknown variant {part[:80]!r}; {suggest_names(part, written.variants, what='variants')}"
@@ -397,7 +412,11 @@ def _load_variant(
         scene = (
             written
             if entry.variant is None
-            else load_scene(written.path, variant=entry.variant, overrides=overrides)
+            else load_scene(
+                written.path,
+                variant=entry.variant,
+                overrides=() if entry.scene else overrides,
+            )
         )
         if scene.is_lumped:
             key = ("cases", name) if entry.variant is None else ("cases", name, "variant")
@@ -405,7 +424,33 @@ def _load_variant(
                 key,
                 'is a lumped mechanism, which has no joints to fit; name a variant with model = "components"',
             )
-        scenes[entry.variant] = scene
+        scenes[entry.machine] = scene
+
+
+def _check_likes(cases: Sequence[TargetCase], findings: Findings) -> None:
+    """Refuse modified cases whose modes are not those of an unmodified one."""
+    known = {case.name: case for case in cases}
+    for case in cases:
+        if case.like is None:
+            continue
+        base, key = known.get(case.like), ("cases", case.name, "like")
+        if base is None or base is case or base.like is not None:
+            others = [
+                name for name, other in known.items() if other.like is None and other is not case
+            ]
+            text = (
+                f"is no other case without `like`; {suggest_names(case.like, others, what='cases')}"
+            )
+            findings.add(key, text)
+            continue
+        labels = [target.label for target in base.modes if target.label]
+        unknown = [target for target in case.modes if target.label not in labels]
+        if unknown:
+            findings.add(
+                key,
+                f"{unknown[0].name} has no partner in {base.name}: write the same name = in a mode of both; named there: "
+                f"{', '.join(labels) or 'none'}",
+            )
 
 
 def _check_amount(

@@ -221,10 +221,14 @@ class _AtMostTable(StrictTable):
 class CaseTable(StrictTable):
     """What was measured in one variant and pose."""
 
+    scene: Text | None = None
+    """scene file of another machine, beside the target file; default: the one that is fitted"""
     variant: Text | None = None
     """variant of the scene; default: as written"""
     pose: Text | None = None
     """pose of the scene; default: the first"""
+    like: Name | None = None
+    """case of the machine before it was modified: modes of one name are paired by shape with its modes, not by frequency"""
     modes_above: PositiveFrequency | None = None
     """modes below this frequency are left out (a machine on its air springs)"""
     tolerance: RatioSpread | None = None
@@ -249,6 +253,11 @@ class CaseTable(StrictTable):
     """a limit on the number of modes"""
     hold_out: Flag = False
     """compared, but not fitted"""
+
+    @property
+    def machine(self) -> "MachineKey":
+        """Which machine it was measured on."""
+        return self.scene or "", self.variant
 
     def _faults(self) -> Iterator[str]:
         if not (
@@ -395,6 +404,7 @@ class ModeTarget:
         sigma: Standard deviation of its logarithm, weight counted.
         hold_out: Predicted, not fitted.
         number: Of the mode that meets it, from 1 with those below the floor; None for any mode.
+        label: What the file calls the mode; empty without a name.
     """
 
     name: str
@@ -403,6 +413,7 @@ class ModeTarget:
     shape: ShapeTarget | None = None
     hold_out: bool = False
     number: int | None = None
+    label: str = ""
     damping: MeasuredDamping | None = None
 
 
@@ -464,6 +475,10 @@ class ModeLimit:
     sigma: float
 
 
+# scene file, empty for the one that is fitted, and variant
+type MachineKey = tuple[str, str | None]
+
+
 @dataclass(frozen=True)
 class TargetCase:
     """What was measured in one variant and pose.
@@ -472,6 +487,8 @@ class TargetCase:
         variant: Of the scene; None for the scene as written.
         pose: Name of a pose of the scene; None for its first.
         floor_hz: Modes below are none of the targets (rigid-body modes, the machine on its mounts).
+        like: Case whose modes of the same labels are followed by shape; None for none.
+        scene: File of another machine; empty for the one that is fitted.
     """
 
     name: str
@@ -482,6 +499,13 @@ class TargetCase:
     compliances: tuple[ComplianceTarget, ...]
     responses: tuple[ResponseTarget, ...] = ()
     limit: ModeLimit | None = None
+    like: str | None = None
+    scene: str = ""
+
+    @property
+    def machine(self) -> MachineKey:
+        """Which machine it was measured on."""
+        return self.scene, self.variant
 
     @property
     def most_modes(self) -> int:

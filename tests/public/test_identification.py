@@ -96,3 +96,94 @@ def test_a_held_out_target_is_predicted_with_an_interval_and_the_scatter_of_a_me
     assert predicted["model"] == approx(1e3 / 16.0, rel=1e-5)
     assert predicted["relative_spread_95"] == approx(1.959964 * 0.02, rel=1e-5)
     assert predicted["relative_scatter_95"] == approx(1.959964 * 0.03, rel=1e-5)
+
+
+def with_damping(block: Shell) -> None:
+    """Dampers along x, and structural damping."""
+    block.change(
+        ("[joints.feet]", '[joints.feet]\ndamping = { x = "1 N s/mm" }\nloss_factor = 0.001'),
+        ('name = "Block"', 'name = "Block"\neffects = ["damping"]'),
+    )
+
+
+DAMPINGS = """
+[parameters.viscous]
+keys = ["joints.feet.damping.x"]
+bounds = ["0.1 N s/mm", "100 N s/mm"]
+[parameters.structural]
+keys = ["joints.feet.loss_factor"]
+bounds = [0.0001, 0.3]
+"""
+
+
+def test_damping_ratios_give_viscous_and_structural_damping(block: Shell) -> None:
+    with_damping(block)
+    x, y = (mode(hz, way) for hz, way in zip(SHIFTS, "xy", strict=False))
+    # c / (2 sqrt(k m)) + eta / 2; the loss of a complex stiffness alone is sin(atan(eta) / 2)
+    damped = (
+        x.replace("moves", 'damping = "8 %", moves'),
+        y.replace("moves", 'damping = "2 %", damping_tolerance = "5 %", moves'),
+    )
+    found = identify(block, f"[cases.a]\nmodes = [{', '.join(damped)}]\n", DAMPINGS)
+    values = {name: item["value"] for name, item in found["parameters"].items()}
+    assert values["structural"] == approx(np.tan(2.0 * np.arcsin(0.02)), rel=1e-5)
+    assert values["viscous"] == approx(0.06 * 2.0 * np.sqrt(4e6 * 1e3) / 1e3, rel=2e-3)
+    rows = [target for target in found["targets"] if target["kind"] == "damping"]
+    assert [row["model"] for row in rows] == approx([8.0, 2.0], rel=1e-5)
+    structural = found["parameters"]["structural"]
+    reach = np.log(structural["high_95"] / structural["low_95"])
+    assert reach == approx(2 * 1.959964 * 0.05, rel=2e-3)
+
+
+def test_a_measured_response_gives_stiffness_and_damping(block: Shell) -> None:
+    with_damping(block)
+    block.change(('ry = "6 MN m/rad"', 'ry = "6e6 MN m/rad"'))
+    omega = 2.0 * np.pi * np.array([6.0, 9.5, 10.5, 14.0])
+    values = 1e9 / (4.4e6 * (1.0 + 0.02j) - 1000.0 * omega**2 + 1j * omega * 3e3)
+    lines = [
+        f'["{hz!r} Hz", "{value.real!r} um/kN", "{value.imag!r} um/kN"]'
+        for hz, value in zip((omega / 2.0 / np.pi).tolist(), values.tolist(), strict=True)
+    ]
+    response = f'{{ point = "tcp", motion = "x", force = "x", lines = [{", ".join(lines)}] }}'
+    found = identify(block, f"[cases.a]\nresponses = [{response}]\n", DAMPINGS, parameter("x"))
+    fitted = {name: item["value"] for name, item in found["parameters"].items()}
+    assert fitted == approx({"x": 4.4, "viscous": 3.0, "structural": 0.02}, rel=1e-4)
+    assert found["noise_by_kind"]["response"]["degrees_of_freedom"] == approx(5.0, abs=1e-6)
+
+
+def test_damping_is_not_fitted_without_the_effect(block: Shell) -> None:
+    block.write(
+        '[cases.a]\nmodes = [{ frequency = "10 Hz", damping = "1 %" }]\n' + parameter("x"),
+        name="targets",
+    )
+    assert "name it in the scene's effects" in block.refuses(IDENTIFY)
+
+
+MODIFIED = """
+[cases.a]
+modes = [{{ frequency = "{0[0]:.9g} Hz", name = "x" }}, {{ frequency = "{0[1]:.9g} Hz", name = "y" }}, {{ frequency = "{0[2]:.9g} Hz", name = "z" }}]
+[cases.b]
+like = "a"
+variant = "soft"
+modes = [{{ frequency = "{1[1]:.9g} Hz", name = "y" }}, {{ frequency = "{1[0]:.9g} Hz", name = "x" }}]
+[cases.c]
+scene = "other.toml"
+frequencies = ["{2:.9g} Hz"]
+"""
+
+
+def test_a_modified_machine_pairs_by_the_shapes_of_the_unmodified_one(block: Shell) -> None:
+    """The variant puts the mode along z below both others, where no measurement is."""
+    block.change(add='[variants.soft]\n"joints.feet.stiffness.z" = "6 N/um"\n')
+    block.write(SCENE, ('x = "4 N/um"', 'x = "1 N/um"'), name="other")
+    heavy = SHIFTS[:2] * np.sqrt(1.1)
+    text = MODIFIED.format(SHIFTS * np.sqrt(1.1), heavy, np.sqrt(1e3 * 1.1) / 2.0 / np.pi)
+    free = (
+        '[parameters.mass]\nkeys = ["materials.iron.rho"]\nbounds = ["500 kg/m^3", "2000 kg/m^3"]\n'
+    )
+    found = identify(block, text, free)
+    assert found["parameters"]["mass"]["value"] == approx(1000.0 / 1.1, rel=1e-4)
+    assert [target["mode"] for target in found["targets"]] == [1, 2, 3, 1, 3, 1]
+    assert set(found["keys"]) == {"", "soft", "other.toml"}
+    block.write(text.replace('Hz", name = "x" }]', 'Hz", name = "w" }]') + free, name="targets")
+    assert "has no partner in a" in block.refuses(IDENTIFY)

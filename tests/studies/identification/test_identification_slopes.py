@@ -168,9 +168,9 @@ def test_damping_and_responses_are_differentiated_exactly(tmp_path: Path) -> Non
     text = "".join("\n".join([f"[parameters.{name}]", *lines, ""]) for name, lines in known.items())
     changes = {
         "segments = { count = 4 }": "segments = { count = 4, bending = 1.0, torsion = 1.0 }\nrayleigh = { beta = '2e-5 s' }",
-        'nu = 0.3': "nu = 0.3\nloss_factor = 0.004",
+        "nu = 0.3": "nu = 0.3\nloss_factor = 0.004",
         'stiffness = { lateral = "40 N/um", normal = "50 N/um" }': 'stiffness = { lateral = "40 N/um", normal = "50 N/um" }\nloss_factor = 0.03',
-        '[joints.feet]': '[joints.feet]\ndamping = { x = "20 N s/mm", z = "40 N s/mm" }',
+        "[joints.feet]": '[joints.feet]\ndamping = { x = "20 N s/mm", z = "40 N s/mm" }',
     }
     scene = "effects = ['damping']\n" + SCENE
     for old, new in changes.items():
