@@ -44,7 +44,8 @@ def print_sweep_header(job: SweepJob, *, ranks: int) -> None:
         markup=False,
     )
     if (lobes := job.scene.analyses.get(LobesRequest)) is not None:
-        each = lobes_seconds(lobes, job.scene.machine.components, 0)
+        machine = job.scene.machine
+        each = lobes_seconds(lobes, machine, machine.components, 0)
         every = each * len(sweep.positions)
         whole = f"{every:.2g} s" if every < 120.0 else f"{every / 60.0:.2g} min"
         hint = "" if lobes.checked < 1.0 else "; checked = 0.1 looks at a tenth of the speeds"

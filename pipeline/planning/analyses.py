@@ -20,6 +20,8 @@ from headstock.pipeline.planning.budgets import (
     MANY_DOFS,
     PATH_STEPS_PER_TURN,
     POSES_PER_SECOND,
+    SECONDS_PER_COUPLED_CUBE,
+    STAGE_SECONDS,
     contour_memory_mb,
     contour_step_seconds,
     lobes_seconds,
@@ -81,6 +83,16 @@ class PlannedMachine:
     scene: Scene
     components: Mapping[str, Component]
     dofs: int
+
+    @property
+    def coupled_seconds(self) -> float:
+        """Return what an analysis takes longer where dampers or loss factors couple the modes [s]."""
+        joints, parts = self.scene.machine.joints.values(), self.components.values()
+        couples = "damping" in self.scene.effects and (
+            any(joint.loss_factor or joint.damping.any() for joint in joints)
+            or any(part.material.loss_factor for part in parts if part.fidelity != "rigid")
+        )
+        return SECONDS_PER_COUPLED_CUBE * self.dofs**3 if couples else 0.0
 
 
 def _describe(scene: Scene, request: Any) -> str:
@@ -244,6 +256,7 @@ def _plan_path(machine: PlannedMachine, path: PathRequest, what: str) -> Stage:
             follows_pose=path.follows_pose,
             repeats=repeats,
         )
+        seconds += machine.coupled_seconds
     else:
         bodies = len(scene.machine.components)
         steps = plan_tool_steps(
@@ -350,6 +363,7 @@ RECORDS: tuple[AnalysisRecord, ...] = (
         FrfRequest,
         f"{STAGES}.frf:run_frf_stage",
         f"{ANSWERS}.frf:PoseResponse",
+        seconds=lambda machine, request: STAGE_SECONDS["frf"] + machine.coupled_seconds,
         reach=lambda request: (request.to_hz, FRF_MARGIN),
         reach_name="frequency response",
     ),
@@ -367,7 +381,10 @@ RECORDS: tuple[AnalysisRecord, ...] = (
         LobesRequest,
         "headstock.pipeline.lobes.lobes:run_lobes_stage",
         f"{ANSWERS}.lobes:PoseLobes",
-        seconds=lambda machine, request: lobes_seconds(request, machine.components, machine.dofs),
+        seconds=lambda machine, request: (
+            lobes_seconds(request, machine.scene.machine, machine.components, machine.dofs)
+            + machine.coupled_seconds
+        ),
         reach=lambda request: (request.up_to_hz, MODE_MARGIN),
         reach_name="lobes",
     ),

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.errors import HeadstockError
+from headstock.geometry.machine.machine import Machine
 from headstock.geometry.parts.components import Component, MeshSettings, weigh_modes
 from headstock.geometry.parts.solids import Box
 from headstock.meshing.sizing import CELL_BUDGET
@@ -82,13 +83,18 @@ SECONDS_OF_DOFS = {
     "modal": (0.005, 2.5e-4),
     "lobes": (0.1, 5e-4),
 }
-# of a limit: multipliers that find it where speeds are dense and where they are not, and their time by the rows of a
-# matrix over a tooth period, which has those of so many poles besides. Variant R of the three-axis machine, a slot of
-# one mode and two free blocks, on a core of a virtual AMD EPYC. Elastic bodies bring ± of each limit and fast modes,
-# which deep cuts wake: two free blocks took 0.6 to 2.5 s for 18 limits, for which this says 0.8 s
-DENSE_MULTIPLIERS, SPARSE_MULTIPLIERS, ROWS_OF_POLES = 13, 32, 30.0
-ELASTIC_SHARE = 2.0
-SECONDS_PER_ROW, SECONDS_PER_CUBIC_ROW = 6.5e-6, 1.5e-10
+# per cube of dofs where damping couples the modes, of a frequency response, lobes and a path alike: the mill of
+# machines/mill.toml (467 dofs) took 3.1, 3.2 and 2.5 s, on a core of a virtual Intel Xeon
+SECONDS_PER_COUPLED_CUBE = 2.5e-8
+# of a limit: multipliers that find it where speeds are dense and where they are not, those that its ± adds
+# where bodies are finite elements, and their time by the rows of a matrix over a tooth period, two of each pole besides.
+# Where the tool's body deforms its modes are followed, too, so many times as high as those that are asked for. Poles
+# are some of the springs and a share of the dofs; segments bring few. The three-axis machine (800 limits) rigid,
+# segmented and of finite elements and machines/mill.toml (32) rigid and of finite elements took 0.9 to 1.6 times
+# as long, on a busy core of a virtual Intel Xeon
+DENSE_MULTIPLIERS, SPARSE_MULTIPLIERS, ELASTIC_MULTIPLIERS = 10, 24, 8
+FEWEST_POLES, POLES_PER_DOF, FASTER_TOOL = 10.0, 0.2, 2.2
+SECONDS_PER_ROW, SECONDS_PER_CUBIC_ROW = 9e-6, 2e-10
 WRITE_START, SECONDS_PER_DRAWN_BODY = 0.025, 0.002
 DOFS_OF_A_BODY = 6
 STEPS_PER_SECOND = 3e4  # of a contour of a lumped mechanism
@@ -330,18 +336,32 @@ def pose_seconds(kind: str, dofs: int) -> float | None:
     return STAGE_SECONDS.get(kind)
 
 
-def lobes_seconds(request: LobesRequest, components: Mapping[str, Component], dofs: int) -> float:
-    """Processor time of the lobes in a pose [s]."""
-    rows = np.array([request.rows_at(float(speed)) for speed in request.speeds]) + ROWS_OF_POLES
+def lobes_seconds(
+    request: LobesRequest, machine: Machine, components: Mapping[str, Component], dofs: int
+) -> float:
+    """Processor time of the lobes in a pose [s], where damping couples no modes.
+
+    Args:
+        machine: With the point that cuts.
+        components: As they are planned.
+        dofs: Of the coupled machine.
+    """
+    parts = components.values()
+    segments = sum(part.segments.count for part in parts if part.fidelity == "segmented")
+    poles = FEWEST_POLES + POLES_PER_DOF * max(0, dofs - DOFS_OF_A_BODY * segments)
+    tool = components.get(machine.points[request.at].carrier.component or "")
+    faster = FASTER_TOOL if tool is not None and tool.fidelity != "rigid" else 1.0
+    own = np.array([request.rows_at(float(speed), faster=faster) for speed in request.speeds])
+    rows = own + 2.0 * poles
     each = SECONDS_PER_ROW * rows + SECONDS_PER_CUBIC_ROW * rows**3
     start, slope = SECONDS_OF_DOFS["lobes"]
     # waves between two teeth change so much from speed to speed, at most
     periods = 2.0 * np.pi / (request.mill.teeth * request.checked * request.speeds)
     apart = request.highest_hz * np.abs(np.diff(periods)).max(initial=0.0)
     tries = DENSE_MULTIPLIERS if apart < DENSE else SPARSE_MULTIPLIERS
+    if any(part.fidelity == "elastic" for part in parts):
+        tries += ELASTIC_MULTIPLIERS
     limits = request.checked * len(request.directions) * tries
-    if any(component.fidelity != "rigid" for component in components.values()):
-        limits *= ELASTIC_SHARE
     return float(start + slope * dofs + limits * each[rows < MOST_ROWS].sum())
 
 

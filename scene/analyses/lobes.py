@@ -135,11 +135,14 @@ class LobesRequest(Request):
             sense=self.sense,
         )
 
-    def rows_at(self, speed: float) -> float:
+    def rows_at(self, speed: float, *, faster: float = 1.0) -> float:
         """Rows of the matrix whose multipliers say whether a cut at a speed [rad/s] is stable, besides
         those of the machine's poles.
+
+        Args:
+            faster: Highest frequency of the poles over that which is asked for.
         """
-        return expected_rows(self.cut_at(speed), self.highest_hz)
+        return expected_rows(self.cut_at(speed), faster * self.highest_hz)
 
     @property
     def highest_hz(self) -> float:
