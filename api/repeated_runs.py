@@ -1,5 +1,5 @@
-"""A machine many times over, in the same way as by the command of the same name: ``study``,
-``sweep``, ``compare`` and ``identify``.
+"""A machine many times over, or beside a measured one, in the same way as by the command of the same name:
+``study``, ``sweep``, ``compare``, ``correlate`` and ``identify``.
 
 All of it is collective under MPI: every rank calls it with the same arguments and gets the same
 answer. An error on one rank leaves the others waiting: start with ``mpirun python -m mpi4py``.
@@ -36,6 +36,8 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.comparison import Comparison, compare_variants
+from headstock.studies.correlation.correlation import WITHIN, Correlation
+from headstock.studies.correlation.job import CorrelationJob, load_correlation, run_correlation
 from headstock.studies.identification.descent import StartRecord
 from headstock.studies.identification.identification import (
     Identification,
@@ -255,6 +257,46 @@ def compare(
             )
 
         return make_on_root(comm, join)
+
+
+def correlate(
+    machine: Source,
+    test: str | Path,
+    *,
+    variant: str | None = None,
+    pose: str | None = None,
+    within: float = WITHIN,
+    comm: MPI.Comm | None = None,
+    progress: Callable[[StageRecord], None] = lambda record: None,
+) -> Correlation:
+    """Compare a measured machine with its model, modes paired by their shapes.
+
+    Args:
+        machine: Machine or path of a scene file.
+        test: Test file, such as ``.uff``.
+        variant: Name; several joined by ``+``. None for the machine as it is.
+        pose: Name; None for the first.
+        within: Relative deviation up to which a frequency counts as met.
+        comm: Ranks that compute together; all that were started where None.
+        progress: Called with each stage that has ended, on rank 0.
+
+    Returns:
+        The same on every rank.
+
+    Raises:
+        SceneError: The machine has problems.
+        HeadstockError: The test file has, or a computation failed.
+    """
+    check_call(progress, "correlate")
+    comm, path = comm or MPI.COMM_WORLD, read_path_argument(test, "correlate", "test")
+    if not isinstance(within, float) or not 0.0 < within < 1.0:
+        raise refuse("correlate", "within", f"is {within!r}; write a share such as 0.05")
+    made = take_machine(machine, "correlate")
+    with (made if variant is None else made.change(variant=variant)).on_disk() as file:
+        job = CorrelationJob(file, path, pose, within)
+        loaded, store = load_correlation(job), Store(default_store_root())
+        found = run_correlation(loaded, store, comm, observer=progress)
+        return share_from_root(comm, found)
 
 
 def identify(

@@ -82,7 +82,12 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "lobes": {"planning", "storage", "numbers", "answers", "results", "stages"},
         "accuracy": {"planning", "storage", "numbers", "answers", "results", "stages", "motion"},
     },
-    "studies": {"parameters": set(), "sweeps": set(), "identification": set()},
+    "studies": {
+        "parameters": set(),
+        "sweeps": set(),
+        "identification": set(),
+        "correlation": set(),
+    },
     "validation": {
         "references": set(),
         "parts": {"references"},

@@ -27,6 +27,7 @@ from headstock.pipeline.results.mode_files import VOLUME_FOLDER
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
 from headstock.pipeline.runner import run_scene
+from headstock.pipeline.stages.run_state import Announcer, Observer
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.outputs import claim_output
 from headstock.pipeline.storage.provenance import Provenance
@@ -129,12 +130,17 @@ def _describe_crowd(ranks: int, threads: int, cores: int) -> str:
     )
 
 
-def _run_with_progress(
-    scene: Scene, output: Path, comm: MPI.Comm, *, volume: bool, origin: Provenance | None
-) -> Results:
-    """Run a scene; rank 0 prints each stage as it ends, and shows how a long one goes on."""
+@contextlib.contextmanager
+def stage_progress(comm: MPI.Comm, first: str = "") -> Iterator[tuple[Announcer, Observer]]:
+    """Provide what is called with each stage before it begins and as it ends: rank 0 prints each stage,
+    and shows how a long one goes on.
+
+    Args:
+        first: What goes on before the first stage; empty for nothing.
+    """
     if comm.rank > 0:
-        return run_scene(scene, output, comm=comm, volume=volume)
+        yield lambda stage: None, lambda record: None
+        return
     with show_progress() as progress:
 
         def announce(stage: Stage) -> None:
@@ -151,11 +157,19 @@ def _run_with_progress(
             progress.end()
             print_stage(record)
 
-        if any(
-            isinstance(part.solid, StepFile | MeshFile)
-            for part in scene.machine.components.values()
-        ):
-            progress.begin("plan    from the parts' files")
+        if first:
+            progress.begin(first)
+        yield announce, observe
+
+
+def _run_with_progress(
+    scene: Scene, output: Path, comm: MPI.Comm, *, volume: bool, origin: Provenance | None
+) -> Results:
+    """Run a scene; rank 0 prints each stage as it ends, and shows how a long one goes on."""
+    parts = scene.machine.components.values()
+    files = any(isinstance(part.solid, StepFile | MeshFile) for part in parts)
+    with stage_progress(comm, "plan    from the parts' files" if files else "") as shown:
+        announce, observe = shown
         return run_scene(
             scene,
             output,

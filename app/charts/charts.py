@@ -7,6 +7,8 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any, Literal, TypedDict
 
+import numpy as np
+
 from headstock.app.pictures.libraries import (
     Artist,
     Axes,
@@ -15,6 +17,7 @@ from headstock.app.pictures.libraries import (
     FuncFormatter,
     NullFormatter,
 )
+from headstock.geometry.frames import FloatArray
 
 DPI = 130
 MOST_TICKS = 7
@@ -29,6 +32,8 @@ TICK_STEPS = (
 TICK_INCHES, LEAST_GAP, PANEL_SHARE = 0.085, 1.5, 0.85
 LETTER_INCHES, LINE_INCHES, HANDLE_INCHES = 0.066, 0.17, 0.55  # of a legend at 8 points
 DASHES = ("-", "--", ":", "-.")
+MATRIX_TICKS = 12
+CELL_WITH_NUMBER, LEAST_NUMBER = 0.22, 0.1  # inches; share worth a number
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -147,6 +152,36 @@ def label_shares(axes: Axes) -> None:
     axes.set_ylim(low, high)
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{100.0 * value:g} %"))
+
+
+def draw_matrix(axes: Axes, table: FloatArray, cell: float) -> None:
+    """Draw a matrix of shares between modes, numbered from 1: the larger the darker.
+
+    Args:
+        table: ``(m, n)``, rows upwards.
+        cell: Size of an entry [inch]; large ones hold their numbers.
+    """
+    axes.imshow(table, cmap="Blues", vmin=0.0, vmax=1.0, origin="lower", aspect="equal")
+    for axis, count in ((axes.xaxis, table.shape[1]), (axes.yaxis, table.shape[0])):
+        step = max(1, count // MATRIX_TICKS)
+        axis.set_ticks(range(0, count, step), [str(i + 1) for i in range(0, count, step)])
+    axes.tick_params(labelsize=7, colors=INK, length=0)
+    if cell < CELL_WITH_NUMBER:
+        return
+    for (row, column), value in np.ndenumerate(table):
+        if value >= LEAST_NUMBER:
+            text = f"{value:.2f}".removeprefix("0")
+            color = "white" if value > 0.5 else INK
+            axes.text(column, row, text, ha="center", va="center", fontsize=6, color=color)
+
+
+def add_scale(figure: Figure, label: str) -> None:
+    """Add the scale of colours of the last matrix beside all panels."""
+    images = [image for axes in figure.axes for image in axes.get_images()]
+    if images:
+        bar = figure.colorbar(images[-1], ax=figure.axes, shrink=0.8)
+        bar.set_label(label, fontsize=9, color=INK)
+        bar.ax.tick_params(labelsize=7, colors=INK, length=0)
 
 
 def encode_figure(figure: Figure) -> bytes:

@@ -12,7 +12,9 @@ from headstock.app.charts.charts import (
     FAINT,
     INK,
     add_legend,
+    add_scale,
     calm_axes,
+    draw_matrix,
     encode_figure,
     label_axes,
     new_figure,
@@ -33,8 +35,6 @@ LEVEL_HALF_WIDTH = 0.3
 LABEL_INCHES = 0.17
 NAME_LENGTH = 60
 VARIANT_LENGTH = 14
-MOST_TICKS = 12
-CELL_WITH_NUMBER, LEAST_NUMBER = 0.22, 0.1  # inches; MAC worth a number
 MOST_UPRIGHT = 15  # bars whose numbers stand upright beside each other
 
 
@@ -85,32 +85,11 @@ def _draw_mac(summary: ComparisonSummary) -> bytes:
     figure = new_figure(
         max(5.0, cell * across * max(widths) + 1.2), down * (max(cell * rows, 1.2) + 0.9)
     )
-    image = None
     for number, (name, table) in enumerate(shown.items()):
         axes = figure.add_subplot(down, across, number + 1)
-        image = axes.imshow(table, cmap="Blues", vmin=0.0, vmax=1.0, origin="lower", aspect="equal")
-        for axis, count in ((axes.xaxis, table.shape[1]), (axes.yaxis, table.shape[0])):
-            step = max(1, count // MOST_TICKS)
-            axis.set_ticks(range(0, count, step), [str(i + 1) for i in range(0, count, step)])
+        draw_matrix(axes, table, cell)
         label_axes(axes, x=f"mode of {name}", y=f"mode of {summary['reference']}")
-        axes.tick_params(labelsize=7, colors=INK, length=0)
-        if cell >= CELL_WITH_NUMBER:
-            for (row, column), value in np.ndenumerate(table):
-                if value >= LEAST_NUMBER:
-                    color = "white" if value > 0.5 else INK
-                    axes.text(
-                        column,
-                        row,
-                        f"{value:.2f}".removeprefix("0"),
-                        ha="center",
-                        va="center",
-                        fontsize=6,
-                        color=color,
-                    )
-    if image is not None:
-        bar = figure.colorbar(image, ax=figure.axes, shrink=0.8)
-        bar.set_label("MAC", fontsize=9, color=INK)
-        bar.ax.tick_params(labelsize=7, colors=INK, length=0)
+    add_scale(figure, "MAC")
     return encode_figure(figure)
 
 

@@ -1,8 +1,12 @@
-"""Options of commands that run a scene many times: study, converge, sweep, compare, identify."""
+"""Options of commands that run a scene many times, or hold it against measurements: study, converge, sweep,
+compare, correlate, identify.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
+
+import click
 
 from headstock.app.commands.options import (
     ClusterOptions,
@@ -195,6 +199,48 @@ class CompareOptions(SceneOptions):
     no_host: NoHost = False
     json: JsonFile = None
     debug: Debug = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorrelateOptions(SceneOptions):
+    """Compare a measured machine with its model: modes paired by shape, missing ones, channels that look
+    wrong, frequency responses.
+    """
+
+    action = "correlating:correlate_command"
+    collective = as_one_job = True
+    scene: SceneFile
+    test: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TEST", help="Test file, such as .uff: points, and modes or responses."
+        ),
+    ]
+    output: Annotated[
+        Path | None, output_option("DIR", "Folder of results [results/SCENE-TEST].")
+    ] = None
+    pose: Annotated[str | None, option("--pose", "NAME", "Pose of the test [the first].")] = None
+    within: Annotated[
+        str, option("--within", "SHARE", "Deviation up to which a frequency is met, as in 5%.")
+    ] = "5 %"
+    expansion: Annotated[
+        Literal["serep", "static", "dynamic"],
+        typer.Option(
+            "--expansion",
+            click_type=click.Choice(["serep", "static", "dynamic"]),
+            help="How measured shapes are expanded for the animation.",
+        ),
+    ] = "serep"
+    variant: Variant = None
+    set_: Overrides = None
+    ranks: Ranks = None
+    no_host: NoHost = False
+    json: JsonFile = None
+    debug: Debug = False
+
+    def __post_init__(self) -> None:
+        """Refuse a deviation that is no share, before anything is loaded."""
+        read_percent(self.within)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -125,7 +125,10 @@ def draw_overlay(
             own = dataclasses.replace(cell, low=low, high=high, color=COLORS[number % len(COLORS)])
             # what lies over the curve of another model is thinner, so that both are seen
             width = WIDTH + (len(responses) - 1 - number if names else 0)
-            parts.append(_draw_curves(own, _places(widest, own, curves.frequencies_hz), width))
+            along = _places(widest, own, curves.frequencies_hz)
+            if names:
+                parts.append(_draw_band(own, along))
+            parts.append(_draw_curves(own, along, width))
     width, height = _size(layouts[0], columns)
     for number, name in enumerate(names or [f"pose {curves.pose}" for curves in responses]):
         y = height + LEGEND_STEP * number + 12.0

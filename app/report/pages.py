@@ -1,5 +1,5 @@
-"""Sweeps, comparisons and effects, each as one HTML page that works offline; a click on a pose of a sweep
-shows its modes and compliance.
+"""Sweeps, comparisons, correlations and effects, each as one HTML page that works offline; a click on a
+pose of a sweep shows its modes and compliance.
 """
 
 import base64
@@ -10,13 +10,22 @@ import numpy as np
 from markupsafe import Markup
 
 from headstock.app.drawings.markup import script_json
-from headstock.app.report.report import STYLE, Worth, read_asset, report_environment
+from headstock.app.report.report import (
+    STYLE,
+    VIEWER,
+    Worth,
+    describe_omissions,
+    read_asset,
+    report_environment,
+)
+from headstock.app.report.viewer_data import Caption, encode_machine
 from headstock.app.tables.comparison import (
     alike_rigid_modes,
     comparison_csv,
     list_points,
     variant_error_words,
 )
+from headstock.app.tables.correlation import list_modes, list_tables, shorten
 from headstock.app.tables.model_answers import (
     CANNOT,
     cannot_words,
@@ -34,17 +43,20 @@ from headstock.app.tables.sweep_quantities import (
     list_swept,
     sampled_error_words,
 )
+from headstock.app.tables.table import encode_csv
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import SCENE_UNITS
 from headstock.pipeline.answers.static import UM_PER_KN
 from headstock.pipeline.storage.provenance import ProvenanceSummary
 from headstock.studies.comparison_summary import ComparisonSummary
+from headstock.studies.correlation.correlation import Correlation
 from headstock.studies.sweeps.results import SweepResults
 
 TEMPLATE, SCRIPT = "sweep_template.html", "sweep_maps.js"
 DIGITS = 6
 COMPARISON_TEMPLATE = "comparison_template.html"
 EFFECTS_TEMPLATE = "effects_template.html"
+CORRELATION_TEMPLATE = "correlation_template.html"
 
 
 def render_sweep(
@@ -70,7 +82,7 @@ def render_sweep(
             quantities=list(zip(shown, ranges, strict=True)),
             crossings={} if tracked is None else tracked.crossings,
             tracking_breaks=0 if tracked is None else tracked.tracking_breaks,
-            figures={name: base64.b64encode(image).decode() for name, image in figures.items()},
+            figures=_encode_images(figures),
             unreachable=results.states.count("unreachable"),
             data=Markup(script_json(_page_data(results, shown))),
             style=Markup(read_asset(STYLE)),
@@ -144,7 +156,7 @@ def render_comparison(summary: ComparisonSummary, figures: Mapping[str, bytes]) 
             alike=alike_rigid_modes(summary),
             error_notes=variant_error_words(summary),
             points=list_points(summary),
-            figures={name: base64.b64encode(image).decode() for name, image in figures.items()},
+            figures=_encode_images(figures),
             downloads={
                 name: base64.b64encode(table).decode()
                 for name, table in comparison_csv(summary).items()
@@ -169,3 +181,54 @@ def render_effects(worth: Worth) -> str:
         .get_template(EFFECTS_TEMPLATE)
         .render(worth=worth.summary, chart=worth.chart, style=Markup(read_asset(STYLE)))
     )
+
+
+def render_correlation(
+    found: Correlation, figures: Mapping[str, bytes], origin: ProvenanceSummary | None = None
+) -> str:
+    """The page as HTML text that refers to nothing outside itself.
+
+    Args:
+        figures: Name to PNG.
+        origin: Where it comes from.
+    """
+    machine = None
+    if found.view is not None:
+        machine = encode_machine(found.view, {found.pose: _caption_modes(found)})
+    tables = list(list_tables(found))
+    return (
+        report_environment()
+        .get_template(CORRELATION_TEMPLATE)
+        .render(
+            found=found,
+            listings=[shorten(table) for table in tables],
+            figures=_encode_images(figures),
+            downloads={
+                table.name: base64.b64encode(encode_csv(table.tabulate())).decode()
+                for table in tables
+            },
+            machine=None if machine is None else Markup(machine.text),
+            omissions=describe_omissions(machine),
+            stills={},
+            still_remark=None,
+            origin=origin,
+            style=Markup(read_asset(STYLE)),
+            script=Markup(read_asset(VIEWER)),
+        )
+    )
+
+
+def _caption_modes(found: Correlation) -> list[Caption]:
+    """Say of each row of the table what the viewer shows of it."""
+    captions = []
+    for index, row in enumerate(list_modes(found)):
+        measured = "" if row.measured_hz is None else f"measured {row.measured_hz:.4g} Hz"
+        computed = "" if row.computed_hz is None else f"computed {row.computed_hz:.4g} Hz"
+        lead = " / ".join(filter(None, (measured, computed)))
+        captions.append(Caption(f"mode:{index}", lead, f"MAC {row.mode.mac:.2f}, {row.text}"))
+    return captions
+
+
+def _encode_images(figures: Mapping[str, bytes]) -> dict[str, str]:
+    """Return name to the text of a PNG in a page."""
+    return {name: base64.b64encode(image).decode() for name, image in figures.items()}

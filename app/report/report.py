@@ -46,7 +46,7 @@ from headstock.reduction.motions.mode_naming import WHOLE_MACHINE
 if TYPE_CHECKING:
     from headstock.studies.effects import EffectsSummary
 
-TEMPLATE, STYLE, SCRIPT = "report_template.html", "report.css", "viewer/viewer.bundle.js"
+TEMPLATE, STYLE, VIEWER = "report_template.html", "report.css", "viewer/viewer.bundle.js"
 SMALLEST_NAMED = 0.02
 
 
@@ -120,7 +120,7 @@ def render_report(run: Results, stills: Stills | None = None, worth: Worth | Non
             origin=run.provenance and run.provenance.summarise(),
             sections=sections,
             machine=None if machine is None else Markup(machine.text),
-            omissions=_omissions(machine),
+            omissions=describe_omissions(machine),
             stills={
                 pose: base64.b64encode(image).decode() for pose, image in stills.images.items()
             },
@@ -132,7 +132,7 @@ def render_report(run: Results, stills: Stills | None = None, worth: Worth | Non
             style=Markup(read_asset(STYLE)),
             scripts=[
                 Markup(read_asset(name))
-                for name in (SCRIPT, *dict.fromkeys(section.script for section, _ in sections))
+                for name in (VIEWER, *dict.fromkeys(section.script for section, _ in sections))
                 if name
             ],
         )
@@ -212,8 +212,8 @@ def _list_compliances(row: PointRow) -> list[tuple[str, float | None, float | No
     return found
 
 
-def _omissions(machine: EncodedMachine | None) -> list[str]:
-    """What the machine view leaves out so that the page stays small enough to mail."""
+def describe_omissions(machine: EncodedMachine | None) -> list[str]:
+    """Say what the machine view leaves out so that the page stays small enough to mail."""
     found = []
     if machine is not None and machine.left_out:
         found.append(

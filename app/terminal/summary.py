@@ -66,7 +66,7 @@ def print_summary(
     print_table(console, "Components", _format_rows(COMPONENT_COLUMNS, run.components.items()))
     for view in find_views(run):
         for part in view.terminal(run):
-            _print_part(console, part)
+            print_part(console, part)
     print_remarks([warning for warning in run.warnings if warning not in said])
     print_assumptions(run.assumptions)
     for failure in run.failures:
@@ -76,7 +76,8 @@ def print_summary(
     )
 
 
-def _print_part(console: Console, part: TerminalPart) -> None:
+def print_part(console: Console, part: TerminalPart) -> None:
+    """Print a table, shares as bars, or a text."""
     if isinstance(part, Listing):
         print_table(console, part.title, _format_rows(part.columns, part.rows))
     elif isinstance(part, Shares):

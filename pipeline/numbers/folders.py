@@ -28,6 +28,7 @@ OTHER_RESULTS = {
     "study.json": "study",
     "compare.json": "compare",
     "convergence.json": "converge",
+    "correlate.json": "correlate",
     "identification.json": "identify",
 }
 

@@ -46,6 +46,7 @@ OTHERS = {
     "study.json": "study",
     "compare.json": "compare",
     "convergence.json": "converge",
+    "correlate.json": "correlate",
     "identification.json": "identify",
 }
 IS_FILE = "is a file; name the folder that a run has written"

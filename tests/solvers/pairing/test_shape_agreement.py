@@ -14,6 +14,7 @@ from headstock.solvers.pairing.shape_agreement import (
     response_assurance,
 )
 from headstock.solvers.pairing.shape_expansion import expand_by_modes, expand_by_stiffness
+from headstock.solvers.second_order import ComplexArray
 
 
 def chain(count: int = 20) -> tuple[FloatArray, FloatArray]:
@@ -28,7 +29,7 @@ def solve_modes(stiffness: FloatArray, mass: FloatArray) -> tuple[FloatArray, Fl
     return np.sqrt(squares) / (2.0 * np.pi), shapes
 
 
-def spread(shapes: FloatArray, seed: int = 1) -> np.ndarray:  # type: ignore[type-arg]
+def spread(shapes: FloatArray, seed: int = 1) -> ComplexArray:
     """The same shapes, each of another size and phase."""
     random = np.random.default_rng(seed)
     count = shapes.shape[1]
@@ -117,16 +118,16 @@ def test_cross_orthogonality_is_one_on_the_pairs_and_small_beside_them() -> None
     assert (table - np.diag(np.diag(table)) @ np.eye(4, 6)).max() < 0.2
 
 
-def respond(hz: FloatArray, shapes: FloatArray, lines: FloatArray) -> np.ndarray:  # type: ignore[type-arg]
+def respond(hz: FloatArray, shapes: FloatArray, lines: FloatArray) -> ComplexArray:
     """Receptances of all coordinates to forces at the first and the last one."""
     squares, omega = (2 * np.pi * hz) ** 2, 2 * np.pi * lines
     poles = 1.0 / (squares * (1 + 0.02j) - omega[:, None] ** 2)
-    return np.einsum("ik,lk,jk->lij", shapes, poles, shapes[[0, -1]])
+    return np.asarray(np.einsum("ik,lk,jk->lij", shapes, poles, shapes[[0, -1]]), dtype=complex)
 
 
 def test_response_criteria_are_one_for_equal_curves_and_leave_out_what_was_not_measured() -> None:
     hz, shapes = solve_modes(*chain())
-    lines = np.linspace(5.0, 60.0, 80)
+    lines: FloatArray = np.linspace(5.0, 60.0, 80, dtype=np.float64)
     computed = respond(hz, shapes, lines)
     measured = computed * 0.7
     measured[:, 4, 1] = np.nan

@@ -1,0 +1,30 @@
+"""A measured machine beside its model as the terminal shows it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from headstock.app.tables.correlation import list_tables, shorten
+from headstock.app.terminal.console import counted, make_console, print_remarks
+from headstock.app.terminal.summary import print_part
+from headstock.studies.correlation.correlation import Correlation
+
+
+def print_correlation(found: Correlation, folder: Path, files: Sequence[str]) -> None:
+    """Print the verdict first, then the tables behind it.
+
+    Args:
+        folder: Where the files are.
+        files: Their names.
+    """
+    console = make_console()
+    for number, sentence in enumerate(found.verdict):
+        console.print(sentence, style="bold" if not number else None, markup=False)
+    print_remarks(found.remarks)
+    for listing in list_tables(found):
+        shown, more = shorten(listing)
+        print_part(console, shown)
+        if more:
+            console.print(f"  and {counted(more, 'row')} more in {listing.name}.csv", markup=False)
+    if found.responses is not None:
+        console.print(f"responses computed with {found.responses.damping}", markup=False)
+    console.print(f"results in {folder} ({', '.join(files)})", style="bold", markup=False)

@@ -1,0 +1,238 @@
+"""Measured modes beside computed ones: pairs by shape, what is missing on either side, what is doubtful."""
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Sensor
+from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.results.short_forms import Displayed, ShortForm
+from headstock.pipeline.results.views import MachineView
+from headstock.scene.test_data.records import MeasuredModes, TestChannel
+from headstock.solvers.pairing.mode_pairing import (
+    SAME_MODE,
+    ModePair,
+    ModeSet,
+    correlate_modes,
+    pair_modes,
+)
+from headstock.solvers.pairing.shape_agreement import ChannelAgreement, agree_by_channel
+from headstock.studies.correlation.responses import ComparedResponses
+
+CERTAIN = 0.8  # MAC below which a pair is doubtful
+RIVAL = 0.1  # a further shape whose MAC is less than this below that of the pair rivals it
+WITHIN = 0.05
+
+
+@dataclass(frozen=True)
+class CorrelatedMode:
+    """A measured mode, a computed one, or both where they are a pair.
+
+    Attributes:
+        measured: Index of the measured mode; None where it was not measured.
+        computed: Index of the computed mode; None where the model has none.
+        deviation: Computed over measured frequency less one; None but for a pair.
+        mac: Of the two shapes, or of the spaces of two clusters; of what is no pair the largest.
+        doubts: What speaks against the pair, in plain words.
+    """
+
+    measured: int | None
+    computed: int | None
+    mac: float
+    deviation: float | None = None
+    doubts: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Correlation(Displayed):
+    """A measured machine beside its model in one pose.
+
+    Attributes:
+        test: Name of the test file.
+        variant: Variant of the scene; None for as written.
+        measured: Modes with shapes at the channels that are compared.
+        sigma_hz: ``(k,)`` standard deviation of measured frequencies; nan where nobody knows.
+        computed: Modes of the model, with shapes ``(n_all, m)`` of its superelement dofs.
+        shapes: ``(c, m)`` of the computed modes at the channels.
+        range_hz: Frequencies between which the test looked.
+        within: Relative deviation up to which a frequency is met.
+        pairs: By shape.
+        mac: ``(k, m)`` of single shapes.
+        orthogonality: ``(k, m)`` cross-orthogonality with the mass of the reduced model; None where
+            the channels do not suffice.
+        responses: Measured and computed frequency responses; None without.
+        distances: Point to its distance from the surface that carries it [m].
+        sensors: Measured point to the sensor that stands for it.
+        rotation: ``(3, 3)`` from the axes of the test to those of the machine.
+        faults: Channels that look wrong, and how.
+        remarks: What was assumed.
+        view: Measured and computed shapes side by side, one for each of ``modes``.
+    """
+
+    scene: str
+    test: str
+    variant: str | None
+    measured: MeasuredModes
+    sigma_hz: FloatArray
+    computed: PoseModes
+    shapes: FloatArray
+    range_hz: tuple[float, float]
+    within: float
+    pairs: tuple[ModePair, ...]
+    mac: FloatArray
+    orthogonality: FloatArray | None = None
+    responses: ComparedResponses | None = None
+    distances: dict[str, float] = field(default_factory=dict)
+    sensors: dict[str, Sensor] = field(default_factory=dict)
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    faults: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    view: MachineView | None = None
+
+    @property
+    def pose(self) -> str:
+        """Pose of the model."""
+        return self.computed.pose.name
+
+    @property
+    def channels(self) -> tuple[TestChannel, ...]:
+        """Where and in which direction shapes are compared."""
+        return self.measured.channels
+
+    @cached_property
+    def modes(self) -> tuple[CorrelatedMode, ...]:
+        """Pairs and measured modes that the model lacks by measured frequency, then computed modes in
+        the range that were not measured.
+        """
+        by_measured = {pair.first: pair for pair in self.pairs}
+        rows = [
+            self._join(by_measured[index])
+            if index in by_measured
+            else CorrelatedMode(index, None, float(self.mac[index].max(initial=0.0)))
+            for index in range(len(self.measured.frequencies_hz))
+        ]
+        paired = {pair.second for pair in self.pairs}
+        low, high = self.range_hz
+        for index, hz in enumerate(self.computed.frequencies_hz):
+            elastic = index >= self.computed.rigid_count
+            if elastic and index not in paired and low <= hz <= high:
+                rows.append(CorrelatedMode(None, index, float(self.mac[:, index].max(initial=0.0))))
+        return tuple(rows)
+
+    @property
+    def agreement(self) -> ChannelAgreement:
+        """How the paired shapes agree in each channel."""
+        first, second = ([getattr(p, side) for p in self.pairs] for side in ("first", "second"))
+        return agree_by_channel(self.measured.shapes[:, first], self.shapes[:, second])
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """What a reader wants first, one sentence each."""
+        measured = [row for row in self.modes if row.measured is not None]
+        pairs = [row for row in measured if row.deviation is not None]
+        met = [row for row in pairs if abs(row.deviation or 0.0) <= self.within]
+        sentences = [
+            f"{len(met)} of {len(measured)} measured modes are met within {100 * self.within:g} %"
+            + self._largest_deviation(pairs)
+        ]
+        if missing := [row for row in measured if row.computed is None]:
+            sentences.append(
+                f"missing in the model: {', '.join(map(self._name_measured, missing))}"
+            )
+        if unmeasured := [row for row in self.modes if row.measured is None]:
+            names = ", ".join(map(self._name_computed, unmeasured))
+            sentences.append(f"computed, but not measured: {names}")
+        for one, other in self.exchanges:
+            names = f"{self._name_measured(one)} and {self._name_measured(other)}"
+            sentences.append(f"the model has the modes at {names} in the other order")
+        if doubtful := [row for row in pairs if row.doubts]:
+            names = ", ".join(map(self._name_measured, doubtful))
+            sentences.append(f"doubtful pairs: {names}")
+        return (*sentences, *self.faults)
+
+    def _largest_deviation(self, pairs: list[CorrelatedMode]) -> str:
+        if not pairs:
+            return ""
+        worst = max(pairs, key=lambda row: abs(row.deviation or 0.0))
+        return f"; largest deviation {100 * (worst.deviation or 0.0):+.1f} % ({self._name_measured(worst)})"
+
+    def _name_measured(self, row: CorrelatedMode) -> str:
+        return f"{self.measured.frequencies_hz[row.measured]:.4g} Hz"
+
+    def _name_computed(self, row: CorrelatedMode) -> str:
+        index = row.computed or 0
+        name = self.computed.mode_names[index]
+        return f"{self.computed.frequencies_hz[index]:.4g} Hz ({name})"
+
+    def _join(self, pair: ModePair) -> CorrelatedMode:
+        hz = float(self.computed.frequencies_hz[pair.second])
+        deviation = hz / float(self.measured.frequencies_hz[pair.first]) - 1.0
+        doubts = tuple(self._doubt(pair))
+        return CorrelatedMode(pair.first, pair.second, pair.correlation, deviation, doubts)
+
+    def _doubt(self, pair: ModePair) -> Iterator[str]:
+        """Yield what speaks against a pair."""
+        first, second = pair.first, pair.second
+        row, alone = self.mac[first], float(self.mac[first, second])
+        if pair.correlation < CERTAIN:
+            yield f"MAC {pair.correlation:.2f}"
+        if pair.correlation > alone + RIVAL:
+            yield f"close modes, compared as a space (MAC {alone:.2f} alone)"
+            return
+        for index in np.flatnonzero(row > max(alone - RIVAL, SAME_MODE)):
+            if index != second:
+                number = self.number(int(index))
+                yield f"looks like computed mode {number} as well (MAC {row[index]:.2f})"
+
+    @cached_property
+    def exchanges(self) -> tuple[tuple[CorrelatedMode, CorrelatedMode], ...]:
+        """Neighbouring pairs that the model has in the other order: pairing by frequency would hide it."""
+        pairs = [row for row in self.modes if row.deviation is not None]
+        return tuple(
+            (one, other)
+            for one, other in itertools.pairwise(pairs)
+            if (one.computed or 0) > (other.computed or 0)
+        )
+
+    def number(self, computed: int) -> int:
+        """Number of a computed mode, from 1, rigid-body modes first."""
+        return self.computed.below + computed + 1
+
+    def _short_form(self) -> ShortForm:
+        facts = [
+            ("test", self.test),
+            ("pose", self.pose),
+            *(("verdict", sentence) for sentence in self.verdict),
+        ]
+        rows = [
+            [
+                "-"
+                if row.measured is None
+                else f"{self.measured.frequencies_hz[row.measured]:.5g}",
+                "-"
+                if row.computed is None
+                else f"{self.computed.frequencies_hz[row.computed]:.5g}",
+                "-" if row.deviation is None else f"{100 * row.deviation:+.1f} %",
+                f"{row.mac:.2f}",
+            ]
+            for row in self.modes
+        ]
+        head = ["measured [Hz]", "computed [Hz]", "deviation", "MAC"]
+        return ShortForm(f"Correlation of {self.scene} with {self.test}", facts, head, rows)
+
+
+def pair_shapes(
+    measured: MeasuredModes, computed: PoseModes, shapes: FloatArray
+) -> tuple[tuple[ModePair, ...], FloatArray]:
+    """Return the measured and computed modes that are the same, and the MAC ``(k, m)`` of single shapes.
+
+    Args:
+        shapes: ``(c, m)`` computed, at the channels of the measured ones.
+    """
+    model = ModeSet(computed.frequencies_hz, shapes, computed.rigid_count)
+    test = ModeSet(measured.frequencies_hz, measured.shapes)
+    return pair_modes(test, model), correlate_modes(measured.shapes, shapes)

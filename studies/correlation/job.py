@@ -1,0 +1,319 @@
+"""A test of a machine compared with its model: from the files of both to a correlation."""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Sensor
+from headstock.geometry.parts.nearest_places import find_nearest_place
+from headstock.pipeline.results.views import MachineView
+from headstock.pipeline.stages.run_state import Announcer, Observer
+from headstock.pipeline.storage.provenance import SceneChoice
+from headstock.pipeline.storage.store import Store
+from headstock.scene.building.loader import load_scene
+from headstock.scene.scene import Scene, require_name
+from headstock.scene.test_data.errors import MeasurementError
+from headstock.scene.test_data.reading import read_test_data
+from headstock.scene.test_data.records import MeasuredModes, TestData, TestPoint
+from headstock.solvers.mpi import MPI
+from headstock.solvers.pairing.mode_pairing import Field
+from headstock.solvers.pairing.shape_agreement import cross_orthogonality
+from headstock.solvers.pairing.shape_expansion import expand_by_modes, expand_by_stiffness
+from headstock.solvers.ranks import make_on_root
+from headstock.studies.correlation.correlation import WITHIN, Correlation, pair_shapes
+from headstock.studies.correlation.model import (
+    ObservedMachine,
+    PreparedMachine,
+    observe_points,
+    prepare_machine,
+    request_modes,
+)
+from headstock.studies.correlation.responses import (
+    ComparedResponses,
+    compare_responses,
+    spread_ratios,
+)
+from headstock.studies.correlation.sensor_names import find_sensor, name_sensor
+from headstock.studies.correlation.shown_shapes import find_factor, view_side_by_side
+
+# of a place on a drawn surface from the mesh [m]
+SLACK = 1e-3
+UNITS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+type Expansion = Literal["serep", "static", "dynamic"]
+
+
+@dataclass(frozen=True)
+class CorrelationJob:
+    """What is compared.
+
+    Attributes:
+        test: File of the test.
+        pose: Pose of the scene; None for the first.
+        within: Relative deviation up to which a frequency counts as met.
+        expansion: How measured shapes are expanded for pictures.
+    """
+
+    scene: SceneChoice
+    test: Path
+    pose: str | None = None
+    within: float = WITHIN
+    expansion: Expansion = "serep"
+
+
+@dataclass(frozen=True, eq=False)
+class _Test:
+    """A test with its modes, from the file or fitted to its responses.
+
+    Attributes:
+        sigma_hz: ``(k,)`` standard deviation of measured frequencies; nan where nobody knows.
+    """
+
+    data: TestData
+    modes: MeasuredModes
+    sigma_hz: FloatArray
+    remarks: tuple[str, ...]
+
+    @property
+    def range_hz(self) -> tuple[float, float]:
+        """Frequencies between which it looked: its lines, else its modes [Hz]."""
+        modes, responses = self.modes.frequencies_hz, self.data.responses
+        lines = modes if responses is None else responses.frequencies_hz
+        return float(lines.min()), float(max(lines.max(), modes.max()))
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedCorrelation:
+    """A job whose files are read and checked."""
+
+    job: CorrelationJob
+    test: _Test
+    scene: Scene
+
+
+def load_correlation(job: CorrelationJob) -> LoadedCorrelation:
+    """Read and check the files of a job.
+
+    Raises:
+        SceneError: The scene has problems.
+        MeasurementError: The test file has.
+    """
+    test = _read_test(job.test)
+    return LoadedCorrelation(job, test, _load_scene(job, test))
+
+
+def run_correlation(
+    loaded: LoadedCorrelation,
+    store: Store,
+    comm: MPI.Comm,
+    *,
+    announce: Announcer = lambda stage: None,
+    observer: Observer = lambda record: None,
+) -> Correlation | None:
+    """Compare a test with its model; collective.
+
+    Args:
+        loaded: The same on every rank.
+        announce: Called with each stage of a component before it begins, on every rank.
+        observer: Called with the record of each as it ends, on rank 0.
+
+    Returns:
+        The correlation on rank 0, None elsewhere.
+
+    Raises:
+        HeadstockError: A computation failed.
+    """
+    job, test, scene = loaded.job, loaded.test, loaded.scene
+    pose = scene.poses[job.pose or next(iter(scene.poses))]
+    bare = prepare_machine(scene, pose, comm, store, announce=announce, observer=observer)
+    placed = make_on_root(comm, lambda: _place_test(test, bare))
+    observed = prepare_machine(placed.scene, pose, comm, store)
+    if observed is None:
+        return None
+    model = observe_points(observed, placed.sensors, placed.rotation)
+    return _compare(job, test, placed, model)
+
+
+@dataclass(frozen=True, eq=False)
+class _PlacedTest:
+    """Where the points of a test are on a machine.
+
+    Attributes:
+        scene: With a sensor at every point.
+        sensors: Measured point to its sensor.
+        rotation: ``(3, 3)`` from the axes of the test to those of the machine.
+        distances: Point to its distance from the surface that carries it [m].
+    """
+
+    scene: Scene
+    sensors: dict[str, Sensor]
+    rotation: FloatArray
+    distances: dict[str, float]
+    remarks: tuple[str, ...] = ()
+
+
+def _read_test(path: Path) -> _Test:
+    """Return a test with its modes.
+
+    Raises:
+        MeasurementError: Something is wrong in the file, or there is nothing to compare.
+    """
+    data = read_test_data(path)
+    modes = data.modes
+    if modes is None or not len(modes.frequencies_hz):
+        raise MeasurementError(f"{path.name}:1: holds no modes; export poles and shapes as UFF 55")
+    return _Test(data, modes, np.full(len(modes.frequencies_hz), np.nan), data.remarks)
+
+
+def _load_scene(job: CorrelationJob, test: _Test) -> Scene:
+    chosen = job.scene
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
+    if job.pose is not None:
+        require_name(scene, "poses", job.pose, scene.poses)
+    return request_modes(scene, test.range_hz[1])
+
+
+def _place_test(test: _Test, bare: PreparedMachine | None) -> _PlacedTest:
+    """Put a sensor at every measured point.
+
+    Raises:
+        ValueError: On another rank than 0.
+    """
+    if bare is None:
+        raise ValueError("points are placed on rank 0")
+    channels = [*test.modes.channels]
+    if test.data.responses is not None:
+        channels += [*test.data.responses.motions, *test.data.responses.forces]
+    sensors, distances = {}, {}
+    known = bare.scene.machine.sensors
+    for point in dict.fromkeys(channel.point for channel in channels):
+        if (named := find_sensor(known, point)) is not None:
+            sensors[point] = named
+            continue
+        component, position, distances[point] = _find_carrier(bare, test.data.points[point])
+        x, y, z = map(float, position)
+        name = name_sensor(point, {*known, *(sensor.name for sensor in sensors.values())})
+        reach = SLACK + distances[point]
+        sensors[point] = Sensor(name, component, (x, y, z), UNITS, reach=reach)
+    machine = dataclasses.replace(
+        bare.scene.machine, sensors=known | {one.name: one for one in sensors.values()}
+    )
+    scene = dataclasses.replace(bare.scene, machine=machine)
+    return _PlacedTest(scene, sensors, np.eye(3), distances)
+
+
+def _find_carrier(bare: PreparedMachine, point: TestPoint) -> tuple[str, FloatArray, float]:
+    """Return the component whose surface is nearest to a point, the nearest place in its frame, and the
+    distance.
+    """
+    found = []
+    for name, skin in bare.skins.items():
+        frame = bare.machine.placements[name]
+        local = frame.rotation.T @ (np.array(point.position) - frame.origin)
+        place, distance = find_nearest_place(skin.points, skin.triangles, local)
+        found.append((distance, name, place))
+    distance, name, place = min(found, key=lambda one: one[0])
+    return name, place, distance
+
+
+def _compare(
+    job: CorrelationJob, test: _Test, placed: _PlacedTest, model: ObservedMachine
+) -> Correlation:
+    measured, modes = test.modes, model.modes
+    rows = model.observe(measured.channels)
+    shapes = rows @ modes.shapes
+    pairs, mac = pair_shapes(measured, modes, shapes)
+    found = Correlation(
+        scene=model.prepared.scene.name,
+        test=job.test.name,
+        variant=job.scene.variant,
+        measured=measured,
+        sigma_hz=test.sigma_hz,
+        computed=modes,
+        shapes=shapes,
+        range_hz=test.range_hz,
+        within=job.within,
+        pairs=pairs,
+        mac=mac,
+        distances=placed.distances,
+        sensors=placed.sensors,
+        rotation=placed.rotation,
+        remarks=(*test.remarks, *placed.remarks, *model.prepared.warnings),
+    )
+    system, local = model.machine.system, rows @ model.dofs
+    static = expand_by_stiffness(
+        measured.shapes,
+        local,
+        system.stiffness,
+        system.mass,
+        frequencies_hz=measured.frequencies_hz,
+    )
+    return dataclasses.replace(
+        found,
+        orthogonality=cross_orthogonality(static, model.coordinates, system.mass),
+        responses=_compare_responses(test, found, model),
+        view=_view_shapes(job, found, model, local, static),
+    )
+
+
+def _compare_responses(
+    test: _Test, found: Correlation, model: ObservedMachine
+) -> ComparedResponses | None:
+    responses = test.data.responses
+    if responses is None:
+        return None
+    return compare_responses(
+        model.machine,
+        responses,
+        motions=model.observe(responses.motions) @ model.dofs,
+        forces=model.observe(responses.forces) @ model.dofs,
+        ratios=spread_ratios(
+            [(pair.first, pair.second) for pair in found.pairs],
+            found.measured.damping,
+            found.computed.rigid_count,
+        ),
+    )
+
+
+def _view_shapes(
+    job: CorrelationJob,
+    found: Correlation,
+    model: ObservedMachine,
+    rows: FloatArray,
+    static: Field,
+) -> MachineView:
+    """Return what the viewer shows of each row of the table.
+
+    Args:
+        rows: ``(c, n)`` of the channels per coordinate.
+        static: ``(n, k)`` measured shapes, expanded by the stiffness.
+    """
+    measured, system = found.measured, model.machine.system
+    expanded = static
+    if job.expansion == "serep":
+        expanded = expand_by_modes(measured.shapes, rows, model.coordinates)
+    elif job.expansion == "dynamic":
+        expanded = expand_by_stiffness(
+            measured.shapes,
+            rows,
+            system.stiffness,
+            system.mass,
+            frequencies_hz=measured.frequencies_hz,
+            dynamic=True,
+        )
+    first = np.zeros((len(system.mass), len(found.modes)))
+    second = np.zeros_like(first)
+    for column, row in enumerate(found.modes):
+        if row.computed is not None:
+            second[:, column] = model.coordinates[:, row.computed]
+        if row.measured is not None:
+            # both are as large and in phase where they were measured
+            shape, seen = expanded[:, [row.measured]], rows @ second[:, [column]]
+            factor = find_factor(rows @ shape, seen)
+            first[:, column] = np.real(shape * factor)[:, 0]
+    return view_side_by_side(
+        model.machine, model.prepared.skins, model.dofs @ first, model.dofs @ second
+    )

@@ -1,0 +1,135 @@
+"""The model of a measured machine in a pose, with a sensor at every measured point."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Pose, Sensor
+from headstock.geometry.parts.skins import Skin
+from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.results.views import component_skin
+from headstock.pipeline.stages.mechanism import pose_machine
+from headstock.pipeline.stages.modal import solve_pose_modes
+from headstock.pipeline.stages.run_state import Announcer, Observer, PoseModel
+from headstock.pipeline.stages.shared_components import make_superelements, start_run
+from headstock.pipeline.storage.store import Store
+from headstock.reduction.coupling.channels import place_rows
+from headstock.scene.analyses.frf import FrfRequest
+from headstock.scene.analyses.modal import ModalRequest
+from headstock.scene.scene import Analyses, Scene
+from headstock.scene.test_data.records import TestChannel
+from headstock.solvers.mpi import MPI
+
+REACH = 1.5  # a computed partner may lie so many times above the highest measured frequency
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedMachine:
+    """A machine in the pose of a test.
+
+    Attributes:
+        skins: Surface of each component in its frame.
+    """
+
+    scene: Scene
+    machine: PoseModel
+    skins: dict[str, Skin]
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedMachine:
+    """A machine in the pose of a test whose measured points are known.
+
+    Attributes:
+        modes: Up to ``REACH`` times the highest measured frequency.
+        sensors: Measured point to the sensor that stands for it.
+        rotation: ``(3, 3)`` from the axes of the test to those of the machine.
+    """
+
+    prepared: PreparedMachine
+    modes: PoseModes
+    sensors: Mapping[str, Sensor]
+    rotation: FloatArray
+
+    @property
+    def machine(self) -> PoseModel:
+        """The machine in its pose."""
+        return self.prepared.machine
+
+    @cached_property
+    def dofs(self) -> FloatArray:
+        """Superelement dofs per coordinate of the system ``(n_all, n)``."""
+        return self.machine.expand(np.eye(len(self.machine.system.mass)))
+
+    @cached_property
+    def coordinates(self) -> FloatArray:
+        """The modes in coordinates of the system ``(n, m)``."""
+        return np.asarray(np.linalg.lstsq(self.dofs, self.modes.shapes)[0], dtype=float)
+
+    def observe(self, channels: Sequence[TestChannel]) -> FloatArray:
+        """Return the motion ``(c, n_all)`` of channels per superelement dof."""
+        machine = self.machine
+        elements = machine.parts.superelements
+        rows = np.zeros((len(channels), len(self.dofs)))
+        for row, channel in zip(rows, channels, strict=True):
+            sensor = self.sensors[channel.point]
+            name = sensor.component
+            moved = place_rows(elements[name], machine.placements[name], sensor)
+            row[machine.offsets[name]] = self.rotation @ np.array(channel.direction) @ moved
+        return rows
+
+
+def request_modes(scene: Scene, highest_hz: float) -> Scene:
+    """Return a scene that asks for the modes up to a measured frequency and beyond, and for nothing
+    else that a test has not.
+    """
+    modes = ModalRequest(up_to_hz=REACH * highest_hz, stated=False)
+    # the responses of the scene keep more modes: what is reduced for a run serves here too
+    return dataclasses.replace(
+        scene, analyses=Analyses(modes, scene.analyses.get(FrfRequest)), accuracy=None
+    )
+
+
+def prepare_machine(
+    scene: Scene,
+    pose: Pose,
+    comm: MPI.Comm,
+    store: Store,
+    *,
+    announce: Announcer = lambda stage: None,
+    observer: Observer = lambda record: None,
+) -> PreparedMachine | None:
+    """Return the machine of a scene in a pose; None but on rank 0; collective.
+
+    Raises:
+        HeadstockError: A component or the machine cannot be computed.
+    """
+    state = start_run(scene, comm, store)
+    make_superelements(state, announce=announce, observer=observer)
+    if not state.is_root:
+        return None
+    skins = {
+        name: component_skin(state.plan.components[name], part.superelement, part.skin)
+        for name, part in state.reduced.items()
+    }
+    machine = pose_machine(state.parts, pose)
+    return PreparedMachine(scene, machine, skins, tuple(state.warnings))
+
+
+def observe_points(
+    prepared: PreparedMachine, sensors: Mapping[str, Sensor], rotation: FloatArray
+) -> ObservedMachine:
+    """Solve the modes of a machine whose sensors are placed.
+
+    Args:
+        sensors: Measured point to its sensor.
+        rotation: ``(3, 3)`` from the axes of the test to those of the machine.
+    """
+    solved = solve_pose_modes(prepared.machine, prepared.scene.analyses[ModalRequest])
+    known = dataclasses.replace(prepared, warnings=(*prepared.warnings, *solved.warnings))
+    return ObservedMachine(known, solved.answer, sensors, rotation)

@@ -1,0 +1,196 @@
+"""Measured frequency responses beside those of the model at the same channels and on the same lines."""
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.pipeline.answers.frf import ResponseCurves
+from headstock.pipeline.stages.frf import estimate_response_errors
+from headstock.pipeline.stages.machine import damp_system
+from headstock.pipeline.stages.run_state import PoseModel
+from headstock.scene.test_data.records import MeasuredResponses, TestChannel
+from headstock.solvers.linear.damping import add_modal_damping
+from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
+from headstock.solvers.pairing.shape_agreement import domain_assurance, response_assurance
+from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
+
+MOST_LINES = 150  # of the picture of FDAC
+MOST_SHOWN = 9  # responses that are drawn, and for which ± is estimated
+AXES = "xyz"
+PARALLEL = 1.0 - 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class ComparedResponses:
+    """Responses of a test and of its model.
+
+    Attributes:
+        measured: NaN for entries that were not measured.
+        computed: On the same lines; ± of the entries that are shown.
+        frac: ``(m, f)`` frequency response assurance criterion; NaN for what was not measured.
+        fdac: ``(l, l)`` frequency domain assurance criterion of ``fdac_hz``.
+        fdac_hz: Every so many of the lines [Hz].
+        shown: Output and input of the entries that are drawn.
+        damping: Where the damping of the model comes from.
+    """
+
+    measured: ResponseCurves
+    computed: ResponseCurves
+    frac: FloatArray
+    fdac: FloatArray
+    fdac_hz: FloatArray
+    shown: tuple[tuple[Channel, Channel], ...]
+    damping: str
+
+    @property
+    def shares(self) -> FloatArray:
+        """Root mean square of each measured response over the largest one under the same force ``(m,
+        f)``; NaN for what was not measured.
+        """
+        sizes = _mean_sizes(self.measured.receptance)
+        return sizes / np.nanmax(sizes, axis=0)
+
+
+def response_channel(channel: TestChannel) -> Channel:
+    """Return point and direction of a channel as responses name them: ``("12", "-z")``."""
+    direction = np.array(channel.direction)
+    axis = int(np.argmax(np.abs(direction)))
+    if abs(direction[axis]) > PARALLEL:
+        return channel.point, ("-" if direction[axis] < 0.0 else "") + AXES[axis]
+    return channel.point, "(" + " ".join(f"{value:.3g}" for value in direction) + ")"
+
+
+def compare_responses(
+    machine: PoseModel,
+    measured: MeasuredResponses,
+    *,
+    motions: FloatArray,
+    forces: FloatArray,
+    ratios: FloatArray,
+) -> ComparedResponses:
+    """Compute what a test measured, and compare.
+
+    Args:
+        machine: In the pose of the test.
+        motions: ``(m, n)`` rows of the motion channels per coordinate of the machine's system.
+        forces: ``(f, n)`` the same of the force channels.
+        ratios: ``(m,)`` measured damping ratio of each natural mode of the system, rigid-body modes
+            left out; they act where the scene has no damping.
+
+    Raises:
+        ModelError: A matrix has no physical meaning.
+    """
+    outputs, inputs = (
+        [*map(response_channel, each)] for each in (measured.motions, measured.forces)
+    )
+    system, damping = _damp(machine, ratios)
+    system = dataclasses.replace(
+        system,
+        outputs={**system.outputs, **dict(zip(outputs, motions, strict=True))},
+        inputs={**system.inputs, **dict(zip(inputs, forces, strict=True))},
+    )
+    model = prepare_frf(system, inputs=inputs, outputs=outputs, modes=machine.all_modes)
+    response = evaluate_frf(model, measured.frequencies_hz)
+    frac = response_assurance(measured.values, response.receptance)
+    step = -(-len(measured.frequencies_hz) // MOST_LINES)
+    lines = slice(None, None, step)
+    curves = ResponseCurves(
+        machine.pose.name,
+        tuple(inputs),
+        tuple(outputs),
+        measured.frequencies_hz,
+        measured.values,
+    )
+    shown = _choose_shown(measured)
+    computed = dataclasses.replace(curves, receptance=response.receptance)
+    if machine.coupled is not None and shown:
+        rows = sorted({outputs.index(output) for output, _ in shown})
+        columns = sorted({inputs.index(given) for _, given in shown})
+        few = dataclasses.replace(
+            response,
+            outputs=tuple(outputs[row] for row in rows),
+            inputs=tuple(inputs[column] for column in columns),
+            receptance=response.receptance[:, rows][:, :, columns],
+            free_body=response.free_body[:, rows][:, :, columns],
+            singular=response.singular[:, rows][:, :, columns],
+        )
+        estimate = estimate_response_errors(
+            machine.parts, system, machine.coupled, machine.all_modes, few
+        )
+        errors = {}
+        for source, size in estimate.shares.items():
+            errors[source] = np.full(response.receptance.shape, np.nan)
+            errors[source][np.ix_(range(len(size)), rows, columns)] = size
+        computed = dataclasses.replace(computed, error_share=errors)
+    return ComparedResponses(
+        curves,
+        computed,
+        frac,
+        domain_assurance(measured.values[lines], response.receptance[lines]),
+        measured.frequencies_hz[lines],
+        shown,
+        damping,
+    )
+
+
+def _damp(machine: PoseModel, ratios: FloatArray) -> tuple[SecondOrderSystem, str]:
+    """Return the system with the damping of the scene, or with measured ratios where it has none."""
+    system = damp_system(machine.parts.scene, machine.system, machine.all_modes)
+    if system.damping is not None or system.hysteretic is not None:
+        return system, "the damping of the scene"
+    return (
+        add_modal_damping(system, ratios.tolist(), machine.all_modes),
+        "measured damping ratios: the scene has none",
+    )
+
+
+def _choose_shown(measured: MeasuredResponses) -> tuple[tuple[Channel, Channel], ...]:
+    """Choose drive points first, then the responses that move most."""
+    sizes = _mean_sizes(measured.values)
+    order = np.dstack(np.unravel_index(np.argsort(-np.nan_to_num(sizes), axis=None), sizes.shape))
+    entries = [
+        (measured.motions[row], measured.forces[column])
+        for row, column in order[0]
+        if np.isfinite(sizes[row, column])
+    ]
+    entries.sort(key=lambda entry: not _is_drive_point(*entry))
+    return tuple(
+        (response_channel(motion), response_channel(force))
+        for motion, force in entries[:MOST_SHOWN]
+    )
+
+
+def _mean_sizes(values: ComplexArray) -> FloatArray:
+    """Return root mean squares ``(m, f)`` over the lines; NaN where nothing was measured."""
+    known = np.isfinite(values)
+    sums = np.sum(np.abs(np.where(known, values, 0.0)) ** 2, axis=0)
+    return np.sqrt(np.where(known.any(axis=0), sums / np.maximum(known.sum(axis=0), 1), np.nan))
+
+
+def _is_drive_point(motion: TestChannel, force: TestChannel) -> bool:
+    return motion.point == force.point and bool(
+        abs(np.dot(motion.direction, force.direction)) > PARALLEL
+    )
+
+
+def spread_ratios(
+    pairs: Sequence[tuple[int, int]], damping: FloatArray, rigid_count: int
+) -> FloatArray:
+    """Return a damping ratio for each elastic mode of a model up to the last pair: that of its partner,
+    else the median; the last one is for all others.
+
+    Args:
+        pairs: Measured and computed mode.
+        damping: ``(k,)`` measured; nan where unknown.
+    """
+    known = damping[np.isfinite(damping)]
+    usual = float(np.median(known)) if len(known) else 0.0
+    last = max((computed for _, computed in pairs), default=rigid_count - 1)
+    ratios = np.full(last - rigid_count + 2, usual)
+    for first, second in pairs:
+        if np.isfinite(damping[first]) and second >= rigid_count:
+            ratios[second - rigid_count] = damping[first]
+    return ratios

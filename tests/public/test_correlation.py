@@ -1,0 +1,141 @@
+"""A measured machine beside its model: what agrees, what is missing, which channel is wrong."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import headstock as hs
+from built_uff import points_15, shape_55, units
+from common import Shell, approx
+from fixture_machines import stored_scene
+from headstock.geometry.frames import FloatArray
+
+pytest.importorskip("pyuff")
+
+SCENE = stored_scene("comparison")
+HEIGHTS, CORNERS = (0.0, 0.125, 0.25, 0.375, 0.5), ((0.02, 0.03), (-0.02, -0.03))
+PLACES = [(x, y, z) for z in HEIGHTS for x, y in CORNERS]
+NOISE = 0.01
+COLUMN = 0.1  # height of its foot [m]
+
+
+@dataclasses.dataclass(frozen=True)
+class Measured:
+    """Frequencies ``(m,)`` [Hz] and shapes ``(m, p, 3)`` of the synthetic test."""
+
+    hz: FloatArray
+    shapes: FloatArray
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Measured:
+    """Modes of the machine at sensors of its scene, with noise."""
+    rows = [
+        f'p{number} = {{ component = "column", at = ["{x} m", "{y} m", "{z} m"] }}'
+        for number, (x, y, z) in enumerate(PLACES, 1)
+    ]
+    path = tmp_path_factory.mktemp("test") / "machine.toml"
+    path.write_text(
+        SCENE.replace("[components.column]", "\n".join(["[sensors]", *rows, "[components.column]"]))
+    )
+    modes = hs.run(hs.load(path, variant="E")).modal[0]
+    assert modes.sensor_shapes is not None
+    random = np.random.default_rng(7)
+    noise = NOISE * np.abs(modes.sensor_shapes).max(axis=(1, 2), keepdims=True)
+    shapes = modes.sensor_shapes + noise * random.standard_normal(modes.sensor_shapes.shape)
+    return Measured(modes.frequencies_hz, shapes)
+
+
+def write_test(
+    folder: Path,
+    measured: Measured,
+    *,
+    factor: float = 1.02,
+    leave_out: tuple[int, ...] = (),
+    spoil: Callable[[FloatArray], object] = lambda shapes: None,
+    name: str = "test.uff",
+) -> Path:
+    """A test file of points in metres and real modes.
+
+    Args:
+        factor: Of the frequencies.
+        leave_out: Modes that were not measured.
+        spoil: Changes the shapes in place.
+    """
+    shapes = measured.shapes.copy()
+    spoil(shapes)
+    points = [(number, 0, 0, 11, x, y, z + COLUMN) for number, (x, y, z) in enumerate(PLACES, 1)]
+    modes = [
+        shape_55(
+            factor * hz, {number: tuple(row) for number, row in enumerate(shape, 1)}, damping=0.01
+        )
+        for index, (hz, shape) in enumerate(zip(measured.hz, shapes, strict=True))
+        if index not in leave_out
+    ]
+    path = folder / name
+    path.write_bytes(b"".join([units(1, 1.0, 1.0), points_15(*points), *modes]))
+    return path
+
+
+def test_a_machine_is_found_in_its_own_modes_with_noise(shell: Shell, measured: Measured) -> None:
+    shell.write(SCENE)
+    write_test(shell.folder, measured)
+    shown = shell.prints("correlate scene.toml test.uff --variant E -o out")
+    assert "9 of 9 measured modes are met within 5 %; largest deviation -2.0 %" in shown
+    found = shell.json("out/correlate.json")
+    assert [row["mac"] > 0.99 for row in found["modes"]] == [True] * 9
+    assert [row["number"] for row in found["modes"]] == list(range(1, 10))
+    assert [row["deviation"] for row in found["modes"]] == approx([1 / 1.02 - 1] * 9, abs=1e-3)
+    assert found["faults"] == []
+    assert {"correlate.html", "pairs.csv", "channels.csv", "mac.png"} <= shell.files("out")
+
+
+def test_missing_modes_are_named_on_both_sides(shell: Shell, measured: Measured) -> None:
+    shell.write(SCENE)
+
+    def forget(shapes: FloatArray) -> None:
+        shapes[4] = np.random.default_rng(3).standard_normal(shapes[4].shape)
+
+    write_test(shell.folder, measured, leave_out=(3,), spoil=forget)
+    found = hs.correlate("scene.toml", "test.uff", variant="E")
+    assert found.verdict[0].startswith("7 of 8 measured modes are met within 5 %")
+    assert found.verdict[1] == f"missing in the model: {1.02 * measured.hz[4]:.4g} Hz"
+    assert found.verdict[2].startswith("computed, but not measured: 242.2 Hz")
+
+
+def test_a_turned_sensor_is_the_channel_that_agrees_least(shell: Shell, measured: Measured) -> None:
+    shell.write(SCENE)
+
+    def turn(shapes: FloatArray) -> None:
+        shapes[:, 9, :2] *= -1.0  # the last point, by half a turn about z
+
+    write_test(shell.folder, measured, spoil=turn)
+    shell("correlate scene.toml test.uff --variant E -o out")
+    worst = shell.rows("out/channels.csv")[:2]
+    assert {(row["point"], row["direction"]) for row in worst} == {("10", "x"), ("10", "y")}
+    assert [float(row["eCoMAC"]) > 0.5 for row in worst] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("correlate scene.toml none.uff", "none.uff"),
+        ("correlate scene.toml scene.toml", "test data end in .uff"),
+        ("correlate scene.toml points.uff", "points.uff:1: holds no modes"),
+        ("correlate scene.toml test.uff --pose upp", "poses.upp"),
+        ("correlate scene.toml test.uff --variant Z", "unknown variant"),
+        ("correlate scene.toml test.uff --within much", "'much' is no share"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_with_its_place(
+    shell: Shell, measured: Measured, command: str, message: str
+) -> None:
+    shell.write(SCENE)
+    path = write_test(shell.folder, measured)
+    start = path.read_bytes().index(b"    -1\n    55")
+    (shell.folder / "points.uff").write_bytes(path.read_bytes()[:start])
+    assert message in shell.refuses(command)
+    assert not (shell.folder / "results").exists()
