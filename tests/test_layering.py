@@ -51,6 +51,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "elastic": {"recovery"},
         "linear": set(),
         "pairing": {"linear"},
+        "modal_fitting": {"linear", "pairing"},
         "mechanisms": set(),
         "control": {"linear"},
         "motion": {"linear", "mechanisms", "control"},

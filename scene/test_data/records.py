@@ -65,12 +65,15 @@ class MeasuredResponses:
         motions: Channels of the motion.
         forces: Channels of the force.
         values: ``(l, m, f)`` displacement over force [m/N]; nan for a pair that was not measured.
+        deviations: ``(l, m, f)`` standard deviations of the values [m/N], from coherence or repeated
+            measurements; None where unknown.
     """
 
     frequencies_hz: FloatArray
     motions: tuple[TestChannel, ...]
     forces: tuple[TestChannel, ...]
     values: ComplexArray
+    deviations: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,355 @@
+"""The modal model of frequency responses: shapes and residual terms by linear least squares for given
+poles (LSFD), and poles refined together with them.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.solvers.second_order import ComplexArray
+
+ITERATIONS = 40
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8  # of Levenberg and Marquardt
+CONVERGED = 1e-2  # fall of the sum of weighted squares, where each has variance one
+LARGEST_STEP = 0.5  # of the size of a pole
+STRONGEST_LINES = 2  # that alone do not show a mode: noise may be large at the top of another one
+
+
+@dataclass(frozen=True, eq=False)
+class ModalModel:
+    """Poles, participations and shapes: ``H = sum psi l^T / (s - p) + conjugate + R / s^2 + D``.
+
+    Attributes:
+        poles: ``(k,)`` with positive imaginary parts [1/s].
+        participations: ``(f, k)``.
+        shapes: ``(m, k)``.
+        lower: ``(m, f)`` R, what stands for modes below the band.
+        upper: ``(m, f)`` D, what stands for modes above it.
+    """
+
+    poles: ComplexArray
+    participations: ComplexArray
+    shapes: ComplexArray
+    lower: ComplexArray
+    upper: ComplexArray
+
+    def evaluate(self, frequencies_hz: FloatArray) -> ComplexArray:
+        """Return the responses ``(l, m, f)``."""
+        laplace = 2j * np.pi * frequencies_hz[:, None]
+        residues = np.einsum("mk,fk->kmf", self.shapes, self.participations)
+        modal = np.tensordot(1.0 / (laplace - self.poles), residues, axes=1)
+        modal += np.tensordot(1.0 / (laplace - self.poles.conj()), residues.conj(), axes=1)
+        return np.asarray(modal + self.lower / laplace[:, :, None] ** 2 + self.upper)
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedResponses:
+    """Responses divided by the deviations that are expected of them.
+
+    Attributes:
+        frequencies_hz: ``(l,)``.
+        values: ``(l, m, f)``; nan throughout a pair that was not measured.
+        lines: ``(l,)`` weights; a value has the product of its three.
+        motions: ``(m,)``.
+        forces: ``(f,)``.
+    """
+
+    frequencies_hz: FloatArray
+    values: ComplexArray
+    lines: FloatArray
+    motions: FloatArray
+    forces: FloatArray
+
+    @property
+    def measured(self) -> BoolArray:
+        """Which pairs were measured, ``(m, f)``."""
+        return np.asarray(np.isfinite(self.values[0]))
+
+    @cached_property
+    def weighted(self) -> ComplexArray:
+        """``(l, m, f)``, zero where not measured."""
+        weights = self.motions[:, None] * self.forces
+        return np.asarray(np.nan_to_num(self.values) * self.lines[:, None, None] * weights)
+
+    @cached_property
+    def residual_terms(self) -> FloatArray:
+        """Orthonormal columns ``(l, 2)`` that residual terms span."""
+        terms = np.stack([np.ones_like(self.lines), 1.0 / self.frequencies_hz**2], axis=1)
+        return np.linalg.qr(self.lines[:, None] * terms / np.linalg.norm(terms, axis=0))[0]
+
+    @cached_property
+    def blocks(self) -> list["_Block"]:
+        """Motions that were measured with the same forces."""
+        patterns, members = np.unique(self.measured, axis=0, return_inverse=True)
+        found = []
+        for number, pattern in enumerate(patterns):
+            forces, motions = np.flatnonzero(pattern), np.flatnonzero(members.ravel() == number)
+            if len(forces):
+                values = self.weighted[:, motions][:, :, forces].transpose(2, 0, 1)
+                found.append(_Block(forces, motions, np.stack([self.clear(v) for v in values])))
+        return found
+
+    def clear(self, columns: ComplexArray) -> FloatArray:
+        """Return columns ``(l, c)`` without their share of residual terms, as real rows
+        ``(2 l, c)``.
+        """
+        rest = columns - self.residual_terms @ (self.residual_terms.T @ columns)
+        return np.concatenate([rest.real, rest.imag])
+
+    def pole_columns(self, poles: ComplexArray, power: int) -> FloatArray:
+        """Return what the real and imaginary parts of residues of ``(s - p)^-power`` multiply,
+        with conjugates: ``(2 l, 2 k)``.
+        """
+        laplace = 2j * np.pi * self.frequencies_hz[:, None]
+        given, mirrored = (
+            self.lines[:, None] / (laplace - each) ** power for each in (poles, poles.conj())
+        )
+        pairs = np.stack([given + mirrored, 1j * (given - mirrored)], axis=-1)
+        return self.clear(pairs.reshape(len(laplace), -1))
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Motions measured with the same forces: indices of both, values ``(f, 2 l, m)``."""
+
+    forces: NDArray[np.int64]
+    motions: NDArray[np.int64]
+    values: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _BlockFit:
+    """Shapes of one block for given poles.
+
+    Attributes:
+        rotations: ``(f, 2 k, 2 k)`` products with the participation of each mode, weighted.
+        inverse: ``(2 k, 2 k)`` of the normal matrix.
+        factors: ``(2 k, m)`` real and imaginary parts of shapes.
+        products: ``(f, 2 k, m)`` of columns and values.
+    """
+
+    rotations: FloatArray
+    inverse: FloatArray
+    factors: FloatArray
+    products: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """All shapes for given poles.
+
+    Attributes:
+        poles: ``(k,)``.
+        participations: ``(f, k)``.
+        columns: ``(2 l, 2 k)`` of the poles; a force only rotates them.
+        blocks: In the order of those of the data.
+        squares: Sum of weighted squares that is left.
+    """
+
+    poles: ComplexArray
+    participations: ComplexArray
+    columns: FloatArray
+    blocks: list[_BlockFit]
+    squares: float
+
+
+@dataclass(frozen=True, eq=False)
+class ModalFit:
+    """A modal model fitted to weighted responses.
+
+    Attributes:
+        poles: ``(k,)`` [1/s].
+        participations: ``(f, k)``.
+        squares: Sum of weighted squares that is left.
+        gains: ``(k,)`` how much of it each mode takes away, the others staying as they are, at all
+            lines but the two where it is most.
+        covariance: ``(k, 2, 2)`` of the real and imaginary part of each pole where weights are true;
+            zero unless refined.
+    """
+
+    poles: ComplexArray
+    participations: ComplexArray
+    squares: float
+    gains: FloatArray
+    covariance: FloatArray
+
+
+def fit_shapes(
+    data: WeightedResponses, poles: ComplexArray, participations: ComplexArray
+) -> ModalFit:
+    """Fit shapes to responses for given poles and participations ``(f, k)``."""
+    return _describe(data, _solve(data, poles, participations), np.zeros((len(poles), 2, 2)))
+
+
+def refine(data: WeightedResponses, poles: ComplexArray, participations: ComplexArray) -> ModalFit:
+    """Refine poles and participations until the sum of weighted squares is least.
+
+    Shapes and residual terms are eliminated in every step.
+
+    Source: Golub and Pereyra (2003), variable projection, with the Jacobian of Kaufman (1975).
+    """
+    sizes = np.linalg.norm(participations, axis=0)
+    state = _solve(data, poles, participations / sizes)
+    damping = FIRST_DAMPING
+    for _ in range(ITERATIONS):
+        matrix, slope, free = _normal_equations(data, state)
+        scale = 1.0 / np.sqrt(np.maximum(matrix.diagonal(), np.finfo(float).tiny))
+        levels, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
+        along = vectors.T @ (scale * slope)
+        last = state
+        while state is last and damping <= MOST_DAMPING:
+            step = scale * (vectors @ (along / (np.maximum(levels, 0.0) + damping)))
+            moved = _advance(last, step, free)
+            if _may_step(last.poles, moved[0]):
+                tried = _solve(data, *moved)
+                state = tried if tried.squares <= last.squares else last
+            damping *= 10.0
+        damping = max(damping * 0.01, LEAST_DAMPING)
+        if last.squares - state.squares < CONVERGED:
+            break
+    if not len(poles):
+        return _describe(data, state, np.zeros((0, 2, 2)))
+    matrix, _, _ = _normal_equations(data, state)
+    places = 2 * np.arange(len(poles))[:, None] + np.arange(2)
+    covariance = _invert(matrix)[places[:, :, None], places[:, None, :]]
+    return _describe(data, state, covariance)
+
+
+def build_model(data: WeightedResponses, fit: ModalFit) -> ModalModel:
+    """Return the modal model with its shapes and residual terms in the units of the responses."""
+    motions, forces = data.measured.shape
+    shapes = np.zeros((motions, len(fit.poles)), dtype=np.complex128)
+    state = _solve(data, fit.poles, fit.participations)
+    for block, solved in zip(data.blocks, state.blocks, strict=True):
+        factors = solved.factors[::2] + 1j * solved.factors[1::2]
+        shapes[block.motions] = (factors / data.motions[block.motions]).T
+    empty = np.zeros((motions, forces), dtype=np.complex128)
+    modal = ModalModel(fit.poles, fit.participations, shapes, empty, empty)
+    rest = np.nan_to_num(data.values - modal.evaluate(data.frequencies_hz))
+    squares = -((2.0 * np.pi * data.frequencies_hz) ** 2)
+    terms = data.lines[:, None] * np.stack([np.ones_like(squares), 1.0 / squares], axis=1)
+    sizes = np.linalg.norm(terms, axis=0)
+    weighted = data.lines[:, None] * rest.reshape(len(squares), -1)
+    solved_terms = np.linalg.lstsq(terms / sizes, weighted)[0] / sizes[:, None]
+    upper, lower = solved_terms.reshape(2, motions, forces)
+    return ModalModel(fit.poles, fit.participations, shapes, lower, upper)
+
+
+def _solve(data: WeightedResponses, poles: ComplexArray, participations: ComplexArray) -> _State:
+    """Fit the shapes of all motions."""
+    columns = data.pole_columns(poles, 1)
+    inner = columns.T @ columns
+    blocks, squares = [], 0.0
+    for block in data.blocks:
+        rotations = _rotations(data.forces[block.forces, None] * participations[block.forces])
+        products = columns.T @ block.values
+        matrix = np.einsum("fji,jk,fkl->il", rotations, inner, rotations, optimize=True)
+        right = np.einsum("fji,fjm->im", rotations, products, optimize=True)
+        inverse = _invert(matrix)
+        factors = inverse @ right
+        squares += float(np.sum(block.values**2) - np.sum(right * factors))
+        blocks.append(_BlockFit(rotations, inverse, factors, products))
+    return _State(poles, participations, columns, blocks, max(squares, 0.0))
+
+
+def _rotations(factors: ComplexArray) -> FloatArray:
+    """Return products with complex factors ``(f, k)`` as matrices ``(f, 2 k, 2 k)`` for real and
+    imaginary parts.
+    """
+    forces, count = factors.shape
+    matrices = np.zeros((forces, count, 2, count, 2))
+    modes = np.arange(count)
+    for row, column, part in (
+        (0, 0, factors.real),
+        (1, 1, factors.real),
+        (0, 1, -factors.imag),
+        (1, 0, factors.imag),
+    ):
+        matrices[:, modes, row, modes, column] = part
+    return matrices.reshape(forces, 2 * count, 2 * count)
+
+
+def _invert(matrix: FloatArray) -> FloatArray:
+    """Return the inverse of a symmetric matrix, scaled; a pseudo-inverse where columns are one."""
+    scale = 1.0 / np.sqrt(np.maximum(matrix.diagonal(), np.finfo(float).tiny))
+    inverse = np.linalg.pinv(scale[:, None] * matrix * scale, rcond=1e-14, hermitian=True)
+    return np.asarray(scale[:, None] * inverse * scale)
+
+
+def _describe(data: WeightedResponses, state: _State, covariance: FloatArray) -> ModalFit:
+    count = len(state.poles)
+    gains = np.zeros(count)
+    for mode in range(count):
+        pair = slice(2 * mode, 2 * mode + 2)
+        by_line = np.zeros(len(data.lines))
+        for fit in state.blocks:
+            alone = fit.inverse[:, pair] @ np.linalg.pinv(fit.inverse[pair, pair], hermitian=True)
+            energy = fit.factors[pair] @ fit.factors[pair].T
+            for rotation in fit.rotations:
+                share = state.columns @ (rotation @ alone)
+                by_line += np.sum((share @ energy) * share, axis=1).reshape(2, -1).sum(axis=0)
+        gains[mode] = float(np.sum(np.sort(by_line)[:-STRONGEST_LINES]))
+    return ModalFit(state.poles, state.participations, state.squares, gains, covariance)
+
+
+def _normal_equations(
+    data: WeightedResponses, state: _State
+) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+    """Return the Gauss–Newton matrix and the right-hand side for the real and imaginary parts of poles
+    (first) and of participations, and which of all are free: the largest participation of a mode is not.
+    """
+    forces, count = state.participations.shape
+    kinds, size = 1 + forces, 2 * count
+    both = np.hstack([state.columns, data.pole_columns(state.poles, 2)])
+    inner = (both.T @ both).reshape(2, size, 2, size)
+    matrix = np.zeros((kinds, count, 2, kinds, count, 2))
+    slope = np.zeros((kinds, count, 2))
+    for block, fit in zip(data.blocks, state.blocks, strict=True):
+        # on the rows of a force, what a parameter changes is a rotation of one of both columns
+        turns = np.zeros((kinds, len(block.forces), 2, size, size))
+        turns[0, :, 1] = fit.rotations
+        for place, force in enumerate(block.forces):
+            turns[1 + force, place, 0] = data.forces[force] * np.eye(size)
+        turned = np.einsum("aibj,gfbjk->gfaik", inner, turns, optimize=True)
+        overlap = np.einsum("fji,gfjk->gik", fit.rotations, turned[:, :, 0], optimize=True)
+        gram = np.einsum("gfaji,hfajk->gihk", turns, turned, optimize=True)
+        gram -= np.einsum("gji,jk,hkl->gihl", overlap, fit.inverse, overlap, optimize=True)
+        real, imaginary = fit.factors[::2], fit.factors[1::2]
+        # a factor i of a derivative turns its shape by a quarter
+        factors = np.stack([[real, imaginary], [-imaginary, real]]).transpose(2, 0, 1, 3)
+        energies = np.einsum("ktam,qubm->ktaqub", factors, factors, optimize=True)
+        gram = gram.reshape(kinds, count, 2, kinds, count, 2)
+        matrix += np.einsum("gkahqb,ktaqub->gkthqu", gram, energies, optimize=True)
+        model = np.einsum("fij,jm->fim", fit.rotations, fit.factors, optimize=True)
+        second = both[:, size:].T @ block.values
+        rest = np.stack([fit.products, second], axis=1) - np.einsum(
+            "aij,fjm->faim", inner[:, :, 0], model, optimize=True
+        )
+        pulls = np.einsum("gfaji,fajm->gim", turns, rest, optimize=True)
+        pulls = pulls.reshape(kinds, count, 2, -1)
+        slope += np.einsum("gkam,ktam->gkt", pulls, factors, optimize=True)
+    largest = np.argmax(np.abs(state.participations), axis=0)
+    fixed = 2 * ((1 + largest) * count + np.arange(count))
+    free = np.setdiff1d(np.arange(2 * kinds * count), np.concatenate([fixed, fixed + 1]))
+    whole = matrix.reshape(2 * kinds * count, -1)
+    return whole[np.ix_(free, free)], slope.ravel()[free], free
+
+
+def _advance(
+    state: _State, step: FloatArray, free: NDArray[np.int64]
+) -> tuple[ComplexArray, ComplexArray]:
+    """Return poles and participations after a step of their free parts."""
+    forces, count = state.participations.shape
+    whole = np.zeros(2 * count * (1 + forces))
+    whole[free] = step
+    change = (whole[::2] + 1j * whole[1::2]).reshape(1 + forces, count)
+    return state.poles + change[0], state.participations + change[1:]
+
+
+def _may_step(poles: ComplexArray, moved: ComplexArray) -> bool:
+    """Return whether all poles stay stable, and near."""
+    near = np.abs(moved - poles) <= LARGEST_STEP * np.abs(poles)
+    return bool(np.all((moved.real < 0.0) & (moved.imag > 0.0) & near))

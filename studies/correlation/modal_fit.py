@@ -1,0 +1,260 @@
+"""Poles and shapes of a test: fitted to its frequency responses, or taken from its file."""
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.frames import FloatArray
+from headstock.scene.test_data.records import (
+    ComplexArray,
+    MeasuredModes,
+    MeasuredResponses,
+)
+from headstock.solvers.modal_fitting.candidates import OrderPoles
+from headstock.solvers.modal_fitting.modal_model import ModalModel
+from headstock.solvers.modal_fitting.pole_fit import PoleFit, fit_poles
+from headstock.solvers.modal_fitting.shape_scale import (
+    one_shape_shares,
+    phase_collinearity,
+    scale_shapes,
+    unit_shapes,
+)
+from headstock.solvers.modal_fitting.stabilisation import MOST_DAMPING, damping_ratios
+from headstock.solvers.pairing.shape_agreement import response_assurance
+
+ORDER = 60
+LEAST_LINES = 20
+COVERAGE = 1.96  # standard deviations behind ±: 95 %
+SAME_DIRECTION = 0.999  # cosine from which motion and force at a point are along one line
+AGREEING = 0.8  # share of residues at driving points that one scale explains
+IntArray = NDArray[np.int64]
+Source = Literal["file", "noise", "residuals"]
+
+
+@dataclass(frozen=True, eq=False)
+class ModalFit:
+    """Poles and shapes of a test, and how good they are.
+
+    Attributes:
+        modes: Frequencies, damping, shapes.
+        frequency_errors: ``(k,)`` ± of the frequencies at 95 % [Hz]; nan where unknown.
+        damping_errors: ``(k,)`` ± of the damping ratios at 95 %.
+        source: Where ± comes from: noise that was given with the responses, or what the fit leaves of
+            them; ``file`` where modes were taken from the file.
+        collinearity: ``(k,)`` modal phase collinearity of the shapes.
+        one_shape: ``(k,)`` share of a mode's residues that one shape explains.
+        orders: ``(k,)`` at how many orders of the model it appears.
+        steps: Poles of all orders, one list per band: the stabilisation diagram.
+        responses: The responses that were fitted; None where modes were taken from the file.
+        synthesised: ``(l, m, f)`` responses of the fitted model.
+        assurance: ``(m, f)`` frequency response assurance criterion of each pair; nan where not
+            measured.
+        remarks: What the reader of the numbers must know.
+    """
+
+    modes: MeasuredModes
+    frequency_errors: FloatArray
+    damping_errors: FloatArray
+    source: Source
+    collinearity: FloatArray
+    one_shape: FloatArray
+    orders: IntArray
+    steps: tuple[tuple[OrderPoles, ...], ...] = ()
+    responses: MeasuredResponses | None = None
+    synthesised: ComplexArray | None = None
+    assurance: FloatArray | None = None
+    remarks: tuple[str, ...] = ()
+
+
+def fit_modes(
+    responses: MeasuredResponses,
+    *,
+    band: tuple[float, float] | None = None,
+    order: int = ORDER,
+    progress: Callable[[str], None] = lambda _: None,
+) -> ModalFit:
+    """Fit poles and shapes to frequency responses.
+
+    Where fewer motions than forces were measured (a hammer that goes from point to point), the
+    shapes are those at the forces.
+
+    Args:
+        band: Lowest and highest frequency that is used [Hz]; all lines by default.
+        order: Highest order of the stabilisation diagram.
+        progress: Receives what is done.
+
+    Raises:
+        HeadstockError: Fewer lines than a fit needs, or responses without a common reference.
+    """
+    used = _choose_lines(responses, band)
+    turned = len(used.forces) > len(used.motions)
+    given = _exchange(used) if turned else used
+    if not np.isfinite(given.values[0]).all(axis=1).any():
+        names = ", ".join(force.point for force in given.forces)
+        raise HeadstockError(
+            f"no channel was measured together with all references ({names}); leave some out"
+        )
+    found = fit_poles(
+        given.frequencies_hz,
+        given.values,
+        order=order,
+        deviations=given.deviations,
+        progress=progress,
+    )
+    kept = _resonances(found.model, given.frequencies_hz)
+    model = dataclasses.replace(
+        found.model,
+        poles=found.model.poles[kept],
+        participations=found.model.participations[:, kept],
+        shapes=found.model.shapes[:, kept],
+    )
+    pairs = _driving_points(given)
+    agreement = np.full(len(kept), np.nan)
+    if pairs:
+        shapes, agreement = scale_shapes(model, pairs)
+    else:
+        shapes = unit_shapes(model.shapes)
+    modes = MeasuredModes(
+        np.abs(model.poles) / (2.0 * np.pi),
+        damping_ratios(model.poles),
+        given.motions,
+        shapes,
+        scaled=bool(pairs),
+    )
+    fitted = found.model.evaluate(given.frequencies_hz)
+    synthesised = fitted.transpose(0, 2, 1) if turned else fitted
+    frequency_errors, damping_errors = _pole_errors(found, kept)
+    return ModalFit(
+        modes,
+        frequency_errors,
+        damping_errors,
+        source="residuals" if given.deviations is None else "noise",
+        collinearity=phase_collinearity(shapes),
+        one_shape=one_shape_shares(found.model, given.frequencies_hz, given.values)[kept],
+        orders=np.array([len(found.clusters[number].orders) for number in kept]),
+        steps=found.steps,
+        responses=used,
+        synthesised=synthesised,
+        assurance=response_assurance(used.values, synthesised),
+        remarks=tuple(_remarks(modes, given, agreement, turned=turned)),
+    )
+
+
+def pass_modes(modes: MeasuredModes) -> ModalFit:
+    """Return modes that a file brought, as they are."""
+    unknown = np.full(len(modes.frequencies_hz), np.nan)
+    return ModalFit(
+        modes,
+        unknown,
+        unknown,
+        source="file",
+        collinearity=phase_collinearity(modes.shapes),
+        one_shape=unknown,
+        orders=np.zeros(len(unknown), dtype=np.int64),
+    )
+
+
+def _choose_lines(
+    responses: MeasuredResponses, band: tuple[float, float] | None
+) -> MeasuredResponses:
+    """Return the lines within a band where all pairs that were measured have a value, and channels
+    that were measured at all.
+    """
+    low, high = band or (0.0, np.inf)
+    hz, measured = responses.frequencies_hz, np.isfinite(responses.values)
+    pairs = measured.any(axis=0)
+    lines = (hz > 0.0) & (hz >= low) & (hz <= high) & (measured | ~pairs).all(axis=(1, 2))
+    if lines.sum() < LEAST_LINES:
+        ends = f"from {hz[0]:g} to {hz[-1]:g} Hz" if len(hz) else "empty"
+        raise HeadstockError(
+            f"{int(lines.sum())} lines from {low:g} to {high:g} Hz, and a fit needs {LEAST_LINES}; "
+            f"the responses are {ends}: choose another band"
+        )
+    motions, forces = np.flatnonzero(pairs.any(axis=1)), np.flatnonzero(pairs.any(axis=0))
+    used = np.ix_(np.flatnonzero(lines), motions, forces)
+    return MeasuredResponses(
+        hz[lines],
+        tuple(responses.motions[number] for number in motions),
+        tuple(responses.forces[number] for number in forces),
+        responses.values[used],
+        None if responses.deviations is None else responses.deviations[used],
+    )
+
+
+def _exchange(responses: MeasuredResponses) -> MeasuredResponses:
+    """Return responses with motions and forces exchanged, which reciprocity allows."""
+    deviations = responses.deviations
+    return MeasuredResponses(
+        responses.frequencies_hz,
+        responses.forces,
+        responses.motions,
+        responses.values.transpose(0, 2, 1),
+        None if deviations is None else deviations.transpose(0, 2, 1),
+    )
+
+
+def _resonances(model: ModalModel, frequencies_hz: FloatArray) -> IntArray:
+    """Return which modes lie within the lines and are damped as resonances are; the others stand for
+    what is outside.
+    """
+    hz = np.abs(model.poles) / (2.0 * np.pi)
+    inside = (hz >= frequencies_hz[0]) & (hz <= frequencies_hz[-1])
+    return np.flatnonzero(inside & (damping_ratios(model.poles) < MOST_DAMPING))
+
+
+def _driving_points(responses: MeasuredResponses) -> list[tuple[int, int, float]]:
+    """Return motion, force and cosine of pairs at one point along one line."""
+    pairs = []
+    for force, pushed in enumerate(responses.forces):
+        for motion, moved in enumerate(responses.motions):
+            cosine = float(np.dot(moved.direction, pushed.direction))
+            measured = np.isfinite(responses.values[0, motion, force])
+            if moved.point == pushed.point and abs(cosine) > SAME_DIRECTION and measured:
+                pairs.append((motion, force, float(np.sign(cosine))))
+    return pairs
+
+
+def _pole_errors(found: PoleFit, kept: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return ± of frequencies ``(k,)`` [Hz] and damping ratios ``(k,)`` at 95 %."""
+    poles = found.fit.poles[kept]
+    covariance = found.fit.covariance[kept] * max(found.noise, 1.0) ** 2
+    sizes = np.abs(poles)
+    along = np.stack([poles.real, poles.imag], axis=1) / sizes[:, None]
+    # of |p|, and of -Re p / |p|
+    damping = (along * poles.real[:, None] / sizes[:, None] - np.array([1.0, 0.0])) / sizes[:, None]
+    frequency = along / (2.0 * np.pi)
+    errors = (
+        COVERAGE * np.sqrt(np.einsum("ki,kij,kj->k", slope, covariance, slope))
+        for slope in (frequency, damping)
+    )
+    frequency_errors, damping_errors = errors
+    return frequency_errors, damping_errors
+
+
+def _remarks(
+    modes: MeasuredModes, responses: MeasuredResponses, agreement: FloatArray, *, turned: bool
+) -> Iterator[str]:
+    """Say what a reader of the modes must know."""
+    if turned:
+        yield "fewer motions than forces: by reciprocity, shapes are those at the forces"
+    if not modes.scaled:
+        yield "no driving point: shapes have no scale, their largest motion is 1"
+    for number, share in enumerate(agreement):
+        if share < AGREEING:
+            yield (
+                f"mode {number + 1} at {modes.frequencies_hz[number]:.4g} Hz: driving points agree to "
+                f"{100.0 * share:.0f} % only, its scale is doubtful"
+            )
+    spacing = float(np.median(np.diff(responses.frequencies_hz)))
+    for number, hz in enumerate(modes.frequencies_hz):
+        width = 2.0 * float(modes.damping[number]) * float(hz)
+        if width < spacing:
+            yield (
+                f"mode {number + 1} at {hz:.4g} Hz is {width:.2g} Hz wide, lines are {spacing:.2g} Hz "
+                "apart: its damping hangs on few lines"
+            )
