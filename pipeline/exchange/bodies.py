@@ -1,0 +1,180 @@
+"""Superelements from matrices of other programs, checked: rigid motions, mass, symmetry, units and
+order.
+"""
+
+import itertools
+from collections.abc import Mapping
+
+import numpy as np
+import scipy.linalg
+
+from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rigid_map
+from headstock.meshing.component_mesh import IntArray
+from headstock.pipeline.exchange.matrices import BodyMatrices, ExchangeError
+from headstock.reduction.superelement import InterfaceMap, Superelement
+from headstock.reduction.superelement_checks import check_superelement
+from headstock.solvers.errors import AccuracyError
+
+PRINTED = 1e-8  # relative rounding of matrices that were printed with ten digits
+RIGID_LIMIT = 1e-6  # of K times a rigid motion, over the largest row of K that it moves
+SCALES = {"mm": 1e-3, "cm": 1e-2, "inch": 0.0254, "m": 1e3}  # what points may be in instead
+LIGHTEST, HEAVIEST = 1e-6, 1e7  # plausible masses of a part of a machine [kg]
+
+
+def make_superelement(
+    body: BodyMatrices, interfaces: Mapping[str, int] | None = None, *, supported: bool = False
+) -> Superelement:
+    """Return the superelement of a body of other programs.
+
+    Nodes with translations alone keep rotations that nothing holds.
+
+    Args:
+        interfaces: Numbers of nodes by the name that an interface takes; None for ``node_NUMBER`` of
+            every node.
+        supported: The body is held, and no rigid motion is free of force.
+
+    Raises:
+        ExchangeError: A node has no place, or the matrices are not those of such a body; says what
+            would be right where units, order or axes explain it.
+    """
+    numbers = sorted({int(node) for node, dof in body.nodes if dof > 0})
+    for number in numbers:
+        if number not in body.points:
+            raise ExchangeError(f"{body.name}: node {number} has dofs but no place; name a file with its GRID card, or its line in a table of points")
+    if not supported:
+        _require_rigid_motions(body)
+    size = len(DOF_NAMES) * len(numbers)
+    places = _place_rows(body, numbers)
+    full = {letter: _spread(matrix, places, size) for letter, matrix in body.matrices.items()}
+    mass, center, inertia = _find_mass(body)
+    named = interfaces or {f"node_{number}": number for number in numbers}
+    frames = tuple(Frame(np.array(body.points[number]), np.eye(3)) for number in numbers)
+    scalars = len(body.scalar_nodes)
+    superelement = Superelement(
+        name=body.name,
+        labels=(
+            *((str(number), dof) for number in numbers for dof in DOF_NAMES),
+            *(("mode", str(number)) for number in range(1, scalars + 1)),
+        ),
+        frames=frames,
+        interface_maps={
+            name: InterfaceMap(numbers.index(number), frames[numbers.index(number)])
+            for name, number in named.items()
+        },
+        stiffness=full["K"],
+        mass=full["M"],
+        damping=full.get("C"),
+        constraints=np.zeros((0, size + scalars)),
+        modal_frequencies_hz=(frequencies := _find_modal_frequencies(body)),
+        cutoff_hz=float(frequencies[-1]) if scalars else np.inf,
+        full_dofs=len(body.nodes),
+        mass_kg=mass,
+        center_of_mass=center,
+        inertia=inertia,
+        free_dofs=tuple(
+            f"node {number}, {dof}"
+            for row, (number, dof) in enumerate(itertools.product(numbers, DOF_NAMES))
+            if row not in places
+        ),
+        supported=supported,
+    )
+    try:
+        check_superelement(superelement, rounding=PRINTED)
+    except AccuracyError as error:
+        raise ExchangeError(f"{body.name}: {error}; check that all matrices are of one body and one set of units") from error
+    return superelement
+
+
+def _place_rows(body: BodyMatrices, numbers: list[int]) -> IntArray:
+    """Return the row of each dof in a superelement: nodes in their order, then scalar dofs."""
+    count = itertools.count(len(DOF_NAMES) * len(numbers))
+    order = {number: row for row, number in enumerate(numbers)}
+    return np.array(
+        [
+            next(count) if dof == 0 else len(DOF_NAMES) * order[int(node)] + int(dof) - 1
+            for node, dof in body.nodes
+        ],
+        dtype=np.int64,
+    )
+
+
+def _spread(matrix: FloatArray, places: IntArray, size: int) -> FloatArray:
+    result = np.zeros((max(size, int(places.max(initial=-1)) + 1),) * 2)
+    result[np.ix_(places, places)] = matrix
+    return result
+
+
+def _list_rigid_motions(body: BodyMatrices, points: Mapping[int, FloatArray]) -> FloatArray:
+    """Return the dofs ``(n, 6)`` of the rigid motions about the origin; scalar dofs rest."""
+    motions = np.zeros((len(body.nodes), 6))
+    for row, (node, dof) in enumerate(body.nodes):
+        if 1 <= dof <= 3:
+            motions[row] = rigid_map(points[int(node)][None], np.zeros(3))[dof - 1]
+        elif dof > 3:
+            motions[row, dof - 1] = 1.0
+    return motions
+
+
+def _rigid_rest(body: BodyMatrices, points: Mapping[int, FloatArray]) -> float:
+    """Return the largest force of a rigid motion over the largest of the forces that cancel in it."""
+    motions = _list_rigid_motions(body, points)
+    forces = np.abs(body.stiffness @ motions)
+    parts = np.abs(body.stiffness) @ np.abs(motions)
+    return float((forces / np.maximum(parts.max(axis=0), np.finfo(float).tiny)).max(initial=0.0))
+
+
+def _require_rigid_motions(body: BodyMatrices) -> None:
+    """Refuse a body that rigid motions strain, and say which scale or axes of its points would be
+    right.
+    """
+    points = {number: np.array(point) for number, point in body.points.items()}
+    rest = _rigid_rest(body, points)
+    if rest <= RIGID_LIMIT:
+        return
+    remedy = "if it is held to ground, say so (supported); otherwise check units, order of dofs and axes"
+    for unit, scale in SCALES.items():
+        if _rigid_rest(body, {n: scale * p for n, p in points.items()}) <= RIGID_LIMIT:
+            remedy = f"with points in {unit} it is zero: their unit is {unit}"
+            break
+    else:
+        for axes in itertools.permutations(range(3)):
+            if _rigid_rest(body, {n: p[list(axes)] for n, p in points.items()}) <= RIGID_LIMIT:
+                order = " ".join("xyz"[axis] for axis in axes)
+                remedy = f"with the coordinates of its points in the order {order} it is zero: axes are exchanged"
+                break
+    raise ExchangeError(f"{body.name}: moved as a rigid body it answers with {rest:.1e} of its largest forces, which should be zero; {remedy}")
+
+
+def _find_mass(body: BodyMatrices) -> tuple[float, FloatArray, FloatArray]:
+    """Return mass [kg], centre ``(3,)`` and inertia ``(3, 3)`` about it.
+
+    Raises:
+        ExchangeError: The mass differs between directions, or is none of a part of a machine.
+    """
+    points = {number: np.array(point) for number, point in body.points.items()}
+    motions = _list_rigid_motions(body, points)
+    rigid = motions.T @ body.mass @ motions
+    mass = float(np.trace(rigid[:3, :3]) / 3.0)
+    if mass == 0.0:
+        return 0.0, np.zeros(3), np.zeros((3, 3))
+    if np.abs(rigid[:3, :3] - mass * np.eye(3)).max() > RIGID_LIMIT * abs(mass):
+        raise ExchangeError(f"{body.name}: its mass is {rigid[0, 0]:.4g}, {rigid[1, 1]:.4g}, {rigid[2, 2]:.4g} along x, y, z; check the order of its dofs")
+    if not LIGHTEST <= mass <= HEAVIEST:
+        raise ExchangeError(f"{body.name}: its mass is {mass:.3g} kg; matrices in N, mm and t have forces per m 1000 times and masses 1000 times larger in SI")
+    moment = rigid[:3, 3:] / mass  # minus the cross product matrix of the centre
+    center = np.array([moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]]) / 2.0
+    offset = rigid_map(-center[None], np.zeros(3))
+    inertia = rigid[3:, 3:] - mass * offset[:, 3:].T @ offset[:, 3:]
+    return mass, center, 0.5 * (inertia + inertia.T)
+
+
+def _find_modal_frequencies(body: BodyMatrices) -> FloatArray:
+    scalar = np.flatnonzero(body.nodes[:, 1] == 0)
+    if not len(scalar):
+        return np.zeros(0)
+    part = np.ix_(scalar, scalar)
+    try:
+        squares = scipy.linalg.eigh(body.stiffness[part], body.mass[part], eigvals_only=True)
+    except np.linalg.LinAlgError as error:
+        raise ExchangeError(f"{body.name}: the mass of its scalar dofs is not positive; leave out scalar points without mass") from error
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi))

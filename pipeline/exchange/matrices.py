@@ -1,0 +1,100 @@
+"""Matrices of a body as other programs take them: nodes of up to six dofs, and scalar dofs without a
+place.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.errors import HeadstockError
+from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.meshing.component_mesh import IntArray
+from headstock.reduction.superelement import Superelement
+
+MOST_DOFS = 20_000  # of dense matrices from files of strangers: 3.2 GB each
+MOST_ENTRIES = 50_000_000  # of sparse ones
+
+
+class ExchangeError(HeadstockError):
+    """A file of matrices is damaged, too large, or says something that cannot be taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyMatrices:
+    """Matrices of a body in the axes of its frame, SI.
+
+    Attributes:
+        nodes: ``(n, 2)`` number of the node of each dof, and which of its dofs: 1 to 6 for x y z rx ry
+            rz, 0 for a scalar dof, which has a node of its own.
+        points: Position ``(3,)`` of each node that has one [m], by number.
+        stiffness: ``(n, n)`` symmetric.
+        mass: ``(n, n)`` symmetric.
+        damping: ``(n, n)`` viscous; None without.
+    """
+
+    name: str
+    nodes: IntArray
+    points: dict[int, tuple[float, float, float]]
+    stiffness: FloatArray
+    mass: FloatArray
+    damping: FloatArray | None = None
+
+    @property
+    def matrices(self) -> dict[str, FloatArray]:
+        """Stiffness ``K``, mass ``M``, and damping ``C`` where there is one, by letter."""
+        found = {"K": self.stiffness, "M": self.mass}
+        return found if self.damping is None else {**found, "C": self.damping}
+
+    @property
+    def scalar_nodes(self) -> list[int]:
+        """Numbers of the nodes without a place."""
+        return [int(node) for node, dof in self.nodes if dof == 0]
+
+
+def list_matrices(superelement: Superelement) -> BodyMatrices:
+    """Return the matrices of a superelement: its boundary nodes from 1 on, all other dofs scalar.
+
+    Raises:
+        ExchangeError: It has constraints, which no other format keeps apart from its matrices.
+    """
+    if len(superelement.constraints):
+        raise ExchangeError(
+            f"component {superelement.name!r}: interfaces share nodes, which ties some of its dofs; "
+            "leave a gap between their patches before it is exported"
+        )
+    count = len(superelement.frames)
+    size = len(superelement.stiffness)
+    scalars = np.arange(count + 1, count + 1 + size - len(DOF_NAMES) * count)
+    of_nodes = [(node, dof) for node in range(1, count + 1) for dof in range(1, 7)]
+    nodes = np.array([*of_nodes, *((node, 0) for node in scalars)], dtype=np.int64).reshape(-1, 2)
+    points = {
+        number: (float(x), float(y), float(z))
+        for number, (x, y, z) in enumerate((frame.origin for frame in superelement.frames), 1)
+    }
+    return BodyMatrices(
+        superelement.name,
+        nodes,
+        points,
+        superelement.stiffness,
+        superelement.mass,
+        superelement.damping,
+    )
+
+
+def require_matrix(matrix: FloatArray, what: str) -> FloatArray:
+    """Refuse a matrix that is not square, not finite or not symmetric; return it exactly symmetric.
+
+    Args:
+        what: File and name of the matrix, for errors.
+    """
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise ExchangeError(f"{what} has {' x '.join(map(str, matrix.shape))} entries; it must be square")
+    if not np.isfinite(matrix).all():
+        raise ExchangeError(f"{what} holds a number that is not finite")
+    gap = np.abs(matrix - matrix.T).max(initial=0.0)
+    largest = np.abs(matrix).max(initial=0.0)
+    if gap > 1e-6 * largest:
+        raise ExchangeError(
+            f"{what} is not symmetric: entries differ by up to {gap / largest:.1e} of the largest; check which half was written"
+        )
+    return np.asarray(0.5 * (matrix + matrix.T))
