@@ -40,7 +40,9 @@ def make_superelement(
     numbers = sorted({int(node) for node, dof in body.nodes if dof > 0})
     for number in numbers:
         if number not in body.points:
-            raise ExchangeError(f"{body.name}: node {number} has dofs but no place; name a file with its GRID card, or its line in a table of points")
+            raise ExchangeError(
+                f"{body.name}: node {number} has dofs but no place; name a file with its GRID card, or its line in a table of points"
+            )
     if not supported:
         _require_rigid_motions(body)
     size = len(DOF_NAMES) * len(numbers)
@@ -81,7 +83,9 @@ def make_superelement(
     try:
         check_superelement(superelement, rounding=PRINTED)
     except AccuracyError as error:
-        raise ExchangeError(f"{body.name}: {error}; check that all matrices are of one body and one set of units") from error
+        raise ExchangeError(
+            f"{body.name}: {error}; check that all matrices are of one body and one set of units"
+        ) from error
     return superelement
 
 
@@ -131,7 +135,9 @@ def _require_rigid_motions(body: BodyMatrices) -> None:
     rest = _rigid_rest(body, points)
     if rest <= RIGID_LIMIT:
         return
-    remedy = "if it is held to ground, say so (supported); otherwise check units, order of dofs and axes"
+    remedy = (
+        "if it is held to ground, say so (supported); otherwise check units, order of dofs and axes"
+    )
     for unit, scale in SCALES.items():
         if _rigid_rest(body, {n: scale * p for n, p in points.items()}) <= RIGID_LIMIT:
             remedy = f"with points in {unit} it is zero: their unit is {unit}"
@@ -142,7 +148,9 @@ def _require_rigid_motions(body: BodyMatrices) -> None:
                 order = " ".join("xyz"[axis] for axis in axes)
                 remedy = f"with the coordinates of its points in the order {order} it is zero: axes are exchanged"
                 break
-    raise ExchangeError(f"{body.name}: moved as a rigid body it answers with {rest:.1e} of its largest forces, which should be zero; {remedy}")
+    raise ExchangeError(
+        f"{body.name}: moved as a rigid body it answers with {rest:.1e} of its largest forces, which should be zero; {remedy}"
+    )
 
 
 def _find_mass(body: BodyMatrices) -> tuple[float, FloatArray, FloatArray]:
@@ -158,11 +166,20 @@ def _find_mass(body: BodyMatrices) -> tuple[float, FloatArray, FloatArray]:
     if mass == 0.0:
         return 0.0, np.zeros(3), np.zeros((3, 3))
     if np.abs(rigid[:3, :3] - mass * np.eye(3)).max() > RIGID_LIMIT * abs(mass):
-        raise ExchangeError(f"{body.name}: its mass is {rigid[0, 0]:.4g}, {rigid[1, 1]:.4g}, {rigid[2, 2]:.4g} along x, y, z; check the order of its dofs")
+        raise ExchangeError(
+            f"{body.name}: its mass is {rigid[0, 0]:.4g}, {rigid[1, 1]:.4g}, {rigid[2, 2]:.4g} along x, y, z; check the order of its dofs"
+        )
     if not LIGHTEST <= mass <= HEAVIEST:
-        raise ExchangeError(f"{body.name}: its mass is {mass:.3g} kg; matrices in N, mm and t have forces per m 1000 times and masses 1000 times larger in SI")
+        raise ExchangeError(
+            f"{body.name}: its mass is {mass:.3g} kg; matrices in N, mm and t have forces per m 1000 times and masses 1000 times larger in SI"
+        )
     moment = rigid[:3, 3:] / mass  # minus the cross product matrix of the centre
-    center = np.array([moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]]) / 2.0
+    center = (
+        np.array(
+            [moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]]
+        )
+        / 2.0
+    )
     offset = rigid_map(-center[None], np.zeros(3))
     inertia = rigid[3:, 3:] - mass * offset[:, 3:].T @ offset[:, 3:]
     return mass, center, 0.5 * (inertia + inertia.T)
@@ -176,5 +193,7 @@ def _find_modal_frequencies(body: BodyMatrices) -> FloatArray:
     try:
         squares = scipy.linalg.eigh(body.stiffness[part], body.mass[part], eigvals_only=True)
     except np.linalg.LinAlgError as error:
-        raise ExchangeError(f"{body.name}: the mass of its scalar dofs is not positive; leave out scalar points without mass") from error
+        raise ExchangeError(
+            f"{body.name}: the mass of its scalar dofs is not positive; leave out scalar points without mass"
+        ) from error
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi))

@@ -19,7 +19,6 @@ from headstock.meshing.process.worker import Arrays
 from headstock.pipeline.exchange.matrices import (
     MOST_DOFS,
     MOST_ENTRIES,
-    BodyMatrices,
     ExchangeError,
 )
 
@@ -28,11 +27,11 @@ NODE_LIST, INDEX_LIST = 5, 3  # columns of Abaqus's and of CalculiX's lists
 TABLES = {"K": ".sti", "M": ".mas"}  # what CalculiX calls them
 
 
-def encode_matrix_market(matrix: FloatArray, comment: str) -> bytes:
+def encode_matrix_market(matrix: FloatArray) -> bytes:
     """Return a symmetric matrix as a Matrix Market file with the digits of double precision."""
     image = io.BytesIO()
     sparse = scipy.sparse.coo_array(matrix)
-    scipy.io.mmwrite(image, sparse, comment=comment, precision=17, symmetry="symmetric")
+    scipy.io.mmwrite(image, sparse, precision=17, symmetry="symmetric")
     return image.getvalue()
 
 
@@ -52,7 +51,9 @@ def encode_abaqus(nodes: IntArray, matrix: FloatArray) -> bytes:
 def encode_calculix(matrix: FloatArray) -> bytes:
     """Return the upper half of a matrix, a line ``row column value`` each."""
     rows, columns = np.nonzero(np.triu(matrix))
-    return _encode_table(np.column_stack([rows + 1, columns + 1, matrix[rows, columns]]), "%d %d %.16e")
+    return _encode_table(
+        np.column_stack([rows + 1, columns + 1, matrix[rows, columns]]), "%d %d %.16e"
+    )
 
 
 def encode_dof_list(nodes: IntArray) -> bytes:
@@ -85,7 +86,9 @@ def read_coordinates(path: Path, dof_list: Path | None = None) -> tuple[IntArray
     if dof_list is not None:
         nodes = read_apart(dof_list, PART, parse_dof_list, error=ExchangeError)["nodes"]
         if len(nodes) != len(matrix):
-            raise ExchangeError(f"{dof_list.name} names {len(nodes)} dofs, but {path.name} has {len(matrix)} rows; take the list that was written with it")
+            raise ExchangeError(
+                f"{dof_list.name} names {len(nodes)} dofs, but {path.name} has {len(matrix)} rows; take the list that was written with it"
+            )
     return nodes, matrix
 
 
@@ -95,7 +98,9 @@ def parse_dof_list(path: Path) -> Arrays:
     for number, line in enumerate(path.read_text(errors="replace").split(), 1):
         node, _, dof = line.partition(".")
         if not (node.isdecimal() and dof.isdecimal() and len(node) < 10 and int(dof[:2]) <= 6):
-            raise ExchangeError(f"{path.name}:{number}: {line[:40]!r} is no dof; write node.dof, such as 12.3")
+            raise ExchangeError(
+                f"{path.name}:{number}: {line[:40]!r} is no dof; write node.dof, such as 12.3"
+            )
         dofs.append((int(node), int(dof)))
     return {"nodes": np.array(dofs, dtype=np.int64).reshape(-1, 2)}
 
@@ -112,14 +117,17 @@ def parse_coordinates(path: Path) -> Arrays:
         raise ExchangeError(f"{path.name} is no list of a matrix: {error}") from error
     if table.shape[1] not in (NODE_LIST, INDEX_LIST):
         raise ExchangeError(
-            f"{path.name} has {table.shape[1]} columns; lists of matrices have {INDEX_LIST} (row, column, value) or {NODE_LIST} (node, dof, node, dof, value)"
+            f"{path.name} has {table.shape[1]} columns; expected are row, column, value, or node, dof, node, dof, value"
         )
     keys = table[:, :-1].astype(np.int64)
     if (keys != table[:, :-1]).any() or keys.min() < 0:
         raise ExchangeError(f"{path.name}: rows and columns must be whole numbers from 1")
     if table.shape[1] == NODE_LIST:
         nodes, places = np.unique(keys.reshape(-1, 2), axis=0, return_inverse=True)
-        return {"nodes": nodes, "matrix": _fill(path, len(nodes), places.reshape(-1, 2), table[:, -1])}
+        return {
+            "nodes": nodes,
+            "matrix": _fill(path, len(nodes), places.reshape(-1, 2), table[:, -1]),
+        }
     return _number_rows(_fill(path, int(keys.max()), keys - 1, table[:, -1]))
 
 
@@ -128,7 +136,9 @@ def _read_market(path: Path) -> FloatArray:
     try:
         rows, columns, entries, _, kind, _ = scipy.io.mminfo(path)
         if rows > MOST_DOFS or columns > MOST_DOFS or entries > MOST_ENTRIES:
-            raise ExchangeError(f"{path.name} has {rows} x {columns} entries; at most {MOST_DOFS} x {MOST_DOFS} are read: reduce the model further")
+            raise ExchangeError(
+                f"{path.name} has {rows} x {columns} entries; at most {MOST_DOFS} x {MOST_DOFS} are read: reduce the model further"
+            )
         if kind not in ("real", "integer"):
             raise ExchangeError(f"{path.name} holds {kind} numbers; write real ones")
         matrix = scipy.io.mmread(path)
@@ -140,7 +150,9 @@ def _read_market(path: Path) -> FloatArray:
 def _fill(path: Path, size: int, places: IntArray, values: FloatArray) -> FloatArray:
     """Return a whole matrix from its entries; where one half is written, the other mirrors it."""
     if size > MOST_DOFS:
-        raise ExchangeError(f"{path.name} has {size} dofs; at most {MOST_DOFS} are read: reduce the model further")
+        raise ExchangeError(
+            f"{path.name} has {size} dofs; at most {MOST_DOFS} are read: reduce the model further"
+        )
     matrix = np.zeros((size, size))
     if len(np.unique(places @ [size, 1])) < len(places):
         raise ExchangeError(f"{path.name} gives an entry twice")

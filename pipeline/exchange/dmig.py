@@ -25,19 +25,19 @@ NAMES = {"K": "KAAX", "M": "MAAX", "C": "BAAX"}
 _LETTERS = {"K": "K2GG", "M": "M2GG", "C": "B2GG"}
 
 
-def encode_dmig(body: BodyMatrices) -> str:
-    """Return bulk data of a body: its nodes as GRID, scalar dofs as SPOINT, its matrices as DMIG."""
+def encode_dmig(body: BodyMatrices, *, matrices: bool = True) -> str:
+    """Return bulk data of a body: its nodes as GRID, scalar dofs as SPOINT, and its matrices as DMIG
+    where they are wanted.
+    """
     case = [f"$ {_LETTERS[letter]} = {NAMES[letter]}" for letter in body.matrices]
     lines = [f"$ {body.name}: matrices of a reduced body, m kg s; in the case control:", *case]
-    lines += [
-        line for number, point in body.points.items() for line in _grid_lines(number, point)
-    ]
+    lines += [line for number, point in body.points.items() for line in _grid_lines(number, point)]
     scalars = body.scalar_nodes
     lines += [
         "SPOINT  " + "".join(f"{node:>8d}" for node in scalars[k : k + 8])
         for k in range(0, len(scalars), 8)
     ]
-    for letter, matrix in body.matrices.items():
+    for letter, matrix in body.matrices.items() if matrices else ():
         lines += _matrix_lines(NAMES[letter], body.nodes, matrix)
     return "\n".join([*lines, ""])
 
@@ -89,7 +89,9 @@ def parse_dmig(path: Path) -> dict[str, np.ndarray]:
         if card.name == "DMIG" and card.fields:
             cards[card.fields[0].upper()].append(card)
     if not cards:
-        raise ExchangeError(f"{path.name} holds no DMIG card; name the file that holds the matrices")
+        raise ExchangeError(
+            f"{path.name} holds no DMIG card; name the file that holds the matrices"
+        )
     found: dict[str, np.ndarray] = {}
     for name, (head, *columns) in cards.items():
         _require_real(head)
@@ -103,11 +105,17 @@ def _require_real(head: Card) -> None:
     """Refuse what is no header of a real square matrix."""
     name, form, kind = head.fields[0], head.integer(2), head.integer(3)
     if head.integer(1, -1) != 0:
-        raise ExchangeError(f"{head.place}: DMIG {name} has no header; its first card must have 0 in field 3")
+        raise ExchangeError(
+            f"{head.place}: DMIG {name} has no header; its first card must have 0 in field 3"
+        )
     if form not in (SQUARE, SYMMETRIC):
-        raise ExchangeError(f"{head.place}: DMIG {name} is of form {form}; square ones (1) and symmetric ones (6) are read")
+        raise ExchangeError(
+            f"{head.place}: DMIG {name} is of form {form}; square ones (1) and symmetric ones (6) are read"
+        )
     if kind not in (1, 2):
-        raise ExchangeError(f"{head.place}: DMIG {name} is of type {kind}; real ones (1, 2) are read")
+        raise ExchangeError(
+            f"{head.place}: DMIG {name} is of type {kind}; real ones (1, 2) are read"
+        )
 
 
 def _read_entries(columns: Iterable[Card]) -> tuple[IntArray, list[tuple[int, int, float]]]:
@@ -119,11 +127,15 @@ def _read_entries(columns: Iterable[Card]) -> tuple[IntArray, list[tuple[int, in
             if card.fields[start]:
                 entry = (_read_dof(card, start), column)
                 if entry in written:
-                    raise ExchangeError(f"{card.place}: DMIG {card.fields[0]} gives row {entry[0]} of column {column} twice")
+                    raise ExchangeError(
+                        f"{card.place}: DMIG {card.fields[0]} gives row {entry[0]} of column {column} twice"
+                    )
                 written[entry] = card.real(start + 2)
     dofs = sorted({dof for entry in written for dof in entry})
     if len(dofs) > MOST_DOFS:
-        raise ExchangeError(f"a matrix has {len(dofs)} dofs; at most {MOST_DOFS} are read: reduce the model further")
+        raise ExchangeError(
+            f"a matrix has {len(dofs)} dofs; at most {MOST_DOFS} are read: reduce the model further"
+        )
     rows = {dof: row for row, dof in enumerate(dofs)}
     entries = [(rows[row], rows[column], value) for (row, column), value in written.items()]
     return np.array(dofs, dtype=np.int64).reshape(-1, 2), entries
@@ -132,7 +144,9 @@ def _read_entries(columns: Iterable[Card]) -> tuple[IntArray, list[tuple[int, in
 def _read_dof(card: Card, start: int) -> tuple[int, int]:
     node, dof = card.integer(start), card.integer(start + 1)
     if node < 1 or not 0 <= dof <= 6:
-        raise ExchangeError(f"{card.place}: DMIG {card.fields[0]}: {node} {dof} is no grid point and component")
+        raise ExchangeError(
+            f"{card.place}: DMIG {card.fields[0]}: {node} {dof} is no grid point and component"
+        )
     return node, dof
 
 

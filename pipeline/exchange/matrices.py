@@ -88,7 +88,9 @@ def require_matrix(matrix: FloatArray, what: str) -> FloatArray:
         what: File and name of the matrix, for errors.
     """
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
-        raise ExchangeError(f"{what} has {' x '.join(map(str, matrix.shape))} entries; it must be square")
+        raise ExchangeError(
+            f"{what} has {' x '.join(map(str, matrix.shape))} entries; it must be square"
+        )
     if not np.isfinite(matrix).all():
         raise ExchangeError(f"{what} holds a number that is not finite")
     gap = np.abs(matrix - matrix.T).max(initial=0.0)

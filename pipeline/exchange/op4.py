@@ -35,7 +35,9 @@ def _encode_matrix(name: str, matrix: FloatArray) -> bytes:
     rows, columns = matrix.shape
     symmetric = rows == columns and np.array_equal(matrix, matrix.T)
     form = SYMMETRIC if symmetric else SQUARE if rows == columns else RECTANGULAR
-    header = struct.pack("<4i8s", columns, rows, form, 2, f"{name:<{LONGEST_NAME}.{LONGEST_NAME}}".encode())
+    header = struct.pack(
+        "<4i8s", columns, rows, form, 2, f"{name:<{LONGEST_NAME}.{LONGEST_NAME}}".encode()
+    )
     records = [header]
     for number, column in enumerate(np.ascontiguousarray(matrix.T, dtype="<f8"), 1):
         (filled,) = np.nonzero(column)
@@ -86,7 +88,9 @@ def _split_records(name: str, content: bytes, order: str) -> Iterator[bytes]:
         if size < 0 or after + WORD > len(content):
             raise ExchangeError(f"{name} ends within a record, at byte {place}; copy it again")
         if struct.unpack_from(f"{order}i", content, after)[0] != size:
-            raise ExchangeError(f"{name}: the record at byte {place} does not end where it says; copy the file in binary mode")
+            raise ExchangeError(
+                f"{name}: the record at byte {place} does not end where it says; copy the file in binary mode"
+            )
         yield content[end:after]
         place = after + WORD
 
@@ -96,16 +100,22 @@ def _read_matrix(
 ) -> tuple[str, FloatArray]:
     """Return the name and the entries of the matrix whose header was read."""
     if len(header) != HEADER:
-        raise ExchangeError(f"{file}: a header of {len(header)} bytes where {HEADER} are expected; copy the file again")
+        raise ExchangeError(
+            f"{file}: a header of {len(header)} bytes where {HEADER} are expected; copy the file again"
+        )
     columns, rows, _, kind, letters = struct.unpack(f"{order}4i8s", header)
     name = letters.decode("latin-1").strip()
     what = f"{file}, matrix {name[:LONGEST_NAME]!r}"
     if kind not in REAL:
-        raise ExchangeError(f"{what} is {'complex' if kind in COMPLEX else 'of an unknown type'}; write real matrices")
+        raise ExchangeError(
+            f"{what} is {'complex' if kind in COMPLEX else 'of an unknown type'}; write real matrices"
+        )
     if rows < 0:
         raise ExchangeError(f"{what} is sparse with large indices; write it without BIGMAT")
     if not (0 < columns <= MOST_DOFS and rows <= MOST_DOFS):
-        raise ExchangeError(f"{what} has {rows} x {columns} entries; at most {MOST_DOFS} x {MOST_DOFS} are read: reduce the model further")
+        raise ExchangeError(
+            f"{what} has {rows} x {columns} entries; at most {MOST_DOFS} x {MOST_DOFS} are read: reduce the model further"
+        )
     entry, words = (f"{order}f4", 1) if kind == 1 else (f"{order}f8", 2)
     matrix = np.zeros((columns, rows))
     for record in records:
@@ -117,7 +127,13 @@ def _read_matrix(
         if first == 0:
             raise ExchangeError(f"{what} is sparse; write it in the dense form")
         length = count // words
-        if not (0 < column <= columns and 0 < first and first - 1 + length <= rows) or len(record) != WORD * (3 + count):
+        if not (0 < column <= columns and first > 0 and first - 1 + length <= rows) or len(
+            record
+        ) != WORD * (3 + count):
             break
-        matrix[column - 1, first - 1 : first - 1 + length] = np.frombuffer(record, entry, offset=3 * WORD)
-    raise ExchangeError(f"{what}: a column does not fit its {rows} rows, or the file ends before the last one; copy it again")
+        matrix[column - 1, first - 1 : first - 1 + length] = np.frombuffer(
+            record, entry, offset=3 * WORD
+        )
+    raise ExchangeError(
+        f"{what}: a column does not fit its {rows} rows, or the file ends before the last one; copy it again"
+    )

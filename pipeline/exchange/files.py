@@ -1,0 +1,259 @@
+"""Files of reduced bodies, by their ending: what is read as a superelement, and what is written for
+other programs.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.meshing.component_mesh import IntArray
+from headstock.meshing.files.nastran_cards import read_cards
+from headstock.meshing.process.strangers import PART, read_apart
+from headstock.meshing.process.worker import Arrays
+from headstock.pipeline.exchange.bodies import make_superelement
+from headstock.pipeline.exchange.coordinate_lists import (
+    TABLES,
+    encode_abaqus,
+    encode_calculix,
+    encode_dof_list,
+    encode_matrix_market,
+    read_coordinates,
+)
+from headstock.pipeline.exchange.dmig import NAMES, encode_dmig, read_dmig
+from headstock.pipeline.exchange.matrices import (
+    MOST_DOFS,
+    BodyMatrices,
+    ExchangeError,
+    list_matrices,
+    require_matrix,
+)
+from headstock.pipeline.exchange.op4 import encode_op4, read_op4
+from headstock.pipeline.storage.superelements import read_superelement
+from headstock.reduction.superelement import Superelement
+
+BULK_DATA = (".bdf", ".dat", ".nas", ".pch")
+# endings of the files of stiffness, mass and damping that lie side by side
+FAMILIES: tuple[dict[str, str], ...] = (
+    {"K": "_STIF1.mtx", "M": "_MASS1.mtx", "C": "_DMPV1.mtx"},
+    {"K": "_K.mtx", "M": "_M.mtx", "C": "_C.mtx"},
+    TABLES,
+)
+ENDINGS = (".h5", ".op4", *BULK_DATA, ".mtx", ".sti")
+
+
+def read_body(path: Path, points: Path | None = None, *, supported: bool = False) -> Superelement:
+    """Read a reduced body: Headstock's own layout, or matrices of another program.
+
+    Args:
+        path: The file; of matrices in several files that of the stiffness.
+        points: Bulk data with the GRID cards of its nodes; None where ``path`` holds them.
+        supported: It is held to ground.
+
+    Raises:
+        HeadstockError: A file is missing, damaged, or the matrices are not those of one body.
+    """
+    if path.suffix == ".h5":
+        return read_superelement(path)
+    places, scalars = (
+        ({}, ()) if points is None and path.suffix not in BULK_DATA else read_points(points or path)
+    )
+    matrices, nodes = _read_matrices(path, places, scalars)
+    sizes = {letter: len(matrix) for letter, matrix in matrices.items()}
+    if len(set(sizes.values())) > 1 or len(nodes) != sizes["K"]:
+        listed = ", ".join(f"{letter} has {size} rows" for letter, size in sizes.items())
+        raise ExchangeError(
+            f"{path.name}: {listed}, and there are {len(nodes)} dofs; take matrices, points and list of dofs of one body"
+        )
+    for letter, matrix in matrices.items():
+        require_matrix(matrix, f"{path.name}, {letter}")
+    body = BodyMatrices(path.stem, nodes, places, matrices["K"], matrices["M"], matrices.get("C"))
+    return make_superelement(body, supported=supported)
+
+
+def read_points(path: Path) -> tuple[dict[int, tuple[float, float, float]], tuple[int, ...]]:
+    """Read the places of GRID cards [m] and the numbers of SPOINT cards of bulk data, with limits.
+
+    Raises:
+        HeadstockError: The file is damaged, or has points in coordinate systems of their own.
+    """
+    arrays = read_apart(path, PART, parse_points, error=ExchangeError)
+    places = zip(arrays["numbers"].tolist(), arrays["places"].tolist(), strict=True)
+    return {number: (x, y, z) for number, (x, y, z) in places}, tuple(arrays["scalars"].tolist())
+
+
+def parse_points(path: Path) -> Arrays:
+    """Read the points of bulk data in this process."""
+    places: dict[int, FloatArray] = {}
+    scalars: list[int] = []
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    for card in read_cards(path, text, {"GRID", "SPOINT"}):
+        if card.name == "GRID":
+            if card.integer(1) or card.integer(5):
+                raise ExchangeError(
+                    f"{card.place}: GRID {card.integer(0)} has a coordinate system of its own; write points and matrices in the basic one"
+                )
+            places[card.integer(0)] = card.vector(2)
+        elif card.name == "SPOINT":
+            scalars += _list_scalars(card.fields)
+    return {
+        "numbers": np.array(list(places), dtype=np.int64),
+        "places": np.array(list(places.values()), dtype=float).reshape(-1, 3),
+        "scalars": np.array(scalars, dtype=np.int64),
+    }
+
+
+def _list_scalars(fields: list[str]) -> list[int]:
+    """Return the numbers of a SPOINT card: listed, or from one THRU another."""
+    words = [word for word in fields if word]
+    if (
+        len(words) == 3
+        and words[1].upper() == "THRU"
+        and words[0].isdecimal()
+        and words[2].isdecimal()
+    ):
+        first, last = int(words[0]), int(words[2])
+        if not 0 <= last - first < MOST_DOFS:
+            raise ExchangeError(f"SPOINT {first} THRU {last}: at most {MOST_DOFS} points are read")
+        return list(range(first, last + 1))
+    return [int(word) for word in words if word.isdecimal()]
+
+
+def _read_matrices(
+    path: Path, places: Mapping[int, object], scalars: tuple[int, ...]
+) -> tuple[dict[str, FloatArray], IntArray]:
+    """Return stiffness, mass and damping by letter, and ``(n, 2)`` node and dof of each row."""
+    if path.suffix in BULK_DATA:
+        return _join_dmig(path)
+    if path.suffix == ".op4":
+        # rows in the order of Nastran's numbers
+        order = sorted(
+            [
+                *((number, dof) for number in places for dof in range(1, 7)),
+                *((number, 0) for number in scalars),
+            ]
+        )
+        return _choose_named(path, read_op4(path)), np.array(order, dtype=np.int64).reshape(-1, 2)
+    family, stem = _find_family(path)
+    dof_list = path.with_name(f"{stem}.dof")
+    nodes, stiffness = read_coordinates(path, dof_list if dof_list.is_file() else None)
+    found = {"K": stiffness}
+    for letter, ending in family.items():
+        other = path.with_name(stem + ending)
+        if letter != "K" and (letter == "M" or other.is_file()):
+            found[letter] = read_coordinates(other)[1]
+    return found, nodes
+
+
+def _find_family(path: Path) -> tuple[dict[str, str], str]:
+    """Return the endings of the files that belong together, and what they begin with."""
+    for family in FAMILIES:
+        if path.name.endswith(family["K"]):
+            return family, path.name.removesuffix(family["K"])
+    listed = ", ".join(f"NAME{family['K']}" for family in FAMILIES)
+    raise ExchangeError(
+        f"{path.name}: the stiffness is expected as {listed}, its mass beside it; rename them"
+    )
+
+
+def _choose_named[T](path: Path, found: Mapping[str, T]) -> dict[str, T]:
+    """Return what is stiffness, mass and damping among named matrices: by our names, or by the only
+    one that begins with K, M, or B or C.
+    """
+    chosen: dict[str, T] = {}
+    for letter, name in NAMES.items():
+        begins = [key for key in found if key.upper().startswith((letter, name[0]))]
+        exact = [key for key in begins if key.upper() == name]
+        if len(exact or begins) == 1:
+            chosen[letter] = found[(exact or begins)[0]]
+        elif letter != "C" or begins:
+            raise ExchangeError(
+                f"{path.name} holds {', '.join(found)}; name stiffness {NAMES['K']} and mass {NAMES['M']}"
+            )
+    return chosen
+
+
+def _join_dmig(path: Path) -> tuple[dict[str, FloatArray], IntArray]:
+    """Return the DMIG matrices of bulk data over all dofs that any of them names."""
+    read = _choose_named(path, read_dmig(path))
+    dofs = sorted({(int(node), int(dof)) for nodes, _ in read.values() for node, dof in nodes})
+    rows = {dof: row for row, dof in enumerate(dofs)}
+    matrices = {}
+    for letter, (nodes, matrix) in read.items():
+        places = [rows[int(node), int(dof)] for node, dof in nodes]
+        matrices[letter] = np.zeros((len(dofs),) * 2)
+        matrices[letter][np.ix_(places, places)] = matrix
+    return matrices, np.array(dofs, dtype=np.int64).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class BodyFormat:
+    """A form in which a reduced body leaves.
+
+    Attributes:
+        encode: Returns the content of each file by its ending, behind the name that was asked for.
+    """
+
+    name: str
+    meaning: str
+    encode: Callable[[BodyMatrices], dict[str, bytes]]
+
+
+def _encode_bulk(body: BodyMatrices) -> dict[str, bytes]:
+    return {".bdf": encode_dmig(body).encode()}
+
+
+def _encode_op4(body: BodyMatrices) -> dict[str, bytes]:
+    points = encode_dmig(body, matrices=False).encode()
+    return {
+        ".op4": encode_op4({NAMES[letter]: m for letter, m in body.matrices.items()}),
+        ".bdf": points,
+    }
+
+
+def _encode_lists(
+    family: Mapping[str, str], encode: Callable[[IntArray, FloatArray], bytes]
+) -> Callable[[BodyMatrices], dict[str, bytes]]:
+    def write(body: BodyMatrices) -> dict[str, bytes]:
+        files = {
+            family[letter]: encode(body.nodes, matrix)
+            for letter, matrix in body.matrices.items()
+            if letter in family
+        }
+        return {
+            **files,
+            ".dof": encode_dof_list(body.nodes),
+            ".bdf": encode_dmig(body, matrices=False).encode(),
+        }
+
+    return write
+
+
+BODY_FORMATS = (
+    BodyFormat("op4", "Nastran OUTPUT4, with the points as bulk data", _encode_op4),
+    BodyFormat("dmig", "Nastran bulk data: GRID, SPOINT, DMIG", _encode_bulk),
+    BodyFormat(
+        "abaqus", "Abaqus matrices for *MATRIX INPUT", _encode_lists(FAMILIES[0], encode_abaqus)
+    ),
+    BodyFormat(
+        "mtx",
+        "Matrix Market, with a list of dofs",
+        _encode_lists(FAMILIES[1], lambda nodes, matrix: encode_matrix_market(matrix)),
+    ),
+    BodyFormat(
+        "calculix",
+        "CalculiX matrix storage",
+        _encode_lists(TABLES, lambda nodes, matrix: encode_calculix(matrix)),
+    ),
+)
+
+
+def encode_body(superelement: Superelement, form: BodyFormat) -> dict[str, bytes]:
+    """Return the files of a reduced body in a form, by their endings.
+
+    Raises:
+        ExchangeError: The form cannot hold it.
+    """
+    return form.encode(list_matrices(superelement))
