@@ -1,0 +1,126 @@
+"""State spaces at a fixed step whose inputs are held over it, in blocks of two states: exact, and cheap
+enough for real time.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from scipy.sparse.csgraph import connected_components
+
+from headstock.geometry.frames import FloatArray
+from headstock.meshing.component_mesh import IntArray
+from headstock.solvers.linear.state_space import StateSpace
+
+WORST_CONDITION = 1e8  # of eigenvectors that states are measured along
+
+
+@dataclass(frozen=True, eq=False)
+class HeldSystem:
+    """``x+ = A x + B u``, ``y = C x + D u`` at a step, u held over it; y after a step uses the u of
+    that step.
+
+    Attributes:
+        step_s: Length of the step [s].
+        pairs: ``(m, 2, 2)`` blocks of A, of states ``2k`` and ``2k + 1``.
+        dense: ``(r, r)`` block of A of the states behind them, which nothing takes apart.
+        b: ``(2 m + r, k)``.
+        c: ``(p, 2 m + r)``.
+        d: ``(p, k)``.
+    """
+
+    step_s: float
+    pairs: FloatArray
+    dense: FloatArray
+    b: FloatArray
+    c: FloatArray
+    d: FloatArray
+
+    def follow(self, inputs: FloatArray) -> FloatArray:
+        """Return the outputs ``(n, p)`` after each step from rest, for inputs ``(n, k)``."""
+        count = 2 * len(self.pairs)
+        state = np.zeros(len(self.b))
+        outputs = np.zeros((len(inputs), len(self.c)))
+        for row, held in enumerate(inputs):
+            paired = np.einsum("kij,kj->ki", self.pairs, state[:count].reshape(-1, 2)).ravel()
+            state = np.concatenate([paired, self.dense @ state[count:]]) + self.b @ held
+            outputs[row] = self.c @ state + self.d @ held
+        return outputs
+
+
+def hold_inputs(space: StateSpace, step_s: float) -> HeldSystem:
+    """Return a state space at a step with held inputs (zero-order hold), exact to rounding.
+
+    States that damping couples are turned into the real and imaginary parts of their eigenvectors;
+    where those lie too close together, they stay one dense block.
+    """
+    pairs: list[
+        tuple[FloatArray, FloatArray, FloatArray]
+    ] = []  # block of A, rows of B, columns of C
+    rest: list[int] = []
+    for group in _split_states(space.a):
+        blocks = list(_take_apart(space.a[np.ix_(group, group)]))
+        if not blocks:
+            rest += group.tolist()
+        for block, forwards, backwards in blocks:
+            pairs.append((block, backwards @ space.b[group], space.c[:, group] @ forwards))
+    blocks = np.array([block for block, _, _ in pairs]).reshape(-1, 2, 2)
+    motion, drive = _integrate(blocks, step_s)
+    dense, dense_drive = _integrate(space.a[np.ix_(rest, rest)], step_s)
+    driven = [share @ rows for share, (_, rows, _) in zip(drive, pairs, strict=True)]
+    return HeldSystem(
+        step_s,
+        motion,
+        dense,
+        np.vstack([*driven, dense_drive @ space.b[rest]]),
+        np.hstack([*(columns for _, _, columns in pairs), space.c[:, rest]]),
+        space.d,
+    )
+
+
+def _split_states(a: FloatArray) -> Iterator[IntArray]:
+    """Yield the groups of states that have nothing to do with each other."""
+    count, labels = connected_components(a != 0.0, directed=False)
+    for label in range(count):
+        yield np.flatnonzero(labels == label)
+
+
+def _take_apart(a: FloatArray) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+    """Yield blocks ``(2, 2)`` of a group of states, with the states ``(n, 2)`` that they stand for
+    and the inverse ``(2, n)``; nothing for a group that stays one.
+    """
+    size = len(a)
+    if size == 2:
+        yield a, np.eye(2), np.eye(2)
+        return
+    if size % 2:
+        return
+    values, vectors = np.linalg.eig(a)
+    order = np.lexsort((values.real, np.abs(values.imag) > 0.0, values.imag))
+    upper = [k for k in order if values[k].imag > 0.0]
+    real = [k for k in order if values[k].imag == 0.0]
+    columns = [part for k in upper for part in (vectors[:, k].real, vectors[:, k].imag)]
+    basis = np.column_stack([*columns, *(vectors[:, k].real for k in real)])
+    if np.linalg.cond(basis) > WORST_CONDITION:
+        return
+    inverse = np.linalg.inv(basis)
+    turned = inverse @ a @ basis
+    for first in range(0, size, 2):
+        pair = slice(first, first + 2)
+        yield turned[pair, pair], basis[:, pair], inverse[pair]
+
+
+def _integrate(a: FloatArray, step_s: float) -> tuple[FloatArray, FloatArray]:
+    """Return ``exp(A h)`` and its integral over a step, for one matrix or many ``(..., n, n)``.
+
+    Source: Van Loan (1978), Computing integrals involving the matrix exponential.
+    """
+    size = a.shape[-1]
+    if not a.size:
+        return a, a
+    padded = np.zeros((*a.shape[:-2], 2 * size, 2 * size))
+    padded[..., :size, :size] = a * step_s
+    padded[..., :size, size:] = np.eye(size) * step_s
+    both = np.asarray(scipy.linalg.expm(padded))
+    return both[..., :size, :size], both[..., :size, size:]
