@@ -98,9 +98,17 @@ class MeshFile:
 
 @dataclass(frozen=True)
 class SuperelementFile:
-    """Reduced matrices in Headstock's own HDF5 layout."""
+    """Reduced matrices: in Headstock's own HDF5 layout, or those of another program.
+
+    Attributes:
+        path: Where it is; of matrices in several files that of the stiffness.
+        points: Bulk data with the places of its nodes, where they are not in ``path``.
+        supported: It is held to ground, and has no rigid motions.
+    """
 
     path: Path
+    points: Path | None = None
+    supported: bool = False
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.solids import SuperelementFile
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.files.nastran_cards import read_cards
 from headstock.meshing.process.strangers import PART, read_apart
@@ -41,21 +42,17 @@ FAMILIES: tuple[dict[str, str], ...] = (
     {"K": "_K.mtx", "M": "_M.mtx", "C": "_C.mtx"},
     TABLES,
 )
-ENDINGS = (".h5", ".op4", *BULK_DATA, ".mtx", ".sti")
+OWN = (".h5", ".hdf5")
 
 
-def read_body(path: Path, points: Path | None = None, *, supported: bool = False) -> Superelement:
+def read_body(file: SuperelementFile) -> Superelement:
     """Read a reduced body: Headstock's own layout, or matrices of another program.
-
-    Args:
-        path: The file; of matrices in several files that of the stiffness.
-        points: Bulk data with the GRID cards of its nodes; None where ``path`` holds them.
-        supported: It is held to ground.
 
     Raises:
         HeadstockError: A file is missing, damaged, or the matrices are not those of one body.
     """
-    if path.suffix == ".h5":
+    path, points = file.path, file.points
+    if path.suffix in OWN:
         return read_superelement(path)
     places, scalars = (
         ({}, ()) if points is None and path.suffix not in BULK_DATA else read_points(points or path)
@@ -70,7 +67,7 @@ def read_body(path: Path, points: Path | None = None, *, supported: bool = False
     for letter, matrix in matrices.items():
         require_matrix(matrix, f"{path.name}, {letter}")
     body = BodyMatrices(path.stem, nodes, places, matrices["K"], matrices["M"], matrices.get("C"))
-    return make_superelement(body, supported=supported)
+    return make_superelement(body, supported=file.supported)
 
 
 def read_points(path: Path) -> tuple[dict[int, tuple[float, float, float]], tuple[int, ...]]:

@@ -19,10 +19,10 @@ from headstock.geometry.parts.components import (
 )
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.meshing.components.skins import unmeshed_skin
+from headstock.pipeline.exchange.files import read_body
 from headstock.pipeline.results.views import MachineView, component_skin, place_view
 from headstock.pipeline.storage.part_files import describe_solid
 from headstock.pipeline.storage.store import Store, default_store_root
-from headstock.pipeline.storage.superelements import read_superelement
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.coupling.dof_layout import lay_out_dofs
 from headstock.reduction.coupling.joint_springs import place_joint
@@ -134,5 +134,5 @@ def _edge_middle(support: Support, middles: FloatArray) -> FloatArray:
 
 def _rigid_body(component: Component) -> Superelement:
     if isinstance(component.solid, SuperelementFile):
-        return dataclasses.replace(read_superelement(component.solid.path), name=component.name)
+        return dataclasses.replace(read_body(component.solid), name=component.name)
     return reduce_rigid(component, describe_solid(component, Store(default_store_root())))

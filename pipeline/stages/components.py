@@ -19,6 +19,7 @@ from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import mesh_skin, unmeshed_skin
 from headstock.meshing.errors import MeshError
+from headstock.pipeline.exchange.files import read_body
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.reductions import choose_solver
 from headstock.pipeline.stages.run_state import (
@@ -33,7 +34,6 @@ from headstock.pipeline.stages.run_state import (
 from headstock.pipeline.storage.content_keys import mesh_key, skin_key, superelement_key
 from headstock.pipeline.storage.part_files import describe_solid
 from headstock.pipeline.storage.store import Store, StoreRead, list_keys, read_entry, write_entry
-from headstock.pipeline.storage.superelements import read_superelement
 from headstock.reduction.components.polynomial import reduce_polynomial
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented, segment_skin
@@ -263,7 +263,7 @@ def _run_polynomial_stage(state: RunState, stage: Stage) -> Outcome:
 
 def _load_file(state: RunState, component: Component) -> str:
     """Read an imported superelement and check it like one of our own."""
-    read = read_superelement(cast(SuperelementFile, component.solid).path)
+    read = read_body(cast(SuperelementFile, component.solid))
     superelement = dataclasses.replace(read, name=component.name, probes={}, sensors={})
     check_superelement(superelement, rounding=FILE_ROUNDING)
     state.reduced[component.name] = _as_asked(component, ReducedComponent(superelement))

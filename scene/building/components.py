@@ -68,10 +68,12 @@ from headstock.scene.schema.components import (
 from headstock.scene.schema.scene import SceneTable
 
 FEWEST_CONTROL_POINTS = 4
+BULK_DATA = (".bdf", ".dat", ".nas", ".pch")
 FILE_SUFFIXES: dict[str, tuple[str, ...]] = {
     "step": (".step", ".stp"),
     "mesh": MESH_SUFFIXES,
-    "superelement": (".h5", ".hdf5"),
+    "superelement": (".h5", ".hdf5", ".op4", *BULK_DATA, ".mtx", ".sti"),
+    "points": BULK_DATA,
 }
 ARRAY_SUFFIXES = (".h5", ".hdf5")
 # matrices from a file bring their own stiffness and mass
@@ -119,7 +121,11 @@ def build_solid(table: SolidTable, folder: Path) -> Solid:
         return MeshFile(path, unit, _beside(path, folder), chosen)
     if table.superelement is not None:
         return SuperelementFile(
-            resolve_file(folder, table.superelement, FILE_SUFFIXES["superelement"])
+            resolve_file(folder, table.superelement, FILE_SUFFIXES["superelement"]),
+            None
+            if table.points is None
+            else resolve_file(folder, table.points, FILE_SUFFIXES["points"]),
+            table.supported,
         )
     if table.point_mass is not None:
         return PointMass(table.point_mass, _three(table.inertia or [0.0, 0.0, 0.0]))

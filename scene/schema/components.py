@@ -100,7 +100,8 @@ SOLID_KINDS = ("box", "tube", "plate", "column", "step", "mesh", "superelement",
 
 class SolidTable(types.StrictTable):
     """Exactly one of box, tube, plate, column, step, mesh, superelement, point_mass; `solid` goes
-    with step and mesh, `unit` with mesh, `inertia` with point_mass.
+    with step and mesh, `unit` with mesh, `points` and `supported` with superelement, `inertia` with
+    point_mass.
     """
 
     model_config = types.one_of(*SOLID_KINDS)
@@ -118,7 +119,12 @@ class SolidTable(types.StrictTable):
     mesh: types.Text | None = None
     """finished mesh: gmsh `.msh`, Abaqus `.inp`, Nastran `.bdf`, XDMF `.xdmf`, MED `.med`, Exodus `.exo`"""
     superelement: types.Text | None = None
-    """reduced matrices in Headstock's own HDF5 layout, as `headstock export` writes them"""
+    """reduced matrices: `.h5` as `headstock export` writes them, Nastran `.op4`, or `.bdf` with DMIG, Abaqus `NAME_STIF1.mtx`,
+    Matrix Market `NAME_K.mtx`, CalculiX `.sti`; see [matrices of other programs](exchange.md)"""
+    points: types.Text | None = None
+    """bulk data with the GRID cards of the nodes of a superelement; default: its own file"""
+    supported: types.Flag = False
+    """accept that a superelement is held to ground: rigid motions strain it"""
     point_mass: types.PositiveMass | None = None
     """mass of a rigid body without a shape: its centre is its origin, its only face and interface is `center`"""
     inertia: Annotated[list[types.NotNegativeInertia], Field(min_length=3, max_length=3)] | None = (
@@ -148,6 +154,8 @@ class SolidTable(types.StrictTable):
             )
         if self.unit is not None and self.mesh is None:
             yield '`unit` is the length unit of a mesh file; write solid = { mesh = "part.inp", unit = "1 mm" }'
+        if (self.points is not None or self.supported) and self.superelement is None:
+            yield '`points` and `supported` go with matrices of other programs; write solid = { superelement = "part.op4", points = "part.bdf" }'
         if self.inertia is not None:
             if self.point_mass is None:
                 yield "`inertia` goes with point_mass; other solids bring their own"
