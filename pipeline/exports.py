@@ -15,6 +15,9 @@ from headstock.geometry.loading import load_library
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import PointMass, SuperelementFile
 from headstock.meshing.formats import find_format
+from headstock.pipeline.exchange.files import encode_body
+from headstock.pipeline.exchange.fmus import FmuModel, encode_fmu
+from headstock.pipeline.exchange.names import FMUS
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.components import load_or_make_mesh
 from headstock.pipeline.stages.frf import add_load_inputs
@@ -35,11 +38,13 @@ from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.scene import Analyses, Scene, require_name
 from headstock.solvers.errors import ModelError
+from headstock.solvers.linear.held_inputs import hold_inputs
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.solvers.second_order import Channel, name_channel
 
+DEFAULT_STEP_S = 1e-3
 # loaded only where a mesh is written: it takes meshio and netCDF4 with it
 WRITING_MODULE = "headstock.meshing.files.writing"
 
@@ -51,16 +56,20 @@ def export_state_space(
     up_to_hz: float,
     pose: str | None,
     comm: MPI.Comm,
+    form: str = "mat",
+    step_s: float = DEFAULT_STEP_S,
     origin: Provenance | None = None,
 ) -> str:
     """Write the state space between the channels of ``[analyses.frf]``, or x, y and z of every point,
-    as a ``.mat`` file.
+    as a file or an FMU.
 
     Args:
         scene: The same on every rank; its damping counts.
         path: File to write, whole or not at all.
         up_to_hz: Modes up to here become states, the others act statically.
         pose: Name of a pose; default: the first.
+        form: One of ``MACHINES``.
+        step_s: Of an FMU, over which it holds its inputs [s].
 
     Returns:
         What was written, in a few words; on every rank.
@@ -87,10 +96,42 @@ def export_state_space(
         coupled = couple_pose(state.parts, state.plan.poses[name]).coupled
         system = add_load_inputs(damp_system(scene, coupled.system), coupled.loads, inputs)
         space = to_state_space(system, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz)
-        write_output(path, _encode_mat(space, origin))
+        write_output(path, _encode_space(space, form, step_s, scene.name, origin))
         sizes = f"{len(space.a)} states, {len(space.inputs)} inputs, {len(space.outputs)} outputs"
         text = f"{path}: pose {name}, {sizes}, modes up to {up_to_hz:g} Hz"
+        if form in FMUS:
+            text += f"; inputs held over {1e3 * step_s:g} ms, a delay of {180.0 * step_s:.3g} deg per Hz"
     return str(share_from_root(comm, text))
+
+
+def _encode_space(
+    space: StateSpace, form: str, step_s: float, name: str, origin: Provenance | None
+) -> bytes:
+    """Return a state space as a file of a form."""
+    if form == "npz":
+        image = io.BytesIO()
+        names = {"inputs": space.inputs, "outputs": space.outputs}
+        np.savez(
+            image,
+            A=space.a, B=space.b, C=space.c, D=space.d, states=np.array(space.states),
+            **{key: np.array([name_channel(one) for one in value]) for key, value in names.items()},
+        )  # fmt: skip
+        return image.getvalue()
+    if form in FMUS:
+        inputs, outputs = (
+            tuple(
+                (f"{kind}.{channel[0]}.{channel[1]}", units["r" in channel[1]])
+                for channel in channels
+            )
+            for kind, channels, units in (
+                ("force", space.inputs, ("N", "N.m")),
+                ("motion", space.outputs, ("m", "rad")),
+            )
+        )
+        words = f"{name}: forces in, motions out; inputs are held over {step_s:g} s"
+        model = FmuModel(name, hold_inputs(space, step_s), inputs, outputs, words)
+        return encode_fmu(model, FMUS[form])
+    return _encode_mat(space, origin)
 
 
 def _encode_mat(space: StateSpace, origin: Provenance | None = None) -> bytes:
@@ -143,6 +184,7 @@ def export_superelement(
     path: Path,
     *,
     comm: MPI.Comm,
+    form: str = "h5",
     store: Store | None = None,
     origin: Provenance | None = None,
 ) -> str:
@@ -151,7 +193,8 @@ def export_superelement(
 
     Args:
         scene: The scene; the same on every rank.
-        path: File to write, whole or not at all.
+        path: File to write, whole or not at all; of several files what their names begin with.
+        form: One of ``BODIES``.
         store: Where meshes and superelements are kept; by default the user's.
 
     Returns:
@@ -174,8 +217,20 @@ def export_superelement(
     text = ""
     if state.is_root:
         superelement = made[component]
-        write_superelement(path, superelement, origin)
-        text = f"{path}: {component}, {superelement.full_dofs} -> {len(superelement.labels)} dofs"
+        names = [path.name]
+        if form == "h5":
+            write_superelement(path, superelement, origin)
+        else:
+            files = encode_body(superelement, form)
+            names = [path.stem + ending for ending in files]
+            with naming_output(path), PendingOutputs() as pending:
+                for name, content in zip(names, files.values(), strict=True):
+                    pending.add(path.with_name(name), content)
+                pending.publish()
+        written = ", ".join(str(path.with_name(name)) for name in names)
+        text = (
+            f"{written}: {component}, {superelement.full_dofs} -> {len(superelement.labels)} dofs"
+        )
     return str(share_from_root(comm, text))
 
 

@@ -12,9 +12,15 @@ from headstock.app.terminal.console import warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE
 from headstock.meshing.errors import MeshError
 from headstock.meshing.formats import find_format
-from headstock.pipeline.exports import export_mesh, export_state_space, export_superelement
+from headstock.pipeline.exchange.names import ENDINGS
+from headstock.pipeline.exports import (
+    DEFAULT_STEP_S,
+    export_mesh,
+    export_state_space,
+    export_superelement,
+)
 from headstock.scene.building.loader import load_scene
-from headstock.scene.reading.units import FREQUENCY, UnitError, parse_quantity
+from headstock.scene.reading.units import FREQUENCY, TIME, UnitError, parse_quantity
 from headstock.scene.scene import Scene
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
@@ -37,16 +43,20 @@ def export_command(options: ExportOptions, comm: MPI.Comm) -> int:
         written = export_mesh(scene, options.component, options.mesh, comm=comm)
     elif up_to_hz is None:
         component = options.component or ""
+        form = options.to or "h5"
         output = options.output or Path(f"{component}.h5")
-        written = export_superelement(scene, component, output, comm=comm, origin=origin)
+        written = export_superelement(scene, component, output, comm=comm, form=form, origin=origin)
     else:
-        output = options.output or Path(f"{options.scene.stem}.mat")
+        form = options.to or "mat"
+        output = options.output or Path(options.scene.stem + ENDINGS[form])
         written = export_state_space(
             scene,
             output,
             up_to_hz=up_to_hz,
             pose=options.pose,
             comm=comm,
+            form=form,
+            step_s=_read_step(options),
             origin=origin,
         )
     if comm.rank == 0:
@@ -66,6 +76,21 @@ def _read_options(options: ExportOptions) -> float | None:
     except UnitError as error:
         raise click.UsageError(f"--state-space {error}") from error
     return None
+
+
+def _read_step(options: ExportOptions) -> float:
+    """Return the step of an FMU [s].
+
+    Raises:
+        click.UsageError: It is no time above zero.
+    """
+    try:
+        step = DEFAULT_STEP_S if options.step is None else parse_quantity(options.step, TIME).value
+    except UnitError as error:
+        raise click.UsageError(f"--step {error}") from error
+    if not step > 0.0:
+        raise click.UsageError(f"--step {options.step} must be above zero")
+    return step
 
 
 def _load(options: ExportOptions) -> Scene:

@@ -23,6 +23,7 @@ from headstock.app.commands.options import (
     output_option,
 )
 from headstock.app.commands.plain_typer import typer
+from headstock.pipeline.exchange.names import BODIES, FMUS, MACHINES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,8 +123,8 @@ class EffectsOptions(SceneOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ExportOptions(SceneOptions):
-    """Write one component as a superelement file for other scenes or as a mesh for other programs,
-    or the machine's state space as a file for MATLAB.
+    """Write one component as matrices or as a mesh, or the machine's state space as a file or an
+    FMU.
     """
 
     action = "exporting:export_command"
@@ -141,11 +142,22 @@ class ExportOptions(SceneOptions):
         ),
     ] = None
     output: Annotated[
-        Path | None, output_option("FILE", "File to write [COMPONENT.h5, SCENE.mat].")
+        Path | None, output_option("FILE", "File to write [COMPONENT.h5, SCENE.mat, ...].")
+    ] = None
+    to: Annotated[
+        str | None,
+        option(
+            "--to",
+            "FORMAT",
+            "Of a component h5, op4, dmig, abaqus, calculix or mtx; of the machine mat, npz, fmu3 or fmu2.",
+        ),
     ] = None
     state_space: Annotated[
         str | None,
         option("--state-space", "HZ", 'State space with modes up to here, such as "500 Hz".'),
+    ] = None
+    step: Annotated[
+        str | None, option("--step", "TIME", "Of an FMU, which holds its inputs over it [1 ms].")
     ] = None
     pose: Annotated[
         str | None, option("--pose", "NAME", "Pose of the state space [the first].")
@@ -164,6 +176,20 @@ class ExportOptions(SceneOptions):
         """
         if self.mesh is not None and (self.output is not None or self.state_space is not None):
             raise click.UsageError("--mesh FILE goes without -o and --state-space")
+        bodies, machines = BODIES, MACHINES
+        if self.to is not None and self.to not in {**bodies, **machines}:
+            raise click.UsageError(
+                f"--to {self.to!r} is unknown; components: {', '.join(bodies)}; machines: {', '.join(machines)}"
+            )
+        if self.to is not None and (
+            self.mesh is not None or (self.to in bodies) == (self.state_space is not None)
+        ):
+            raise click.UsageError(
+                f"--to {self.to} goes with "
+                + ("a COMPONENT" if self.to in bodies else '--state-space "500 Hz"')
+            )
+        if self.step is not None and self.to not in FMUS:
+            raise click.UsageError("--step goes with --to fmu3 or --to fmu2")
         if self.mesh is None and (self.component is None) == (self.state_space is None):
             raise click.UsageError(
                 "name a component to reduce, write --mesh FILE for its mesh, or "

@@ -3,7 +3,6 @@ other programs.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -185,72 +184,33 @@ def _join_dmig(path: Path) -> tuple[dict[str, FloatArray], IntArray]:
     return matrices, np.array(dofs, dtype=np.int64).reshape(-1, 2)
 
 
-@dataclass(frozen=True)
-class BodyFormat:
-    """A form in which a reduced body leaves.
+def encode_body(superelement: Superelement, form: str) -> dict[str, bytes]:
+    """Return the files of a reduced body in a form, by what they end in.
 
-    Attributes:
-        encode: Returns the content of each file by its ending, behind the name that was asked for.
-    """
-
-    name: str
-    meaning: str
-    encode: Callable[[BodyMatrices], dict[str, bytes]]
-
-
-def _encode_bulk(body: BodyMatrices) -> dict[str, bytes]:
-    return {".bdf": encode_dmig(body).encode()}
-
-
-def _encode_op4(body: BodyMatrices) -> dict[str, bytes]:
-    points = encode_dmig(body, matrices=False).encode()
-    return {
-        ".op4": encode_op4({NAMES[letter]: m for letter, m in body.matrices.items()}),
-        ".bdf": points,
-    }
-
-
-def _encode_lists(
-    family: Mapping[str, str], encode: Callable[[IntArray, FloatArray], bytes]
-) -> Callable[[BodyMatrices], dict[str, bytes]]:
-    def write(body: BodyMatrices) -> dict[str, bytes]:
-        files = {
-            family[letter]: encode(body.nodes, matrix)
-            for letter, matrix in body.matrices.items()
-            if letter in family
-        }
-        return {
-            **files,
-            ".dof": encode_dof_list(body.nodes),
-            ".bdf": encode_dmig(body, matrices=False).encode(),
-        }
-
-    return write
-
-
-BODY_FORMATS = (
-    BodyFormat("op4", "Nastran OUTPUT4, with the points as bulk data", _encode_op4),
-    BodyFormat("dmig", "Nastran bulk data: GRID, SPOINT, DMIG", _encode_bulk),
-    BodyFormat(
-        "abaqus", "Abaqus matrices for *MATRIX INPUT", _encode_lists(FAMILIES[0], encode_abaqus)
-    ),
-    BodyFormat(
-        "mtx",
-        "Matrix Market, with a list of dofs",
-        _encode_lists(FAMILIES[1], lambda nodes, matrix: encode_matrix_market(matrix)),
-    ),
-    BodyFormat(
-        "calculix",
-        "CalculiX matrix storage",
-        _encode_lists(TABLES, lambda nodes, matrix: encode_calculix(matrix)),
-    ),
-)
-
-
-def encode_body(superelement: Superelement, form: BodyFormat) -> dict[str, bytes]:
-    """Return the files of a reduced body in a form, by their endings.
+    Args:
+        form: One of ``BODIES`` but our own.
 
     Raises:
         ExchangeError: The form cannot hold it.
     """
-    return form.encode(list_matrices(superelement))
+    body = list_matrices(superelement)
+    if form == "dmig":
+        return {".bdf": encode_dmig(body).encode()}
+    points = {"_points.bdf": encode_dmig(body, matrices=False).encode()}
+    if form == "op4":
+        named = {NAMES[letter]: matrix for letter, matrix in body.matrices.items()}
+        return {".op4": encode_op4(named), **points}
+    family, encode = _LISTS[form]
+    files = {
+        family[letter]: encode(body.nodes, matrix)
+        for letter, matrix in body.matrices.items()
+        if letter in family
+    }
+    return {**files, ".dof": encode_dof_list(body.nodes), **points}
+
+
+_LISTS: dict[str, tuple[dict[str, str], Callable[[IntArray, FloatArray], bytes]]] = {
+    "abaqus": (FAMILIES[0], encode_abaqus),
+    "mtx": (FAMILIES[1], lambda _, matrix: encode_matrix_market(matrix)),
+    "calculix": (FAMILIES[2], lambda _, matrix: encode_calculix(matrix)),
+}

@@ -13,7 +13,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import IntArray
 from headstock.solvers.linear.state_space import StateSpace
 
-WORST_CONDITION = 1e8  # of eigenvectors that states are measured along
+WORST_CONDITION = 1e5  # of eigenvectors that states are measured along
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,187 @@
+"""Models leave for other programs by one command, and theirs become parts of a scene."""
+
+import ctypes
+import zipfile
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from common import Shell, approx, read_json
+
+STEP, STEPS = 1e-3, 200
+STEEL = """
+[materials.steel]
+E = "210 GPa"
+nu = 0.3
+rho = "7850 kg/m^3"
+"""
+HEAD = f"""{STEEL}
+[components.head]
+material = "steel"
+solid = {{ box = ["100 mm", "80 mm", "60 mm"] }}
+mass = "40 kg"
+fidelity = "rigid"
+interfaces = {{ foot = {{ face = "z-" }}, tip = {{ face = "z+" }} }}
+[joints.foot]
+between = ["head.foot", "ground"]
+kind = "spring"
+stiffness = {{ x = "5 N/um", y = "6 N/um", z = "9 N/um", rx = "2e4 N m/rad", ry = "3e4 N m/rad", rz = "4e4 N m/rad" }}
+damping = {{ x = "200 N s/m", rx = "3 N m s/rad" }}
+[points.tcp]
+tool = "head.tip"
+work = "ground"
+[effects]
+damping = true
+[analyses.modal]
+count = 6
+"""
+BEAM = f"""{STEEL}
+[components.beam]
+solid = {{ box = ["30 mm", "20 mm", "300 mm"] }}
+material = "steel"
+fidelity = "polynomial"
+interfaces = {{ foot = {{ face = "z-" }}, tip = {{ face = "z+" }} }}
+[joints.foot]
+between = ["beam.foot", "ground"]
+kind = "rigid"
+[points.tip]
+tool = "beam.tip"
+work = "ground"
+[analyses.modal]
+count = 6
+"""
+
+
+class Library:
+    """The compiled library of an FMU, driven as a C program would."""
+
+    def __init__(self, fmu: Path, folder: Path) -> None:
+        with zipfile.ZipFile(fmu) as archive:
+            archive.extractall(folder)
+        self.description = ElementTree.parse(folder / "modelDescription.xml").getroot()
+        self.version = int(self.description.attrib["fmiVersion"][0])
+        (library,) = folder.glob("binaries/*/headstock.so")
+        self.calls = ctypes.CDLL(str(library))
+        token = self.description.attrib["guid" if self.version == 2 else "instantiationToken"]
+        self.machine = self.instantiate(token.encode())
+
+    def instantiate(self, token: bytes) -> int | None:
+        none, no = ctypes.c_void_p(), ctypes.c_int(0)
+        if self.version == 2:
+            create = self.calls.fmi2Instantiate
+            words: tuple[Any, ...] = (b"it", ctypes.c_int(1), token, b"", none, no, no)
+        else:
+            create = self.calls.fmi3InstantiateCoSimulation
+            flags = (ctypes.c_bool(False),) * 4
+            words = (b"it", token, b"", *flags, none, ctypes.c_size_t(0), none, none, none)
+        create.restype = ctypes.c_void_p
+        return create(*words)  # type: ignore[no-any-return]
+
+    def exchange(self, name: str, references: list[int], values: list[float]) -> list[float]:
+        """Get or set numbers."""
+        count = len(references)
+        numbers = (ctypes.c_double * count)(*values)
+        call = getattr(self.calls, f"fmi{self.version}{name}")
+        words: list[Any] = [ctypes.c_void_p(self.machine), (ctypes.c_uint * count)(*references)]
+        words += [ctypes.c_size_t(count), numbers]
+        assert call(*words, *([ctypes.c_size_t(count)] if self.version == 3 else [])) == 0
+        return list(numbers)
+
+    def step(self, now: float, size: float) -> int:
+        words: list[Any] = [ctypes.c_void_p(self.machine), ctypes.c_double(now)]
+        words.append(ctypes.c_double(size))
+        if self.version == 2:
+            return int(self.calls.fmi2DoStep(*words, ctypes.c_int(1)))
+        flags = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]
+        last = ctypes.byref(ctypes.c_double())
+        return int(self.calls.fmi3DoStep(*words, ctypes.c_bool(True), *flags, last))
+
+    def variables(self, causality: str) -> dict[str, int]:
+        found = self.description.findall(".//*[@valueReference][@name]")
+        return {
+            one.attrib["name"]: int(one.attrib["valueReference"])
+            for one in found
+            if one.attrib["causality"] == causality
+        }
+
+
+@pytest.mark.parametrize("form", ["fmu2", "fmu3"])
+def test_an_fmu_moves_as_the_discrete_state_space(shell: Shell, tmp_path: Path, form: str) -> None:
+    scene = shell.write(HEAD)
+    shell(f"export {scene} --to npz --state-space 2kHz -o space.npz")
+    printed = shell.prints(f"export {scene} --to {form} --state-space 2kHz -o head.fmu")
+    assert "0.18 deg per Hz" in printed
+    space = np.load("space.npz")
+    whole = np.zeros((len(space["A"]) + 3,) * 2)
+    whole[:-3] = np.hstack([space["A"], space["B"]])
+    power = scipy.linalg.expm(whole * STEP)[:-3]
+    fmu = Library(Path("head.fmu"), tmp_path / "fmu")
+    inputs, outputs = fmu.variables("input"), fmu.variables("output")
+    assert list(inputs) == [f"force.tcp.{axis}" for axis in "xyz"]
+    assert list(outputs) == [f"motion.tcp.{axis}" for axis in "xyz"]
+    state, forces = np.zeros(len(space["A"])), np.random.default_rng(0).standard_normal((STEPS, 3))
+    seen, exact = [], []
+    for number, force in enumerate(forces):
+        fmu.exchange(("SetReal", "SetFloat64")[fmu.version - 2], list(inputs.values()), list(force))
+        assert fmu.step(number * STEP, STEP) == 0
+        get = ("GetReal", "GetFloat64")[fmu.version - 2]
+        seen.append(fmu.exchange(get, list(outputs.values()), [0.0] * 3))
+        state = power @ np.concatenate([state, force])
+        exact.append(space["C"] @ state + space["D"] @ force)
+    assert np.array(seen) == approx(np.array(exact), abs=1e-9 * np.abs(exact).max())
+    assert fmu.step(STEPS * STEP, 0.4 * STEP) != 0  # no multiple of its step
+    assert not fmu.instantiate(b"another machine")
+
+
+@pytest.mark.parametrize(
+    ("form", "solid"),
+    [
+        ("op4", 'superelement = "beam.op4", points = "beam_points.bdf"'),
+        ("dmig", 'superelement = "beam.bdf"'),
+        ("abaqus", 'superelement = "beam_STIF1.mtx", points = "beam_points.bdf"'),
+        ("calculix", 'superelement = "beam.sti", points = "beam_points.bdf"'),
+        ("mtx", 'superelement = "beam_K.mtx", points = "beam_points.bdf"'),
+    ],
+)
+def test_matrices_of_other_programs_are_a_part(shell: Shell, form: str, solid: str) -> None:
+    scene = shell.write(BEAM)
+    shell(f"run {scene} --json own.json -o own --no-figures")
+    shell(f"export {scene} beam --to {form}")
+    taken = shell.write(
+        BEAM,
+        ('solid = { box = ["30 mm", "20 mm", "300 mm"] }', f"solid = {{ {solid} }}"),
+        ('material = "steel"\nfidelity = "polynomial"\n', ""),
+        ('interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }\n', ""),
+        ("beam.foot", "beam.node_1"),
+        ("beam.tip", "beam.node_2"),
+        name="taken",
+    )
+    shell(f"run {taken} --json taken.json -o taken --no-figures")
+    given, found = (
+        read_json(Path(name))["modal"][0]["frequencies_hz"]
+        for name in ("own.json", "taken.json")
+    )
+    assert found == approx(given, rel=1e-7 if form == "dmig" else 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("head --to fmu3", '--to fmu3 goes with --state-space "500 Hz"'),
+        ("--to op4 --state-space 500Hz", "--to op4 goes with a COMPONENT"),
+        ("--to fmu", "--to 'fmu' is unknown; components: h5, op4"),
+        ("--to mat --state-space 500Hz --step 1ms", "--step goes with --to fmu3 or --to fmu2"),
+        ("--to fmu3 --state-space 500Hz --step 0s", "--step 0s must be above zero"),
+    ],
+)
+def test_forms_that_do_not_go_together_are_refused(shell: Shell, words: str, message: str) -> None:
+    assert message in shell.refuses(f"export {shell.write(HEAD)} {words}")
+
+
+def test_points_go_with_matrices_alone(shell: Shell) -> None:
+    scene = shell.write(HEAD, ('"60 mm"] }', '"60 mm"], points = "x.bdf" }'))
+    assert "go with matrices of other programs" in shell.refuses(f"check {scene}")
