@@ -124,7 +124,7 @@ class SolidTable(types.StrictTable):
     points: types.Text | None = None
     """bulk data with the GRID cards of the nodes of a superelement; default: its own file"""
     supported: types.Flag = False
-    """accept that a superelement is held to ground: rigid motions strain it"""
+    """accept a superelement that is supported, which rigid motions strain"""
     point_mass: types.PositiveMass | None = None
     """mass of a rigid body without a shape: its centre is its origin, its only face and interface is `center`"""
     inertia: Annotated[list[types.NotNegativeInertia], Field(min_length=3, max_length=3)] | None = (
