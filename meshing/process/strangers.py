@@ -39,11 +39,13 @@ class FileKind:
     Attributes:
         most_bytes: That one may have.
         advice: What to do with a larger one.
+        packed: One may unpack to far more, so a small one is read in a process apart, too.
     """
 
     name: str
     most_bytes: int
     advice: str
+    packed: bool = False
 
     def refusal(self, name: str, size: int) -> str | None:
         """Return what is wrong with a file of a size; None for nothing."""
@@ -61,8 +63,8 @@ TEST_POINTS = FileKind(
 )
 WAYPOINTS = FileKind("a path", 50_000_000, "write fewer waypoints, or cut it in two")
 RECORD = FileKind("a record", 500_000_000, "cut it, or keep fewer samples per second")
-RECEPTANCES = FileKind("a file of receptances", 50_000_000, "keep fewer frequencies")
 TEST_DATA = FileKind("a file of test data", 200_000_000, "export fewer frequencies or channels")
+MATLAB = FileKind("a MATLAB file", TEST_DATA.most_bytes, TEST_DATA.advice, packed=True)
 SUMMARY = FileKind("a summary", 200_000_000, "no run writes one as large")
 RESULTS = FileKind("a file of results", 16_000_000_000, "no run writes one as large")
 
@@ -87,7 +89,7 @@ def read_apart(
         What the reader returns.
     """
     status = require_size(path, kind, error)
-    if status.st_size <= SMALL_BYTES:
+    if status.st_size <= SMALL_BYTES and not kind.packed:
         return reader(path, *arguments)
     file_key = (path.absolute(), status.st_ino, status.st_size, status.st_mtime_ns)
     key = (*file_key, reader.__module__, reader.__qualname__, arguments)

@@ -10,7 +10,7 @@ from headstock.pipeline.stages.frf import peaks_have_tops
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.run_state import PoseModel
 from headstock.scene.analyses.lobes import LobesRequest
-from headstock.scene.reading.csv_files import read_receptances
+from headstock.scene.test_data.tool_receptances import read_tool
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import equivalent_viscous
 from headstock.solvers.linear.frequency_response import (
@@ -121,7 +121,7 @@ def prepare_point(machine: PoseModel) -> CuttingPoint:
     model = prepare_frf(system, inputs=channels, outputs=channels, modes=modes)
     assembly: Assembly = request.tool_modes
     if request.tool_receptance is not None:
-        assembly = read_receptances(request.tool_receptance, request.up)
+        assembly = read_tool(request.tool_receptance, request.up)
     poles = find_peaks(model, highest_hz(request, assembly))
     if not peaks_have_tops(poles, request.up_to_hz):
         raise ModelError(

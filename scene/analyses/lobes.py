@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import MachinePath
-from headstock.meshing.process.strangers import RECEPTANCES
+from headstock.meshing.process.strangers import TEST_DATA
 from headstock.scene.analyses.path import PathTable, build_path
 from headstock.scene.building.cutting import (
     build_mill,
@@ -22,7 +22,7 @@ from headstock.scene.building.cutting import (
     resolve_material,
 )
 from headstock.scene.building.draft import Draft, SceneAnalysis
-from headstock.scene.reading.files import resolve_file
+from headstock.scene.reading.files import TEST_DATA_SUFFIXES, resolve_file
 from headstock.scene.reading.findings import Findings, KeyPath, SceneError
 from headstock.scene.reading.units import ANGULAR_SPEED
 from headstock.scene.scene import Request, Scene
@@ -35,7 +35,6 @@ from headstock.solvers.milling.tool_dynamics import ToolMode
 from headstock.solvers.milling.windows import MOST_ROWS, expected_rows
 
 KEY: KeyPath = ("analyses", "lobes")
-SUFFIXES = (".csv",)
 FIXED = 'write directions that are the same in every pose, such as "x"'
 PARALLEL = 1e-6  # what is left of a direction across the tool
 FEED = "feed"  # name of the direction of travel that a path has in each pose
@@ -228,8 +227,10 @@ class _LobesTable(types.RequestTable):
     tool_modes: Annotated[list[ToolModeTable], Field(max_length=12)] = []
     """lumped modes of spindle and tool in a row, from the machine to the tip"""
     tool_receptance: types.Text | None = None
-    """measured receptances of the free assembly of spindle, holder and tool in their place: CSV with the columns
-    `frequency,tip_re,tip_im,cross_re,cross_im,base_re,base_im` in Hz and m/N, equal in both directions across the tool"""
+    """measured receptances in their place, equal in both directions across the tool: of the free assembly of spindle, holder and tool, as CSV
+    with the columns `frequency,tip_re,tip_im,cross_re,cross_im,base_re,base_im` in Hz and m/N, or as UFF 58 or another
+    [file of test data](test_data.md) with the points `tip` and `base` (or two numbers, the lower one the tip); or one receptance alone,
+    of the tip of the mounted tool, to which the machine adds nothing"""
     checked: types.NotNegativeShare = 1.0
     """share of the speeds at which the limit is looked for, evenly spread; the others are hatched"""
     poses: types.Names | None = None
@@ -266,7 +267,7 @@ def _build(table: _LobesTable, draft: Draft) -> LobesRequest:
         tool_modes=tuple(build_tool_mode(mode, table.up) for mode in table.tool_modes),
         tool_receptance=None
         if table.tool_receptance is None
-        else resolve_file(draft.folder, table.tool_receptance, SUFFIXES, RECEPTANCES),
+        else resolve_file(draft.folder, table.tool_receptance, TEST_DATA_SUFFIXES, TEST_DATA),
         poses=tuple(table.poses or draft.poses),
         path=None if path is None else build_path(scene, path),
         part=part_side(table),
@@ -312,7 +313,7 @@ def _check(table: _LobesTable, draft: Draft) -> None:
             )
     if table.tool_receptance is not None:
         try:
-            resolve_file(draft.folder, table.tool_receptance, SUFFIXES, RECEPTANCES)
+            resolve_file(draft.folder, table.tool_receptance, TEST_DATA_SUFFIXES, TEST_DATA)
         except ValueError as error:
             draft.add((*KEY, "tool_receptance"), str(error))
     if "damping" not in scene.active:

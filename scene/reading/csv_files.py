@@ -1,5 +1,5 @@
-"""CSV files that a scene refers to: measured forces, positions and receptances, corners of contours and
-waypoints of axes; every fault is reported with its line.
+"""CSV files that a scene refers to: measured forces and positions, corners of contours and waypoints of
+axes; every fault is reported with its line.
 """
 
 import csv
@@ -18,7 +18,6 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.strangers import (
     CORNERS,
-    RECEPTANCES,
     RECORD,
     SMALL_BYTES,
     WAYPOINTS,
@@ -27,18 +26,8 @@ from headstock.meshing.process.strangers import (
 )
 from headstock.meshing.process.worker import Arrays
 from headstock.scene.reading.units import ANGLE, LENGTH, Unit, UnitError, quote_value, read_unit
-from headstock.solvers.milling.tool_dynamics import MeasuredAssembly, across_axis
 
 FORCE_COLUMNS = ("time", "fx", "fy", "fz")
-RECEPTANCE_COLUMNS = (
-    "frequency",
-    "tip_re",
-    "tip_im",
-    "cross_re",
-    "cross_im",
-    "base_re",
-    "base_im",
-)
 CORNER_COLUMNS = ("x", "y", "z")
 FEED_COLUMN = "feed"
 MOST_CORNERS = 2000
@@ -47,7 +36,7 @@ WAYPOINT_EXAMPLE = "X [mm],Y [mm]"
 MOST_WAYPOINTS = 100_000
 MOST_COLUMNS = 20
 _HEADING = re.compile(r"([A-Za-z_][A-Za-z0-9_-]{0,63})\s*(?:\[([^\[\]]*)\])?")
-type _Rows = Iterator[tuple[int, list[str]]]
+type Rows = Iterator[tuple[int, list[str]]]
 
 
 class CsvError(HeadstockError):
@@ -123,27 +112,6 @@ def read_corners(path: Path) -> tuple[FloatArray, FloatArray | None]:
             f"{path.name}:{int(np.argmax(feeds[1:] <= 0.0)) + 3} has a feed rate that is not positive"
         )
     return values[:, :3], feeds
-
-
-def read_receptances(path: Path, axis: tuple[float, float, float]) -> MeasuredAssembly:
-    """Read a CSV file with the columns ``frequency`` [Hz] and real and imaginary parts of the
-    receptances of tip, cross and base [m/N].
-
-    Args:
-        axis: Of the tool, machine frame.
-
-    Raises:
-        CsvError: A column is missing, an entry is no finite number, or frequencies do not rise;
-            says where.
-    """
-    values = _read_columns(path, RECEPTANCES, RECEPTANCE_COLUMNS)
-    falls = np.flatnonzero(np.diff(values[:, 0]) <= 0.0)
-    if len(falls):
-        raise CsvError(
-            f"{path.name}:{int(falls[0]) + 3}: frequencies must rise; {values[falls[0] + 1, 0]:g} Hz follows {values[falls[0], 0]:g} Hz"
-        )
-    tip, cross, base = (values[:, column] + 1j * values[:, column + 1] for column in (1, 3, 5))
-    return MeasuredAssembly(values[:, 0], tip, cross, base, across_axis(np.array(axis)))
 
 
 def read_waypoints(path: Path) -> AxisPath:
@@ -233,7 +201,7 @@ def _read_columns(
     return read_apart(path, kind, _parse_columns, *names, error=CsvError)["values"]
 
 
-def _read_lines[Parsed](path: Path, parse: Callable[[list[str], _Rows], Parsed]) -> Parsed:
+def read_lines[Parsed](path: Path, parse: Callable[[list[str], Rows], Parsed]) -> Parsed:
     """What a function makes of the first line of a file and of those rows of the others that are not
     blank, each with its number.
     """
@@ -254,14 +222,14 @@ def _parse_columns(
     """``values`` of a CSV file, its size unchecked; arguments as `_read_columns` joins them."""
     most = int(most_rows) if most_rows else None
 
-    def parse(head: list[str], rows: _Rows) -> FloatArray:
+    def parse(head: list[str], rows: Rows) -> FloatArray:
         columns = _find_columns(
             path, head, headings.split(","), list(filter(None, optional.split(",")))
         )
         values = _load_quickly(path, columns) if most is None else None
-        return _parse_rows(path, rows, columns, most, advice) if values is None else values
+        return parse_rows(path, rows, columns, most, advice) if values is None else values
 
-    values = _read_lines(path, parse)
+    values = read_lines(path, parse)
     if len(values) < 2:
         raise CsvError(f"{path.name} holds {len(values)} samples; at least two are needed")
     return {"values": values}
@@ -281,8 +249,8 @@ def _load_quickly(path: Path, columns: Sequence[int]) -> FloatArray | None:
     return values if np.isfinite(values).all() else None
 
 
-def _parse_rows(
-    path: Path, rows: _Rows, columns: list[int], most: int | None, advice: str
+def parse_rows(
+    path: Path, rows: Rows, columns: list[int], most: int | None, advice: str
 ) -> FloatArray:
     """Wanted columns ``(n, k)``, row by row: 8 bytes are kept of each number."""
     numbers = array("d")
@@ -334,7 +302,7 @@ def _check_times(path: Path, times: FloatArray) -> None:
 def _parse_waypoints(path: Path) -> Arrays:
     """The fields of an `AxisPath` from a file, without a look at its size."""
 
-    def parse(head: list[str], rows: _Rows) -> Arrays:
+    def parse(head: list[str], rows: Rows) -> Arrays:
         axes, units = _read_axes(path.name, head)
         numbers, lines = array("d"), array("q")
         for line, row in rows:
@@ -355,7 +323,7 @@ def _parse_waypoints(path: Path) -> Arrays:
             "lines": np.array(lines),
         }
 
-    return _read_lines(path, parse)
+    return read_lines(path, parse)
 
 
 def _read_axes(name: str, head: list[str]) -> tuple[tuple[str, ...], tuple[Unit, ...]]:

@@ -31,6 +31,7 @@ SWAPPED: dict[TextKind, str] = {
 }
 PART_SUFFIXES = (".step", ".stp", *MESH_SUFFIXES)
 UFF_SUFFIXES = (".uff", ".unv", ".uf")
+TEST_DATA_SUFFIXES = (*UFF_SUFFIXES, ".csv", ".mat", ".frf", ".txt")
 _POSITION = " (at "
 # tomllib needs time quadratic in the length of a dotted key, so long ones are refused before it
 # sees them

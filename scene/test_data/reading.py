@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.meshing.process.strangers import TEST_DATA, read_apart
+from headstock.meshing.process.strangers import MATLAB, TEST_DATA, read_apart
 from headstock.meshing.process.worker import Arrays
-from headstock.scene.reading.files import UFF_SUFFIXES
+from headstock.scene.reading.files import TEST_DATA_SUFFIXES, UFF_SUFFIXES
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.records import (
     MeasuredModes,
@@ -21,9 +21,11 @@ from headstock.scene.test_data.records import (
     TestPoint,
     as_vector,
 )
+from headstock.scene.test_data.tables import parse_csv, parse_mat, parse_text
 from headstock.scene.test_data.uff import parse_uff
 
-PARSERS: dict[str, Callable[[Path], TestData]] = dict.fromkeys(UFF_SUFFIXES, parse_uff)
+PARSERS: dict[str, Callable[[Path], TestData]] = {".csv": parse_csv, ".mat": parse_mat}
+PARSERS |= dict.fromkeys(UFF_SUFFIXES, parse_uff) | dict.fromkeys((".frf", ".txt"), parse_text)
 
 
 def read_test_data(path: Path) -> TestData:
@@ -33,11 +35,13 @@ def read_test_data(path: Path) -> TestData:
         MeasurementError: No such file, an unknown ending, or something is wrong in it; says where
             and what to do.
     """
-    if path.suffix.lower() not in PARSERS:
+    suffix = path.suffix.lower()
+    if suffix not in PARSERS:
         raise MeasurementError(
-            f"{path.name}:1: test data end in {', '.join(PARSERS)}; export one of these"
+            f"{path.name}:1: test data end in {', '.join(TEST_DATA_SUFFIXES)}; export one of these"
         )
-    return _unpack(read_apart(path, TEST_DATA, _parse, error=MeasurementError))
+    kind = MATLAB if suffix == ".mat" else TEST_DATA
+    return _unpack(read_apart(path, kind, _parse, error=MeasurementError))
 
 
 def _parse(path: Path) -> Arrays:

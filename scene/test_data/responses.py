@@ -13,6 +13,25 @@ from headstock.scene.test_data.records import ComplexArray, MeasuredResponses, T
 MOST_VALUES = 50_000_000
 SAME_LINE = 1e-5  # of a frequency: what six digits of an increment leave open
 KINDS = ("displacement", "velocity", "acceleration")
+# units of motions: how often differentiated, and what one is in SI
+_MOTIONS = {
+    "m": (0, 1.0), "mm": (0, 1e-3), "um": (0, 1e-6), "m/s": (1, 1.0), "mm/s": (1, 1e-3), "m/s2": (2, 1.0), "mm/s2": (2, 1e-3),
+    "g": (2, 9.80665),
+}  # fmt: skip
+_FORCES = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605}
+_SIMPLER = str.maketrans({"²": "2", "µ": "u", "μ": "u"} | dict.fromkeys("^*()[] "))
+
+
+def read_motion(unit: str) -> tuple[int, float] | None:
+    """How often a motion in a unit such as ``m/s^2`` is differentiated, and what one is in SI; None
+    where the unit is not known.
+    """
+    return _MOTIONS.get(unit.translate(_SIMPLER))
+
+
+def read_force(unit: str) -> float | None:
+    """What one of a unit of force is in newtons; None where the unit is not known."""
+    return _FORCES.get(unit.translate(_SIMPLER))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +112,10 @@ def _check(response: Response, reference: Response, frequencies: FloatArray) -> 
         raise MeasurementError(
             f"{response.where}: holds a value that is not finite; export it again"
         )
+    if len(lines) < 2:
+        raise MeasurementError(
+            f"{response.where}: has {len(lines)} frequencies; at least two are needed"
+        )
     if lines[0] < 0.0 or not (np.diff(lines) > 0.0).all():
         raise MeasurementError(
             f"{response.where}: frequencies must rise from 0 Hz or more; sort them"
@@ -107,10 +130,10 @@ def _check(response: Response, reference: Response, frequencies: FloatArray) -> 
 
 def name_pair(response: Response) -> str:
     """Return ``12:+x/3:-z`` for the response of point 12 along x to a force at point 3 against z."""
-    return f"{name_test_channel(response.motion)}/{name_test_channel(response.force)}"
+    return f"{name_channel(response.motion)}/{name_channel(response.force)}"
 
 
-def name_test_channel(channel: TestChannel) -> str:
+def name_channel(channel: TestChannel) -> str:
     """Return ``12:+x`` for a channel along an axis, ``12:(0.6,0,0.8)`` for others."""
     vector = np.array(channel.direction)
     axis = int(np.argmax(np.abs(vector)))

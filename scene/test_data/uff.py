@@ -21,7 +21,7 @@ from headstock.scene.test_data.records import (
     TestPoint,
     as_vector,
 )
-from headstock.scene.test_data.responses import Response, join_responses
+from headstock.scene.test_data.responses import Response, join_responses, read_force, read_motion
 from headstock.scene.test_data.uff_sets import (
     FREQUENCY_RESPONSE,
     KINDS,
@@ -55,12 +55,6 @@ ORDERS = {8: 0, 11: 1, 12: 2}
 FORCES = (9, 13)
 UNKNOWN = (0, 1)
 FREQUENCY = 18
-# labels of axes: how often differentiated, and what one is in SI
-LABELS = {
-    "m": (0, 1.0), "mm": (0, 1e-3), "um": (0, 1e-6), "m/s": (1, 1.0), "mm/s": (1, 1e-3), "m/s2": (2, 1.0), "mm/s2": (2, 1e-3),
-    "g": (2, 9.80665),
-}  # fmt: skip
-FORCE_LABELS = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605}
 NORMAL_MODE, COMPLEX_MODES = 2, (3, 7)
 type _Record = Mapping[str, Any]
 
@@ -340,9 +334,9 @@ class _File:
             return "rotations or moments (directions 4 to 6), which are no displacement over force"
         if 0 in directions:
             return "no direction of response or reference"
-        kind = record["abscissa_spec_data_type"]
-        if kind != FREQUENCY and not (kind in UNKNOWN and _label(record, "abscissa") == "Hz"):
-            return f"the abscissa is no frequency (type {kind}, {_label(record, 'abscissa')!r})"
+        kind, unit = record["abscissa_spec_data_type"], record["abscissa_axis_units_lab"]
+        if kind != FREQUENCY and not (kind in UNKNOWN and unit == "Hz"):
+            return f"the abscissa is no frequency (type {kind}, {unit!r})"
         if not np.iscomplexobj(record["data"]):
             return "real numbers"
         factors = self._ordinate(record)
@@ -361,19 +355,20 @@ class _File:
     def _ordinate(self, record: _Record) -> tuple[int, float] | str:
         """How often the motion is differentiated, and the factor to SI; or why that is unknown."""
         kind, below = record["ordinate_spec_data_type"], record["orddenom_spec_data_type"]
-        labels = _label(record, "ordinate"), _label(record, "orddenom")
-        order, unit = LABELS.get(labels[0], (None, 1.0))
-        newtons = FORCE_LABELS.get(labels[1])
-        if (kind in UNKNOWN and order is None) or kind not in (*UNKNOWN, *ORDERS):
-            return f"the ordinate is no displacement, velocity or acceleration (type {kind}, {labels[0]!r})"
-        if (below in UNKNOWN and newtons is None) or below not in (*UNKNOWN, *FORCES):
-            return f"the denominator is no force (type {below}, {labels[1]!r})"
-        by_label = not self.has_units
-        if order is None or not (by_label or kind in UNKNOWN) or ORDERS.get(kind, order) != order:
-            order, unit = ORDERS[kind], 1.0 / self.length
-        if newtons is None or not (by_label or below in UNKNOWN):
+        above, under = (str(record[f"{axis}_axis_units_lab"]) for axis in ("ordinate", "orddenom"))
+        if below == 0 and read_force(under) is None:
+            above, _, under = above.rpartition("/")
+        motion, newtons = read_motion(above), read_force(under)
+        # types count, and units of set 164; labels where there are none
+        if kind in ORDERS and (self.has_units or motion is None or motion[0] != ORDERS[kind]):
+            motion = ORDERS[kind], 1.0 / self.length
+        if below in FORCES and (self.has_units or newtons is None):
             newtons = 1.0 / self.force
-        return order, unit / newtons
+        if motion is None or kind not in (*UNKNOWN, *ORDERS):
+            return f"the ordinate is no displacement, velocity or acceleration (type {kind}, {above!r})"
+        if newtons is None or below not in (*UNKNOWN, *FORCES):
+            return f"the denominator is no force (type {below}, {under!r})"
+        return motion[0], motion[1] / newtons
 
     def _channel(self, node: int, direction: int, points: Mapping[str, TestPoint]) -> TestChannel:
         point = points.get(str(node), TestPoint(str(node), (0.0, 0.0, 0.0)))
@@ -467,24 +462,6 @@ class _File:
         )
         damping[damping == 0.0] = np.nan
         return MeasuredModes(hz, damping, channels, values[measured], scaled)
-
-
-def _label(record: _Record, axis: str) -> str:
-    """Label of an axis' unit, without brackets and with powers as digits."""
-    text = str(record.get(f"{axis}_axis_units_lab", "")).strip()
-    for old, new in (
-        ("²", "2"),
-        ("^", ""),
-        ("**", ""),
-        ("(", ""),
-        (")", ""),
-        ("µ", "u"),
-        ("[", ""),
-        ("]", ""),
-        (" ", ""),
-    ):
-        text = text.replace(old, new)
-    return text
 
 
 def _list(names: Iterable[str], most: int = 8) -> str:
