@@ -113,7 +113,9 @@ def parse_text(path: Path) -> TestData:
     hertz, real, imaginary = np.array(numbers).reshape(-1, 3).T
     _require_rising(path.name, hertz, lines)
     where = f"{path.name}:{lines[0]}"
-    return _join(where, [Response(where, ONE, ONE, hertz, real + 1j * imaginary)])
+    return _join(
+        where, [Response(where, ONE, ONE, hertz, np.asarray(real + 1j * imaginary, complex))]
+    )
 
 
 def parse_mat(path: Path) -> TestData:
@@ -218,7 +220,7 @@ def _spectrum(where: str, parts: dict[str, tuple[FloatArray, str]]) -> tuple[int
             f"{where}: re is in {unit or 'm/N'}, im in {other or 'm/N'}; write both in one"
         )
     order, factor = _unit(where, unit)
-    return order, factor * values
+    return order, np.asarray(factor * values, dtype=complex)
 
 
 def _unit(where: str, text: str) -> tuple[int, float]:

@@ -46,7 +46,7 @@ def test_one_receptance_alone_is_that_of_the_mounted_tool(tmp_path: Path) -> Non
     path.write_text("Hz re im\n10 1e-6 -2e-6\n20 3e-6 -4e-6\n")
     tool = read_tool(path, (0.0, 0.0, 1.0))
     omega = 2.0 * np.pi * np.array([10.0, 20.0])
-    machine = np.tile(1e-7 * np.eye(3, dtype=complex), (2, 1, 1))
+    machine = 1e-7 * np.stack([np.eye(3)] * 2) + 0j
     coupled = couple_assembly(machine, omega, tool)
     np.testing.assert_allclose(coupled[:, 0, 0], [1e-6 - 2e-6j, 3e-6 - 4e-6j])
     np.testing.assert_allclose(coupled[:, 2, 2], 1e-7)
