@@ -65,12 +65,13 @@ def _publish(
         f"{listing.name}.csv": encode_csv(listing.tabulate()) for listing in list_tables(found)
     }
     pictures = {f"{name}.png": image for name, image in figures.items()}
-    remarks = write_named_files(folder, pictures | tables)
+    fit = {name: text.encode() for name, text in found.fit_files.items()}
+    remarks = write_named_files(folder, pictures | tables | fit)
     summary = summarise_correlation(found)
     described = None if origin is None else origin.summarise()
     text = dump_summary({**summary, **({"provenance": described} if described else {})})
     write_output(folder / JSON_FILE, text.encode())
     write_output(folder / PAGE_FILE, render_correlation(found, figures, described).encode())
     options.write_json(text)
-    print_correlation(found, folder, [PAGE_FILE, JSON_FILE, *tables, *pictures])
+    print_correlation(found, folder, [PAGE_FILE, JSON_FILE, *tables, *pictures, *fit])
     print_remarks(remarks)

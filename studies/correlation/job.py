@@ -39,6 +39,12 @@ from headstock.studies.correlation.responses import (
 )
 from headstock.studies.correlation.sensor_names import find_sensor, name_sensor
 from headstock.studies.correlation.shown_shapes import find_factor, view_side_by_side
+from headstock.studies.correlation.target_file import (
+    SENSORS_FILE,
+    TARGETS_FILE,
+    write_sensors,
+    write_targets,
+)
 
 # of a place on a drawn surface from the mesh [m]
 SLACK = 1e-3
@@ -251,8 +257,13 @@ def _compare(
         system.mass,
         frequencies_hz=measured.frequencies_hz,
     )
+    files = {
+        TARGETS_FILE: write_targets(found, model.prepared.scene),
+        SENSORS_FILE: write_sensors(found, model.prepared.scene),
+    }
     return dataclasses.replace(
         found,
+        fit_files={name: text for name, text in files.items() if text},
         orthogonality=cross_orthogonality(static, model.coordinates, system.mass),
         responses=_compare_responses(test, found, model),
         view=_view_shapes(job, found, model, local, static),

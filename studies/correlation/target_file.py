@@ -1,0 +1,253 @@
+"""What a fit needs of a test: its target file, with the stiffnesses of joints that may be fitted, and its
+sensors as a file to include in the scene.
+"""
+
+import math
+import re
+from collections.abc import Collection, Iterator, Sequence
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Sensor
+from headstock.pipeline.stages.machine import DAMPING
+from headstock.reduction.motions.body_motions import split_number
+from headstock.scene.reading.files import TomlTable, TomlValue, write_toml, write_value
+from headstock.scene.reading.findings import show_key
+from headstock.scene.reading.keys import read_entries, read_number, write_number, written_unit
+from headstock.scene.scene import Scene
+from headstock.scene.test_data.records import TestChannel
+from headstock.solvers.pairing.mode_pairing import Field
+from headstock.studies.correlation.correlation import CorrelatedMode, Correlation
+
+TARGETS_FILE, SENSORS_FILE = "targets.toml", "sensors.toml"
+TOLERANCE = "1 %"
+NOT_MEASURED = "-"
+REAL = 1e-3  # imaginary part over the largest motion of a shape that counts as real
+DIGITS = 4
+# a stiffness may be so many times smaller or larger; its prior is a factor of e, one standard deviation
+BOUND = 10.0
+PRIOR_SIGMA = 1.0
+AXES = "xyz"
+ALIGNED = 1.0 - 1e-9
+
+
+def write_targets(
+    found: Correlation, scene: Scene, *, faulty: Collection[TestChannel] = (), like: str = ""
+) -> str:
+    """Return the text of a target file: every measured mode by name, with its shape at sensors.
+
+    Args:
+        scene: Whose joints may be fitted.
+        faulty: Channels that look wrong: they are left out.
+        like: Name of the case whose shapes tell the modes of this one; empty without one.
+    """
+    case: TomlTable = {
+        **({"variant": found.variant} if found.variant else {}),
+        "pose": found.pose,
+        "tolerance": TOLERANCE,
+        **({"like": like} if like else {}),
+        **_leave_out_lower(found),
+        "modes": [
+            _write_mode(found, row, damped=DAMPING in scene.effects, faulty=faulty)
+            for row in found.modes
+            if row.measured is not None
+        ],
+    }
+    table: TomlTable = {
+        "name": f"{found.scene} and {found.test}",
+        "cases": {name_case(found.test): case},
+        "parameters": dict(_propose_parameters(scene.raw, scene.written)),
+    }
+    lines = [
+        f"# Modes of {found.test}, and stiffnesses of joints that may be fitted to them: take out what is known.",
+        *(f"# left out: {text}" for text in found.faults),
+    ]
+    if _list_new(found, scene):
+        lines.append(f'# Its sensors: write include = "{SENSORS_FILE}" into the scene.')
+    return "\n".join([*lines, write_toml(table)])
+
+
+def write_sensors(found: Correlation, scene: Scene) -> str:
+    """Return the sensors that the scene lacks as a file that it can include; empty where there are
+    none.
+    """
+    sensors: TomlTable = {
+        sensor.name: {
+            "component": sensor.component,
+            "at": [f"{1e3 * value:.6g} mm" for value in sensor.position],
+            "directions": [
+                _write_direction(vector) for vector in _measured_directions(found, point).values()
+            ],
+            "reach": f"{1e3 * sensor.reach:.3g} mm",
+        }
+        for point, sensor in _list_new(found, scene)
+    }
+    return write_toml({"sensors": sensors}) if sensors else ""
+
+
+def name_case(test: str) -> str:
+    """Return the name of the case of a test file."""
+    name = re.sub(r"[^A-Za-z0-9_-]", "_", test.rpartition(".")[0] or test)[:60]
+    return name if name[:1].isalpha() else f"test_{name}"
+
+
+def _list_new(found: Correlation, scene: Scene) -> list[tuple[str, Sensor]]:
+    """Return the measured points whose sensor the scene has not, with it."""
+    points = {channel.point for channel in found.channels}
+    known = read_entries(scene.raw, "sensors")
+    return [
+        (point, sensor)
+        for point, sensor in found.sensors.items()
+        if point in points and sensor.name.partition(".")[0] not in known
+    ]
+
+
+def _leave_out_lower(found: Correlation) -> TomlTable:
+    """Return ``modes_above`` where computed modes lie below the range of the test."""
+    paired = {row.computed for row in found.modes}
+    lower = [
+        float(hz)
+        for index, hz in enumerate(found.computed.frequencies_hz)
+        if index not in paired and hz < found.range_hz[0]
+    ]
+    if not lower:
+        return {}
+    first = min(
+        float(found.measured.frequencies_hz.min()),
+        *(
+            float(found.computed.frequencies_hz[row.computed])
+            for row in found.modes
+            if row.computed is not None
+        ),
+    )
+    return {"modes_above": f"{math.sqrt(max(lower[-1], 0.01 * first) * first):.3g} Hz"}
+
+
+def _write_mode(
+    found: Correlation, row: CorrelatedMode, *, damped: bool, faulty: Collection[TestChannel]
+) -> TomlTable:
+    number = row.measured or 0
+    hz, ratio = float(found.measured.frequencies_hz[number]), float(found.measured.damping[number])
+    sigma = float(found.sigma_hz[number])
+    name = "" if row.computed is None else f" {found.computed.mode_names[row.computed]}"
+    return {
+        "name": f"m{number + 1}{name}",
+        "frequency": f"{hz:.6g} Hz",
+        **({"tolerance": f"{sigma:.3g} Hz"} if math.isfinite(sigma) and sigma > 0.0 else {}),
+        **({"damping": f"{100.0 * ratio:.4g} %"} if damped and ratio > 0.0 else {}),
+        # what no mode of the model looks like would pull parameters to wherever it looks like one
+        **({"hold_out": True} if row.computed is None or row.doubts else {}),
+        "vectors": _write_vectors(found, found.measured.shapes[:, number], faulty),
+    }
+
+
+def _write_vectors(found: Correlation, shape: Field, faulty: Collection[TestChannel]) -> TomlTable:
+    """Return sensor to motions along its x, y and z, the largest motion of the shape one."""
+    turned = shape * np.exp(-0.5j * np.angle(np.sum(shape * shape)))
+    turned = turned / max(float(np.abs(turned).max()), np.finfo(float).tiny)
+    is_real = bool(np.abs(turned.imag).max() < REAL)
+    vectors: dict[str, list[TomlValue]] = {}
+    for value, channel in zip(turned, found.channels, strict=True):
+        sensor, direction = found.sensors[channel.point], found.rotation @ channel.direction
+        motions = vectors.setdefault(sensor.name, [NOT_MEASURED] * 3)
+        place = _find_dof(sensor, direction, _measured_directions(found, channel.point))
+        if place is not None and channel not in faulty:
+            dof, sign = place
+            motions[AXES.index(dof)] = _write_motion(sign * complex(value), is_real=is_real)
+    return {
+        name: list(motions)
+        for name, motions in vectors.items()
+        if any(motion != NOT_MEASURED for motion in motions)
+    }
+
+
+def _write_motion(value: complex, *, is_real: bool) -> TomlValue:
+    real, imaginary = (round(part, DIGITS) + 0.0 for part in (value.real, value.imag))
+    return real if is_real else [real, imaginary]
+
+
+def _find_dof(
+    sensor: Sensor, direction: FloatArray, written: dict[str, FloatArray]
+) -> tuple[str, float] | None:
+    """Return along which of its directions a sensor sees a channel, and with which sign; None where it
+    does not.
+    """
+    measured = written if len(sensor.directions) == len(AXES) else sensor.directions
+    for dof, vector in measured.items():
+        along = float(np.dot(vector, direction))
+        if abs(along) > ALIGNED:
+            return dof, math.copysign(1.0, along)
+    return None
+
+
+def _measured_directions(found: Correlation, point: str) -> dict[str, FloatArray]:
+    """Return the directions of a point in machine axes as a sensor has them: along axes under their
+    letters, others under the letters that are left.
+    """
+    directions = [
+        found.rotation @ np.array(channel.direction)
+        for channel in found.channels
+        if channel.point == point
+    ]
+    named: dict[str, FloatArray] = {}
+    for vector in directions:
+        axis = int(np.argmax(np.abs(vector)))
+        if abs(vector[axis]) > ALIGNED:
+            named[AXES[axis]] = np.eye(3)[axis]
+    for vector in directions:
+        left = [letter for letter in AXES if letter not in named]
+        if np.abs(vector).max() <= ALIGNED and left:
+            named[left[0]] = vector
+    return {dof: named[dof] for dof in AXES if dof in named}
+
+
+def _write_direction(vector: FloatArray) -> TomlValue:
+    axis = int(np.argmax(np.abs(vector)))
+    if abs(vector[axis]) > ALIGNED:
+        return AXES[axis]
+    return [float(value) for value in np.round(vector, 9)]
+
+
+def _propose_parameters(raw: TomlTable, written: TomlTable) -> Iterator[tuple[str, TomlValue]]:
+    """Yield a parameter for every stiffness of every family of equal joints, with its value as a
+    prior.
+    """
+    families: dict[tuple[str, str, str, str], list[str]] = {}
+    for joint, entry in read_entries(raw, "joints").items():
+        for kind in ("stiffness", "stiffness_per_area"):
+            table = entry.get(kind)
+            for direction, value in table.items() if isinstance(table, dict) else ():
+                family = (split_number(joint)[0], kind, direction, write_value(value))
+                families.setdefault(family, []).append(joint)
+    taken: set[str] = set()
+    for (stem, kind, direction, _), joints in families.items():
+        key = ("joints", joints[0], kind, direction)
+        try:
+            value, unit = read_number(raw, key).value, written_unit(raw, key, written)
+        except ValueError:  # rigid
+            continue
+        if not value > 0.0:
+            continue
+        name = (
+            f"{stem}_{direction}"
+            if f"{stem}_{direction}" not in taken
+            else f"{joints[0]}_{direction}"
+        )
+        taken.add(name)
+        yield (
+            name,
+            {
+                "keys": _list_keys(joints, kind, direction),
+                "bounds": [
+                    write_number(value / BOUND, unit, DIGITS),
+                    write_number(value * BOUND, unit, DIGITS),
+                ],
+                "prior": write_number(value, unit, DIGITS),
+                "prior_sigma": PRIOR_SIGMA,
+            },
+        )
+
+
+def _list_keys(joints: Sequence[str], kind: str, direction: str) -> list[TomlValue]:
+    return [show_key(("joints", joint, kind, direction)) for joint in joints]
