@@ -29,10 +29,16 @@ class ModeLine:
         return None if place is None else float(self.of.measured.frequencies_hz[place])
 
     @property
-    def sigma_hz(self) -> float | None:
-        """Standard deviation of the measured frequency [Hz]."""
+    def measured_error_hz(self) -> float | None:
+        """± of the measured frequency [Hz]."""
         place = self.mode.measured
-        return None if place is None else find_known(self.of.sigma_hz[place])
+        return None if place is None else find_known(self.of.fit.frequency_errors[place])
+
+    @property
+    def collinearity(self) -> float | None:
+        """Modal phase collinearity of the measured shape."""
+        place = self.mode.measured
+        return None if place is None else find_known(self.of.fit.collinearity[place])
 
     @property
     def measured_damping(self) -> float | None:
@@ -68,9 +74,10 @@ class ModeLine:
         return show_bound(self.computed_hz, self.error_hz, known)
 
     @property
-    def sigma_text(self) -> str | None:
-        """Standard deviation of the measured frequency as it is written behind it."""
-        return None if self.sigma_hz is None else show_bound(self.measured_hz, self.sigma_hz)
+    def measured_error_text(self) -> str | None:
+        """± of the measured frequency as it is written behind it."""
+        error = self.measured_error_hz
+        return None if error is None else show_bound(self.measured_hz, error)
 
     @property
     def computed_damping(self) -> float | None:
@@ -111,8 +118,8 @@ _MODE_COLUMNS: tuple[Column[ModeLine], ...] = (
     Column(
         lambda row: row.measured_hz, "measured [Hz]", ">measured Hz", "Measured [Hz]", show=_show_hz
     ),
-    Column(lambda row: row.sigma_text, screen="<±", report="±"),
-    Column(lambda row: row.sigma_hz, "measured sigma [Hz]"),
+    Column(lambda row: row.measured_error_text, screen="<±", report="±"),
+    Column(lambda row: row.measured_error_hz, "measured ± [Hz]"),
     Column(lambda row: row.number, "computed mode", ">mode", "Mode"),
     Column(
         lambda row: row.computed_hz, "computed [Hz]", ">computed Hz", "Computed [Hz]", show=_show_hz
@@ -136,6 +143,7 @@ _MODE_COLUMNS: tuple[Column[ModeLine], ...] = (
         "Damping, computed",
         show=show_damping,
     ),
+    Column(lambda row: row.collinearity, "MPC", "", "MPC", show=_show_mac),
     Column(lambda row: row.mode.mac, "MAC", ">MAC", "MAC", show=_show_mac),
     Column(
         lambda row: row.orthogonality,
@@ -241,9 +249,7 @@ def shorten(listing: Listing[Any]) -> tuple[Listing[Any], int]:
     """
     rows = list(listing.rows)
     columns = [
-        column
-        for column in listing.columns
-        if not column.file or any(column.value(row) is not None for row in rows)
+        column for column in listing.columns if any(column.value(row) is not None for row in rows)
     ]
     most = len(rows) if listing.name == "pairs" else MOST_ROWS
     shown = dataclasses.replace(listing, columns=columns, rows=rows[:most])

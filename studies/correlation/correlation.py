@@ -21,6 +21,7 @@ from headstock.solvers.pairing.mode_pairing import (
     pair_modes,
 )
 from headstock.solvers.pairing.shape_agreement import ChannelAgreement, agree_by_channel
+from headstock.studies.correlation.modal_fit import ModalFit
 from headstock.studies.correlation.responses import ComparedResponses
 
 CERTAIN = 0.8  # MAC below which a pair is doubtful
@@ -54,8 +55,7 @@ class Correlation(Displayed):
     Attributes:
         test: Name of the test file.
         variant: Variant of the scene; None for as written.
-        measured: Modes with shapes at the channels that are compared.
-        sigma_hz: ``(k,)`` standard deviation of measured frequencies; nan where nobody knows.
+        fit: Measured modes with shapes at the channels that are compared, and their ±.
         computed: Modes of the model, with shapes ``(n_all, m)`` of its superelement dofs.
         shapes: ``(c, m)`` of the computed modes at the channels.
         range_hz: Frequencies between which the test looked.
@@ -77,8 +77,7 @@ class Correlation(Displayed):
     scene: str
     test: str
     variant: str | None
-    measured: MeasuredModes
-    sigma_hz: FloatArray
+    fit: ModalFit
     computed: PoseModes
     shapes: FloatArray
     range_hz: tuple[float, float]
@@ -94,6 +93,11 @@ class Correlation(Displayed):
     remarks: tuple[str, ...] = ()
     fit_files: dict[str, str] = field(default_factory=dict)
     view: MachineView | None = None
+
+    @property
+    def measured(self) -> MeasuredModes:
+        """Measured modes."""
+        return self.fit.modes
 
     @property
     def pose(self) -> str:

@@ -25,6 +25,7 @@ from headstock.solvers.pairing.shape_agreement import cross_orthogonality
 from headstock.solvers.pairing.shape_expansion import expand_by_modes, expand_by_stiffness
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.correlation.correlation import WITHIN, Correlation, pair_shapes
+from headstock.studies.correlation.modal_fit import ModalFit, fit_modes, pass_modes
 from headstock.studies.correlation.model import (
     ObservedMachine,
     PreparedMachine,
@@ -75,13 +76,16 @@ class _Test:
     """A test with its modes, from the file or fitted to its responses.
 
     Attributes:
-        sigma_hz: ``(k,)`` standard deviation of measured frequencies; nan where nobody knows.
+        fit: Modes of the test.
     """
 
     data: TestData
-    modes: MeasuredModes
-    sigma_hz: FloatArray
-    remarks: tuple[str, ...]
+    fit: ModalFit
+
+    @property
+    def modes(self) -> MeasuredModes:
+        """Poles and shapes."""
+        return self.fit.modes
 
     @property
     def range_hz(self) -> tuple[float, float]:
@@ -168,10 +172,19 @@ def _read_test(path: Path) -> _Test:
         MeasurementError: Something is wrong in the file, or there is nothing to compare.
     """
     data = read_test_data(path)
-    modes = data.modes
-    if modes is None or not len(modes.frequencies_hz):
-        raise MeasurementError(f"{path.name}:1: holds no modes; export poles and shapes as UFF 55")
-    return _Test(data, modes, np.full(len(modes.frequencies_hz), np.nan), data.remarks)
+    if data.modes is not None:
+        fit = pass_modes(data.modes)
+    elif data.responses is not None:
+        fit = fit_modes(data.responses)
+    else:
+        raise MeasurementError(
+            f"{path.name}:1: holds no modes and no frequency responses; export them as UFF 55 or 58"
+        )
+    if not len(fit.modes.frequencies_hz):
+        raise MeasurementError(
+            f"{path.name}:1: no mode is found in its frequency responses; look at their band and noise"
+        )
+    return _Test(data, fit)
 
 
 def _load_scene(job: CorrelationJob, test: _Test) -> Scene:
@@ -236,8 +249,7 @@ def _compare(
         scene=model.prepared.scene.name,
         test=job.test.name,
         variant=job.scene.variant,
-        measured=measured,
-        sigma_hz=test.sigma_hz,
+        fit=test.fit,
         computed=modes,
         shapes=shapes,
         range_hz=test.range_hz,
@@ -247,7 +259,7 @@ def _compare(
         distances=placed.distances,
         sensors=placed.sensors,
         rotation=placed.rotation,
-        remarks=(*test.remarks, *placed.remarks, *model.prepared.warnings),
+        remarks=(*test.data.remarks, *test.fit.remarks, *placed.remarks, *model.prepared.warnings),
     )
     system, local = model.machine.system, rows @ model.dofs
     static = expand_by_stiffness(

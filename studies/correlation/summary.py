@@ -58,7 +58,9 @@ def _summarise_mode(found: Correlation, row: CorrelatedMode) -> JsonTable:
     paired = measured is not None and computed is not None
     return {
         "measured_hz": None if measured is None else float(found.measured.frequencies_hz[measured]),
-        "measured_sigma_hz": None if measured is None else _known(found.sigma_hz[measured]),
+        "measured_error_hz": None
+        if measured is None
+        else _known(found.fit.frequency_errors[measured]),
         "measured_damping": None if measured is None else _known(found.measured.damping[measured]),
         "number": number,
         "name": None if computed is None else found.computed.mode_names[computed],
@@ -70,6 +72,9 @@ def _summarise_mode(found: Correlation, row: CorrelatedMode) -> JsonTable:
         "cross_orthogonality": float(table[measured, computed])
         if paired and table is not None
         else None,
+        "phase_collinearity": None
+        if measured is None
+        else _known(found.fit.collinearity[measured]),
         "doubts": list(row.doubts),
     }
 

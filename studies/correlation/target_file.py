@@ -19,9 +19,11 @@ from headstock.scene.scene import Scene
 from headstock.scene.test_data.records import TestChannel
 from headstock.solvers.pairing.mode_pairing import Field
 from headstock.studies.correlation.correlation import CorrelatedMode, Correlation
+from headstock.studies.correlation.modal_fit import COVERAGE
 
 TARGETS_FILE, SENSORS_FILE = "targets.toml", "sensors.toml"
 TOLERANCE = "1 %"
+LEAST_TOLERANCE = 1e-3  # of a frequency: two tests of one machine differ by more
 NOT_MEASURED = "-"
 REAL = 1e-3  # imaginary part over the largest motion of a shape that counts as real
 DIGITS = 4
@@ -129,17 +131,33 @@ def _write_mode(
 ) -> TomlTable:
     number = row.measured or 0
     hz, ratio = float(found.measured.frequencies_hz[number]), float(found.measured.damping[number])
-    sigma = float(found.sigma_hz[number])
+    sigma = _deviation(found, row)
     name = "" if row.computed is None else f" {found.computed.mode_names[row.computed]}"
     return {
         "name": f"m{number + 1}{name}",
         "frequency": f"{hz:.6g} Hz",
-        **({"tolerance": f"{sigma:.3g} Hz"} if math.isfinite(sigma) and sigma > 0.0 else {}),
+        **({} if sigma is None else {"tolerance": f"{sigma:.3g} Hz"}),
         **({"damping": f"{100.0 * ratio:.4g} %"} if damped and ratio > 0.0 else {}),
         # what no mode of the model looks like would pull parameters to wherever it looks like one
         **({"hold_out": True} if row.computed is None or row.doubts else {}),
         "vectors": _write_vectors(found, found.measured.shapes[:, number], faulty),
     }
+
+
+def _deviation(found: Correlation, row: CorrelatedMode) -> float | None:
+    """Return the standard deviation of a measured from a computed frequency [Hz], from the ± of both; None
+    where one is not known.
+    """
+    if row.measured is None or row.computed is None:
+        return None
+    measured, computed = (
+        float(found.fit.frequency_errors[row.measured]),
+        found.computed.error_hz[row.computed],
+    )
+    if computed is None or not math.isfinite(measured):
+        return None
+    least = LEAST_TOLERANCE * float(found.measured.frequencies_hz[row.measured])
+    return max(least, math.hypot(measured, computed) / COVERAGE)
 
 
 def _write_vectors(found: Correlation, shape: Field, faulty: Collection[TestChannel]) -> TomlTable:

@@ -124,7 +124,10 @@ def test_a_turned_sensor_is_the_channel_that_agrees_least(shell: Shell, measured
     [
         ("correlate scene.toml none.uff", "none.uff"),
         ("correlate scene.toml scene.toml", "test data end in .uff"),
-        ("correlate scene.toml points.uff", "points.uff:1: holds no modes"),
+        (
+            "correlate scene.toml points.uff",
+            "points.uff:1: holds no modes and no frequency responses",
+        ),
         ("correlate scene.toml test.uff --pose upp", "poses.upp"),
         ("correlate scene.toml test.uff --variant Z", "unknown variant"),
         ("correlate scene.toml test.uff --within much", "'much' is no share"),
