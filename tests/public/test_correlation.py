@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
-from built_uff import points_15, shape_55, units
+from built_uff import points_15, shape_55, text_58, units
 from common import Shell, approx
 from fixture_machines import stored_scene
 from headstock.geometry.frames import FloatArray
@@ -142,3 +142,43 @@ def test_what_cannot_be_compared_is_refused_with_its_place(
     (shell.folder / "points.uff").write_bytes(path.read_bytes()[:start])
     assert message in shell.refuses(command)
     assert not (shell.folder / "results").exists()
+
+
+DAMPING, LINES = 0.01, np.arange(60.0, 460.0, 1.0)
+
+
+def respond(measured: Measured, force: tuple[int, int], motion: tuple[int, int]) -> FloatArray:
+    """Displacement over force ``(l,)`` [m/N] between point and direction, from 0."""
+    omega, natural = 2.0 * np.pi * LINES[:, None], 2.0 * np.pi * measured.hz
+    products = measured.shapes[:, *motion] * measured.shapes[:, *force]
+    parts = products / (natural**2 - omega**2 + 2j * DAMPING * natural * omega)
+    return np.asarray(parts.sum(axis=1))
+
+
+def test_responses_are_fitted_and_compared_over_all_lines(shell: Shell, measured: Measured) -> None:
+    shell.write(SCENE)
+    softer = Measured(0.99 * measured.hz, measured.shapes)
+    random = np.random.default_rng(2)
+    sets = []
+    for point, direction in [(p, d) for p in range(2, 10) for d in range(2)] + [(4, 2), (9, 2)]:
+        for force in ((8, 0), (8, 1), (8, 2)):
+            values = respond(softer, force, (point, direction))
+            size = 1e-3 * np.abs(values).max()
+            values = values + size * (
+                random.standard_normal(400) + 1j * random.standard_normal(400)
+            )
+            ends = {"motion": (point + 1, direction + 1), "force": (9, force[1] + 1)}
+            sets.append(text_58(values, hz=LINES, kinds=(8, 13), **ends))
+    head = write_test(shell.folder, measured).read_bytes()
+    path = shell.folder / "responses.uff"
+    path.write_bytes(head[: head.index(b"    -1\n    55")] + b"".join(sets))
+    shown = shell.prints("correlate scene.toml responses.uff --variant E -o out")
+    assert "5 of 5 measured modes are met within 5 %" in shown
+    assert "responses computed with measured damping ratios: the scene has none" in shown
+    found = shell.json("out/correlate.json")
+    assert [row["deviation"] for row in found["modes"]] == approx([1 / 0.99 - 1] * 5, abs=1e-3)
+    assert min(row["mac"] for row in found["modes"]) > 0.98
+    assert [row["measured_damping"] for row in found["modes"]] == approx([DAMPING] * 5, rel=0.05)
+    best = max(float(row["FRAC"]) for row in shell.rows("out/responses.csv"))
+    assert 0.3 < best < 0.98  # one per cent of frequency is as wide as the peaks
+    assert {"fdac.png", "responses.png"} <= shell.files("out")
