@@ -45,6 +45,7 @@ from headstock.reduction.requests import (
     needs_mass,
     trim_superelement,
 )
+from headstock.reduction.scaled_material import scale_material
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import FILE_ROUNDING, check_superelement
 from headstock.scene.scene import Scene
@@ -101,6 +102,50 @@ def serving_keys(store: Store, request: StoredRequest) -> list[str]:
     return [key for _, key in sorted(serving)]
 
 
+def _find_scaled(
+    state: RunState, component: Component, request: StoredRequest
+) -> ReducedComponent | None:
+    """The smallest stored superelement of another modulus, density or mass that serves, scaled to
+    those of the component.
+    """
+    if component.fidelity != "elastic" or component_probes(state, component):
+        return None
+    family, _, amounts = request.key.partition(SEPARATOR)
+    bodies = [load.name for load in component_loads(state, component) if load.kind == "body"]
+    for key in list_keys(state.store, ReducedComponent, f"{family}{SEPARATOR}"):
+        _, stored, *_ = key.split(SEPARATOR)
+        factors = _compare_amounts(stored, amounts)
+        extent = _read_extent(key)
+        if factors is None or extent is None:
+            continue
+        stiffer, heavier = factors
+        faster = dataclasses.replace(
+            extent, cutoff_hz=extent.cutoff_hz * (stiffer / heavier) ** 0.5
+        )
+        if faster.serves(request.reduction, mass=request.mass, verify=request.verify):
+            read = read_entry(state.store, key, ReducedComponent)
+            state.warn(read.warning)
+            if read.value is not None:
+                scaled = scale_material(
+                    read.value.superelement, stiffer=stiffer, heavier=heavier, body_loads=bodies
+                )
+                element = trim_superelement(scaled, request.reduction, mass=request.mass)
+                return dataclasses.replace(read.value, superelement=element)
+    return None
+
+
+def _compare_amounts(stored: str, wanted: str) -> tuple[float, float] | None:
+    """Return the factors on modulus and mass between two ends of keys; None where there are none."""
+    (modulus, density, mass), (other, other_density, other_mass) = (
+        text.split(",") for text in (stored, wanted)
+    )
+    if (mass == "None") != (other_mass == "None"):
+        return None
+    first, second = (density, other_density) if mass == "None" else (mass, other_mass)
+    factors = float(other) / float(modulus), float(second) / (float(first) or np.nan)
+    return factors if np.isfinite(factors).all() and min(factors) > 0.0 else None
+
+
 def _keep_superelement(
     store: Store, request: StoredRequest, reduced: ReducedComponent
 ) -> str | None:
@@ -126,7 +171,7 @@ def _describe_extent(request: StoredRequest, reduced: ReducedComponent) -> str:
 
 def _read_extent(key: str) -> ReductionExtent | None:
     """The inverse; None for what is no such key."""
-    _, first, *rest = key.split(SEPARATOR)
+    _, _, first, *rest = key.split(SEPARATOR)
     flags = {name: name in rest for name in ("mass", "gravity", "verified")}
     try:
         if first == STATIC:
@@ -304,9 +349,10 @@ def load_reduced(state: RunState, component: Component) -> bool:
     if stored is None:
         read = _find_superelement(state.store, request)
         state.warn(read.warning)
-        if read.value is None:
+        stored = read.value or _find_scaled(state, component, request)
+        if stored is None:
             return False
-        stored = state.read[request] = read.value
+        state.read[request] = stored
     # equal components share an entry and its arrays: the name is not part of the key
     superelement = dataclasses.replace(stored.superelement, name=component.name)
     named = dataclasses.replace(stored, superelement=superelement)

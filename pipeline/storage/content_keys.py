@@ -146,7 +146,7 @@ def superelement_key(
     sensors: Sequence[Sensor] = (),
 ) -> str:
     """Key of the superelements of an elastic component, or one of polynomials: its mesh settings,
-    material, couplings, supports and loads.
+    couplings, supports, loads and Poisson's ratio, then behind ``_`` modulus, density and mass.
 
     How much a superelement holds of them (fixed-interface modes, gravity) is not in it: one that
     holds more serves for less.
@@ -158,13 +158,13 @@ def superelement_key(
             shows all of them.
     """
     material = component.material
-    return _digest(
+    amounts = (material.youngs_modulus, material.density, component.mass)
+    family = _digest(
         {
             "mesh": mesh_key(component, supports, loads),
             "algorithm": [_room_fingerprint(package, room) for package, room in REDUCTION_ROOMS],
             "libraries": library_versions(REDUCTION_LIBRARIES),
-            "material": (material.youngs_modulus, material.poisson_ratio, material.density),
-            "mass": component.mass,
+            "poisson": material.poisson_ratio,
             # only where another is requested: what was stored before there was a choice stays good
             **(
                 {}
@@ -192,6 +192,7 @@ def superelement_key(
             ),
         }
     )
+    return f"{family}_{','.join(str(_canonical(amount)) for amount in amounts)}"
 
 
 def search_key(scene: Scene) -> str:

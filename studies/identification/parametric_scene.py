@@ -17,7 +17,7 @@ from scipy.optimize import linear_sum_assignment
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.joints import ContactLayer, Joint
-from headstock.geometry.machine.machine import Machine
+from headstock.geometry.machine.machine import Machine, Sensor
 from headstock.geometry.parts.components import (
     Component,
     Load,
@@ -28,7 +28,9 @@ from headstock.meshing.components.meshing import describe_component
 from headstock.reduction.components.polynomial import reduce_polynomial
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
+from headstock.reduction.components.sensors import carry_masses, observe_rigid
 from headstock.reduction.requests import ReductionRequest, mode_target
+from headstock.reduction.scaled_material import scale_material
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.components import (
     NO_MATERIAL,
@@ -149,11 +151,12 @@ class _ParametricShape:
             for law in self.laws
         ]
         loads = [dataclasses.replace(load, component="") for load in self._loads()]
+        sensors = [dataclasses.replace(sensor, component="") for sensor in self._sensors()]
         rails = {
             key: item.rail
             for key, item in self.scene.machine.components[self.name].interfaces.items()
         }
-        return entry, material, laws, loads, rails, self.scene.path
+        return entry, material, laws, loads, sensors, rails, self.scene.path
 
     def _make(self, numbers: tuple[float, ...]) -> tuple[Component, Superelement]:
         written = self.scene.machine.components[self.name]
@@ -181,7 +184,7 @@ class _ParametricShape:
         )
         component = dataclasses.replace(component, reduction=written.reduction)
         if component.fidelity == "elastic" and not any(map(_reshapes, self.laws)):
-            return component, _rescale(self.superelement, written, component)
+            return component, self._rescale(written, component)
         for key, interface in table.interfaces.items():
             for patch in interface.patch_tables():
                 if fault := find_patch_fault(patch, solid):
@@ -190,13 +193,37 @@ class _ParametricShape:
             settings = ReductionSettings(modes=self.superelement.modal_count)
             made = self.reduce(dataclasses.replace(component, reduction=settings))
             return component, _match_modal_dofs(self.superelement, made)
-        loads = self._loads()
+        loads, sensors = self._loads(), self._sensors()
         properties = describe_component(with_loaded_areas(component, loads))
         if component.fidelity == "polynomial":
             request = ReductionRequest(modes=mode_target(component))
-            return component, reduce_polynomial(component, properties, loads, request=request)
-        reduce = reduce_rigid if component.fidelity == "rigid" else reduce_segmented
-        return component, reduce(component, properties, loads)
+            reduced = reduce_polynomial(component, properties, loads, sensors, request=request)
+        elif component.fidelity == "segmented":
+            reduced = reduce_segmented(component, properties, loads, sensors)
+        else:
+            reduced = reduce_rigid(component, properties, loads)
+            reduced = dataclasses.replace(reduced, sensors=observe_rigid(reduced, sensors))
+        return component, carry_masses(reduced, sensors)
+
+    def _rescale(self, before: Component, after: Component) -> Superelement:
+        """The elastic superelement for another modulus, density or mass; point masses stay."""
+        stiffer = _ratio(after.material.youngs_modulus, before.material.youngs_modulus)
+        heavier = (
+            _ratio(after.mass, before.mass)
+            if after.mass is not None
+            else _ratio(after.material.density, before.material.density)
+        )
+        if stiffer == 1.0 and heavier == 1.0:
+            return self.superelement
+        sensors = self._sensors()
+        bare = carry_masses(
+            self.superelement, [dataclasses.replace(one, mass=0.0) for one in sensors]
+        )
+        bodies = [load.name for load in self._loads() if load.kind == "body"]
+        # what is seen at probes takes no part in a fit
+        bare = dataclasses.replace(bare, probes={})
+        scaled = scale_material(bare, stiffer=stiffer, heavier=heavier, body_loads=bodies)
+        return carry_masses(scaled, sensors)
 
     def _entry(self, section: str, name: str, numbers: tuple[float, ...]) -> ReadValue:
         by_key: dict[KeyPath, float | Quantity] = {
@@ -205,6 +232,10 @@ class _ParametricShape:
             if law.key[:2] == (section, name)
         }
         return replace_numbers(read_entries(self.scene.raw, section)[name], by_key)
+
+    def _sensors(self) -> tuple[Sensor, ...]:
+        sensors = self.scene.machine.sensors.values()
+        return tuple(sensor for sensor in sensors if sensor.component == self.name)
 
     def _loads(self) -> tuple[Load, ...]:
         return tuple(
@@ -252,30 +283,6 @@ def moves(law: KeyLaw) -> bool:
 def _reshapes(law: KeyLaw) -> bool:
     """Whether an elastic component has to be meshed or reduced anew for another value."""
     return law.key[2] in ("solid", "interfaces", "mesh", "nu")
-
-
-def _rescale(superelement: Superelement, before: Component, after: Component) -> Superelement:
-    """An elastic superelement for another modulus, density or mass: shapes and modal dofs stay as
-    they are, which is exact.
-    """
-    stiffer = _ratio(after.material.youngs_modulus, before.material.youngs_modulus)
-    heavier = (
-        _ratio(after.mass, before.mass)
-        if after.mass is not None
-        else _ratio(after.material.density, before.material.density)
-    )
-    if stiffer == 1.0 and heavier == 1.0:
-        return superelement
-    faster = float(np.sqrt(stiffer / heavier))
-    return dataclasses.replace(
-        superelement,
-        stiffness=np.asarray(stiffer * superelement.stiffness),
-        mass=np.asarray(heavier * superelement.mass),
-        mass_kg=heavier * superelement.mass_kg,
-        inertia=np.asarray(heavier * superelement.inertia),
-        modal_frequencies_hz=np.asarray(faster * superelement.modal_frequencies_hz),
-        cutoff_hz=faster * superelement.cutoff_hz,
-    )
 
 
 def _ratio(after: float | None, before: float | None) -> float:

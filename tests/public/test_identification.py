@@ -2,6 +2,8 @@
 forms.
 """
 
+import re
+import shutil
 from typing import Any
 
 import numpy as np
@@ -157,6 +159,23 @@ def test_damping_is_not_fitted_without_the_effect(block: Shell) -> None:
         name="targets",
     )
     assert "name it in the scene's effects" in block.refuses(IDENTIFY)
+
+
+def test_another_modulus_and_density_need_no_reduction(block: Shell) -> None:
+    elastic = 'mesh = { size = "500 mm", cells = "hex" }\nreduction = { modes_to = "2 kHz" }'
+    block.change(
+        ('fidelity = "rigid"', elastic),
+        ('work = "ground"', 'work = "ground"\n[analyses.modal]\ncount = 12'),
+    )
+    run = "run scene.toml --no-figures -o"
+    block(f"{run} first")
+    other = ("--set", "materials.iron.E=100 GPa", "--set", "materials.iron.rho=1300 kg/m^3")
+    printed = block(f"{run} scaled", *other).out
+    assert re.search(r"reduce +block .* cached", printed)
+    shutil.rmtree(block.folder / "store")
+    block(f"{run} anew", *other)
+    found, anew = (block.json(f"{name}/summary.json")["modal"][0] for name in ("scaled", "anew"))
+    assert found["frequencies_hz"] == approx(anew["frequencies_hz"], rel=1e-9)
 
 
 MODIFIED = """
