@@ -109,12 +109,11 @@ def facet_moments(points: FloatArray, facets: IntArray) -> tuple[FloatArray, Flo
     """
     values, gradients, weights = facet_tables(facets.shape[1])
     nodes = points[facets]
-    tangents = np.einsum("aqn,fni->afqi", gradients, nodes)
+    tangents = np.matmul(gradients[:, None], nodes)
     measure = np.linalg.norm(np.cross(tangents[0], tangents[1]), axis=2) * weights
     areas = measure.sum(axis=1)
-    places = np.einsum(
-        "fq,qn,fni->fi", measure, values, nodes - nodes.mean(axis=1, keepdims=True), optimize=True
-    )
+    spread = nodes - nodes.mean(axis=1, keepdims=True)
+    places = np.matmul((measure @ values)[:, None], spread)[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         offsets = np.where(areas[:, None] > 0.0, places / areas[:, None], 0.0)
     return areas, nodes.mean(axis=1) + offsets

@@ -194,8 +194,8 @@ class _KrylovSpace:
         *,
         complete: bool = True,
     ) -> EigenPairs:
-        """Return the first pairs with their Ritz vectors after one more step of the inverse, which
-        costs nothing: ``K^-1 M V y = theta V y + V_next C y``.
+        """Return the first pairs by Rayleigh-Ritz with the stiffness in what one more step of the
+        inverse makes of the space, which costs nothing: ``K^-1 M V y = V y theta + V_next C y``.
 
         Args:
             values: ``(m,)`` theta, falling.
@@ -204,14 +204,23 @@ class _KrylovSpace:
             following: Eigenvalue behind them.
             complete: They are all that were asked for.
         """
-        theta, y = values[:count], coefficients[:, :count]
+        fresh = self._couple(coefficients) / values
+        # V y + V_next C y / theta have these energies and masses
+        eigenvalues, turn = scipy.linalg.eigh(
+            np.diag(1.0 / values), np.eye(len(values)) + fresh.T @ fresh, check_finite=False
+        )
+        turn = turn[:, :count]
         self._basis.setActiveColumns(0, self.size)
-        shapes = _combined(self._basis, y)
-        if _width(self._next) and shapes.shape[1]:
-            shapes += _combined(self._next, self._couple(y) / theta)
-        inverse = np.asarray(1.0 / theta)
+        shapes = _combined(self._basis, coefficients @ turn)
+        if _width(self._next) and count:
+            shapes += _combined(self._next, fresh @ turn)
         return EigenPairs(
-            inverse, shapes, bounds[:count], float(following), self.solves, complete=complete
+            eigenvalues[:count],
+            shapes,
+            bounds[:count],
+            float(following),
+            self.solves,
+            complete=complete,
         )
 
     def _couple(self, coefficients: FloatArray) -> FloatArray:

@@ -218,14 +218,15 @@ def full_block(
         order: The owned dofs that are not fixed, as they are to follow each other.
     """
     total = int(operators.comm.allreduce(len(order)))
-    numbers = _free_numbers(operators, fixed, order)
-    rows = scipy.sparse.csr_matrix(scalar)[order // 3]
+    numbers = _free_numbers(operators, fixed, order).reshape(-1, 3)
+    reached = np.flatnonzero((numbers >= 0).any(axis=1))
+    rows = scipy.sparse.csr_matrix(scalar)[:, reached][order // 3]
     # the dof of the same direction at each neighbour
-    lengths = np.diff(rows.indptr)
-    columns = numbers[3 * rows.indices + np.repeat(order % 3, lengths)]
-    kept = columns >= 0
-    pointers = np.concatenate([[0], np.cumsum(kept)]).astype(PETSc.IntType)[rows.indptr]
-    csr = (pointers, columns[kept], rows.data[kept])
+    columns = numbers[reached].ravel()[3 * rows.indices + np.repeat(order % 3, _lengths(rows))]
+    rows = scipy.sparse.csr_matrix((rows.data, columns, rows.indptr), shape=(len(order), total))
+    if (columns < 0).any():
+        rows = _keep_entries(rows, columns >= 0)
+    csr = (rows.indptr, rows.indices, rows.data)
     block = PETSc.Mat().createAIJ(
         ((len(order), total), (len(order), total)), csr=csr, comm=operators.comm
     )
@@ -250,24 +251,46 @@ def _free_numbers(
 def _upper_rows(
     matrix: scipy.sparse.bsr_matrix, free: NDArray[np.int64], numbers: NDArray[np.int32]
 ) -> scipy.sparse.csr_matrix:
-    """Return the rows of free dofs and columns at or above the diagonal, columns sorted."""
-    nodes = numbers.reshape(-1, 3)
-    lowest = np.where(nodes >= 0, nodes, np.iinfo(np.int32).max).min(axis=1)[
-        : len(matrix.indptr) - 1
-    ]
-    # whole blocks first: half of them lie below the diagonal
-    above = nodes.max(axis=1)[matrix.indices] >= np.repeat(lowest, np.diff(matrix.indptr))
-    pointers = np.concatenate([[0], np.cumsum(above)]).astype(PETSc.IntType)[matrix.indptr]
+    """Return the rows of free dofs and columns at or above the diagonal, columns sorted.
+
+    Args:
+        free: ``(n,)`` owned dofs, those of a node one after the other.
+        numbers: Of local dofs; -1 for fixed ones.
+    """
+    by_node = numbers.reshape(-1, 3)
+    highest = by_node.max(axis=1)
+    nodes = free[np.flatnonzero(np.diff(free // 3, prepend=-1))] // 3
+    # whole blocks are sorted, a ninth of the entries, and half of them lie below the diagonal
+    blocks = scipy.sparse.csr_matrix(
+        (np.arange(len(matrix.indices)), highest[matrix.indices], matrix.indptr),
+        shape=(len(matrix.indptr) - 1, int(highest.max(initial=0)) + 1),
+    )[nodes]
+    blocks = _keep_entries(blocks, blocks.indices >= np.repeat(highest[nodes], _lengths(blocks)))
+    blocks.sort_indices()
+    chosen, shape = blocks.data, (3 * len(nodes), matrix.shape[1])
     rows = scipy.sparse.bsr_matrix(
-        (matrix.data[above], matrix.indices[above], pointers), shape=matrix.shape
-    ).tocsr()[free]
-    columns = numbers[rows.indices]
-    above = columns >= np.repeat(numbers[free], np.diff(rows.indptr))
-    pointers = np.concatenate([[0], np.cumsum(above)]).astype(PETSc.IntType)[rows.indptr]
-    shape = (len(free), int(numbers.max(initial=0)) + 1)
-    upper = scipy.sparse.csr_matrix((rows.data[above], columns[above], pointers), shape=shape)
-    upper.sort_indices()
-    return upper
+        (matrix.data[chosen], matrix.indices[chosen], blocks.indptr), shape=shape
+    ).tocsr()
+    columns, diagonal = numbers[rows.indices], by_node[nodes].ravel()
+    rows = scipy.sparse.csr_matrix(
+        (rows.data, columns, rows.indptr), shape=(shape[0], int(numbers.max(initial=0)) + 1)
+    )
+    least = np.where(diagonal >= 0, diagonal, rows.shape[1])
+    upper = _keep_entries(rows, columns >= np.repeat(least, _lengths(rows)))
+    return upper if (diagonal >= 0).all() else upper[diagonal >= 0]
+
+
+def _lengths(matrix: scipy.sparse.csr_matrix) -> NDArray[np.int32]:
+    return np.diff(matrix.indptr)
+
+
+def _keep_entries(matrix: scipy.sparse.csr_matrix, kept: BoolArray) -> scipy.sparse.csr_matrix:
+    """Return a matrix with some of its entries only."""
+    before = np.zeros(len(kept) + 1, dtype=PETSc.IntType)
+    np.cumsum(kept, out=before[1:])
+    return scipy.sparse.csr_matrix(
+        (matrix.data[kept], matrix.indices[kept], before[matrix.indptr]), shape=matrix.shape
+    )
 
 
 def _elimination_order(

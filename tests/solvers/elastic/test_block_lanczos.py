@@ -57,6 +57,16 @@ def test_residuals_are_as_small_as_the_bounds_say(pencil: Pencil) -> None:
     assert (sizes < found.residuals + 1e-12 * values[20] / values[0]).all()
 
 
+def test_one_more_step_than_was_solved_for_is_in_the_shapes(pencil: Pencil) -> None:
+    found = search(pencil, ModeTarget(count=20), width=4)
+    exact = search(pencil, ModeTarget(count=40), width=4).vectors[:, :20]
+    exact *= np.sign(np.einsum("ij,ij->j", exact, pencil[2](found.vectors)))
+    off = found.vectors - exact
+    sizes = np.sqrt(np.einsum("ij,ij->j", off, pencil[2](off)))
+    assert found.solves <= 64 and found.residuals.max() > 1e-6
+    assert sizes.max() < 0.2 * found.residuals.max()
+
+
 def test_a_frequency_target_is_complete_up_to_it(pencil: Pencil) -> None:
     limit = np.sqrt(pencil[0][11] * 1.0001) / (2.0 * np.pi)
     found = search(pencil, ModeTarget(up_to_hz=limit))
