@@ -79,6 +79,7 @@ LOADED_TOGETHER = (
     {"pictures.txt", "test_data.txt", "docs.txt", "notebook.txt", "python.txt", "dolfinx-new.txt"},
     {"pictures.txt", "test_data.txt", "tests.txt", "dolfinx-new.txt"},
     {"pictures.txt", "test_data.txt", "benchmarks.txt"},
+    {"pictures.txt", "test_data.txt", "tests.txt", "neighbours.txt"},
 )
 # only a whole system needs these, or a conda environment has them with Python, VTK and PETSc
 ONLY_DEBIAN = {

@@ -83,6 +83,7 @@ fi
 export_settings             # threads, MPI, paths
 [ -n "$slurm_trial" ] || { install_pictures; install_test_data; }
 case $installed$mode in notebook | docs) require_pip_group notebook || exit 1; notebook_folder=$group_folder ;; esac
+case "$mode $*" in "test "*neighbours*) require_pip_group neighbours || exit 1 ;; esac
 [ "$mode" != docs ] || require_pip_group python || exit 1
 [ -z "$group" ] || require_pip_group "$group" || [ "$mode" = test ] || exit 1
 # last, because it puts another Python in place of the one that groups are for

@@ -149,7 +149,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         dense = {"fem"} if "dense" in getattr(item, "fixturenames", ()) else set()
         for kind in sorted(kinds_of(item.path) | dense):
             item.add_marker(kind)
-    for marker in ("faults", "trials"):  # minutes to hours, only when they are asked for
+    for marker in (
+        "faults",
+        "trials",
+        "neighbours",
+    ):  # minutes to hours, only when they are asked for
         if marker not in config.option.markexpr:
             left_out = [item for item in items if item.get_closest_marker(marker)]
             config.hook.pytest_deselected(items=left_out)

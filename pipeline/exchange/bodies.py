@@ -26,7 +26,7 @@ def make_superelement(
 ) -> Superelement:
     """Return the superelement of a body of other programs.
 
-    Nodes with translations alone keep rotations that nothing holds.
+    Rotations that a node lacks follow the rigid motion nearest to those of all nodes.
 
     Args:
         interfaces: Numbers of nodes by the name that an interface takes; None for ``node_NUMBER`` of
@@ -66,18 +66,13 @@ def make_superelement(
         stiffness=full["K"],
         mass=full["M"],
         damping=full.get("C"),
-        constraints=np.zeros((0, size + scalars)),
+        constraints=_follow_body(body, places, size, size + scalars),
         modal_frequencies_hz=(frequencies := _find_modal_frequencies(body)),
         cutoff_hz=float(frequencies[-1]) if scalars else np.inf,
         full_dofs=len(body.nodes),
         mass_kg=mass,
         center_of_mass=center,
         inertia=inertia,
-        free_dofs=tuple(
-            f"node {number}, {dof}"
-            for row, (number, dof) in enumerate(itertools.product(numbers, DOF_NAMES))
-            if row not in places
-        ),
         supported=supported,
     )
     try:
@@ -106,6 +101,41 @@ def _spread(matrix: FloatArray, places: IntArray, size: int) -> FloatArray:
     result = np.zeros((max(size, int(places.max(initial=-1)) + 1),) * 2)
     result[np.ix_(places, places)] = matrix
     return result
+
+
+def _follow_body(body: BodyMatrices, places: IntArray, size: int, count: int) -> FloatArray:
+    """Return the constraints ``(m, count)`` by which dofs that nodes lack follow the body.
+
+    Raises:
+        ExchangeError: Its nodes are too few to say how it turns.
+    """
+    missing = np.setdiff1d(np.arange(size), places)
+    rows = np.zeros((len(missing), count))
+    if not len(missing):
+        return rows
+    points = {number: np.array(point) for number, point in body.points.items()}
+    numbers = sorted({int(node) for node, dof in body.nodes if dof > 0})
+    center = np.mean([points[number] for number in numbers], axis=0)
+    extent = max(float(np.abs(points[number] - center).max()) for number in numbers) or 1.0
+    scale = np.repeat([1.0, 1.0 / extent], 3)
+    around = {number: points[number] - center for number in numbers}
+    motions = _list_rigid_motions(body, around) * scale
+    if np.linalg.matrix_rank(motions, tol=1e-9) < motions.shape[1]:
+        raise ExchangeError(
+            f"{body.name}: its nodes lack rotations and lie on a line; give them six dofs, or name more nodes"
+        )
+    fit = scale[:, None] * np.linalg.pinv(motions)
+    whole = {
+        number: np.block(
+            [[rigid_map(around[number][None], np.zeros(3))], [np.zeros((3, 3)), np.eye(3)]]
+        )
+        for number in numbers
+    }
+    for row, dof in enumerate(missing):
+        number, own = numbers[dof // len(DOF_NAMES)], dof % len(DOF_NAMES)
+        rows[row, places] -= whole[number][own] @ fit
+        rows[row, dof] += 1.0
+    return rows
 
 
 def _list_rigid_motions(body: BodyMatrices, points: Mapping[int, FloatArray]) -> FloatArray:

@@ -26,8 +26,8 @@ _LETTERS = {"K": "K2GG", "M": "M2GG", "C": "B2GG"}
 
 
 def encode_dmig(body: BodyMatrices, *, matrices: bool = True) -> str:
-    """Return bulk data of a body: its nodes as GRID, scalar dofs as SPOINT, and its matrices as DMIG
-    where they are wanted.
+    """Return bulk data of a body: its nodes as GRID, scalar dofs as SPOINT, the dofs of each node as
+    ASET1, and its matrices as DMIG where they are wanted.
     """
     case = [f"$ {_LETTERS[letter]} = {NAMES[letter]}" for letter in body.matrices]
     lines = [f"$ {body.name}: matrices of a reduced body, m kg s; in the case control:", *case]
@@ -36,6 +36,10 @@ def encode_dmig(body: BodyMatrices, *, matrices: bool = True) -> str:
     lines += [
         "SPOINT  " + "".join(f"{node:>8d}" for node in scalars[k : k + 8])
         for k in range(0, len(scalars), 8)
+    ]
+    lines += [
+        f"ASET1   {''.join(str(dof) for node, dof in body.nodes if node == number):<8}{number:>8d}"
+        for number in body.points
     ]
     for letter, matrix in body.matrices.items() if matrices else ():
         lines += _matrix_lines(NAMES[letter], body.nodes, matrix)

@@ -4,6 +4,7 @@ other programs.
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,7 +42,20 @@ FAMILIES: tuple[dict[str, str], ...] = (
     {"K": "_K.mtx", "M": "_M.mtx", "C": "_C.mtx"},
     TABLES,
 )
+EVERY_DOF = "123456"
 OWN = (".h5", ".hdf5")
+
+
+class Points(NamedTuple):
+    """What bulk data say of the nodes of a body.
+
+    Attributes:
+        places: ``(3,)`` by number [m].
+        nodes: ``(n, 2)`` node and dof of each row, in the order of their numbers.
+    """
+
+    places: dict[int, tuple[float, float, float]]
+    nodes: IntArray
 
 
 def read_body(file: SuperelementFile) -> Superelement:
@@ -53,10 +67,9 @@ def read_body(file: SuperelementFile) -> Superelement:
     path, points = file.path, file.points
     if path.suffix in OWN:
         return read_superelement(path)
-    places, scalars = (
-        ({}, ()) if points is None and path.suffix not in BULK_DATA else read_points(points or path)
-    )
-    matrices, nodes = _read_matrices(path, places, scalars)
+    own = path if points is None and path.suffix in BULK_DATA else points
+    places, named = ({}, np.zeros((0, 2), np.int64)) if own is None else read_points(own)
+    matrices, nodes = _read_matrices(path, named)
     sizes = {letter: len(matrix) for letter, matrix in matrices.items()}
     if len(set(sizes.values())) > 1 or len(nodes) != sizes["K"]:
         listed = ", ".join(f"{letter} has {size} rows" for letter, size in sizes.items())
@@ -69,23 +82,24 @@ def read_body(file: SuperelementFile) -> Superelement:
     return make_superelement(body, supported=file.supported)
 
 
-def read_points(path: Path) -> tuple[dict[int, tuple[float, float, float]], tuple[int, ...]]:
-    """Read the places of GRID cards [m] and the numbers of SPOINT cards of bulk data, with limits.
+def read_points(path: Path) -> Points:
+    """Read the GRID, SPOINT and ASET1 cards of bulk data, with limits.
 
     Raises:
         HeadstockError: The file is damaged, or has points in coordinate systems of their own.
     """
     arrays = read_apart(path, PART, parse_points, error=ExchangeError)
     places = zip(arrays["numbers"].tolist(), arrays["places"].tolist(), strict=True)
-    return {number: (x, y, z) for number, (x, y, z) in places}, tuple(arrays["scalars"].tolist())
+    return Points({number: (x, y, z) for number, (x, y, z) in places}, arrays["nodes"])
 
 
 def parse_points(path: Path) -> Arrays:
     """Read the points of bulk data in this process."""
     places: dict[int, FloatArray] = {}
-    scalars: list[int] = []
+    dofs: list[tuple[int, int]] = []
+    chosen: dict[int, str] = {}
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    for card in read_cards(path, text, {"GRID", "SPOINT"}):
+    for card in read_cards(path, text, {"GRID", "SPOINT", "ASET1"}):
         if card.name == "GRID":
             if card.integer(1) or card.integer(5):
                 raise ExchangeError(
@@ -93,16 +107,24 @@ def parse_points(path: Path) -> Arrays:
                 )
             places[card.integer(0)] = card.vector(2)
         elif card.name == "SPOINT":
-            scalars += _list_scalars(card.fields)
+            dofs += [(number, 0) for number in _list_numbers(card.fields)]
+        elif card.name == "ASET1":
+            chosen |= dict.fromkeys(_list_numbers(card.fields[1:]), card.fields[0])
+    dofs += [
+        (number, int(dof))
+        for number in places
+        for dof in chosen.get(number, EVERY_DOF)
+        if dof in EVERY_DOF
+    ]
     return {
         "numbers": np.array(list(places), dtype=np.int64),
         "places": np.array(list(places.values()), dtype=float).reshape(-1, 3),
-        "scalars": np.array(scalars, dtype=np.int64),
+        "nodes": np.array(sorted(dofs), dtype=np.int64).reshape(-1, 2),  # as Nastran orders them
     }
 
 
-def _list_scalars(fields: list[str]) -> list[int]:
-    """Return the numbers of a SPOINT card: listed, or from one THRU another."""
+def _list_numbers(fields: list[str]) -> list[int]:
+    """Return the numbers of a card: listed, or from one THRU another."""
     words = [word for word in fields if word]
     if (
         len(words) == 3
@@ -112,26 +134,21 @@ def _list_scalars(fields: list[str]) -> list[int]:
     ):
         first, last = int(words[0]), int(words[2])
         if not 0 <= last - first < MOST_DOFS:
-            raise ExchangeError(f"SPOINT {first} THRU {last}: at most {MOST_DOFS} points are read")
+            raise ExchangeError(f"{first} THRU {last}: at most {MOST_DOFS} points are read")
         return list(range(first, last + 1))
     return [int(word) for word in words if word.isdecimal()]
 
 
-def _read_matrices(
-    path: Path, places: Mapping[int, object], scalars: tuple[int, ...]
-) -> tuple[dict[str, FloatArray], IntArray]:
-    """Return stiffness, mass and damping by letter, and ``(n, 2)`` node and dof of each row."""
+def _read_matrices(path: Path, nodes: IntArray) -> tuple[dict[str, FloatArray], IntArray]:
+    """Return stiffness, mass and damping by letter, and ``(n, 2)`` node and dof of each row.
+
+    Args:
+        nodes: What the points say of them.
+    """
     if path.suffix in BULK_DATA:
         return _join_dmig(path)
     if path.suffix == ".op4":
-        # rows in the order of Nastran's numbers
-        order = sorted(
-            [
-                *((number, dof) for number in places for dof in range(1, 7)),
-                *((number, 0) for number in scalars),
-            ]
-        )
-        return _choose_named(path, read_op4(path)), np.array(order, dtype=np.int64).reshape(-1, 2)
+        return _choose_named(path, read_op4(path)), nodes
     family, stem = _find_family(path)
     dof_list = path.with_name(f"{stem}.dof")
     nodes, stiffness = read_coordinates(path, dof_list if dof_list.is_file() else None)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import IntArray
 from headstock.reduction.superelement import Superelement
 
@@ -52,7 +52,8 @@ class BodyMatrices:
 
 
 def list_matrices(superelement: Superelement) -> BodyMatrices:
-    """Return the matrices of a superelement: its boundary nodes from 1 on, all other dofs scalar.
+    """Return the matrices of a superelement: its boundary nodes from 1 on, then control points of its
+    rails, which have one rotation each; all other dofs are scalar.
 
     Raises:
         ExchangeError: It has constraints, which no other format keeps apart from its matrices.
@@ -62,18 +63,19 @@ def list_matrices(superelement: Superelement) -> BodyMatrices:
             f"component {superelement.name!r}: interfaces share nodes, which ties some of its dofs; "
             "leave a gap between their patches before it is exported"
         )
-    count = len(superelement.frames)
-    size = len(superelement.stiffness)
-    scalars = np.arange(count + 1, count + 1 + size - len(DOF_NAMES) * count)
-    of_nodes = [(node, dof) for node in range(1, count + 1) for dof in range(1, 7)]
-    nodes = np.array([*of_nodes, *((node, 0) for node in scalars)], dtype=np.int64).reshape(-1, 2)
+    places = [(frame.origin, range(1, 7)) for frame in superelement.frames]
+    places += [
+        (control.point, (1, 2, 3, 4 + control.axis)) for control in superelement.control_points
+    ]
+    dofs = [(number, dof) for number, (_, own) in enumerate(places, 1) for dof in own]
+    scalars = range(len(places) + 1, len(places) + 1 + len(superelement.stiffness) - len(dofs))
+    nodes = np.array([*dofs, *((number, 0) for number in scalars)], dtype=np.int64)
     points = {
-        number: (float(x), float(y), float(z))
-        for number, (x, y, z) in enumerate((frame.origin for frame in superelement.frames), 1)
+        number: (float(x), float(y), float(z)) for number, ((x, y, z), _) in enumerate(places, 1)
     }
     return BodyMatrices(
         superelement.name,
-        nodes,
+        nodes.reshape(-1, 2),
         points,
         superelement.stiffness,
         superelement.mass,

@@ -162,8 +162,7 @@ def test_matrices_of_other_programs_are_a_part(shell: Shell, form: str, solid: s
     )
     shell(f"run {taken} --json taken.json -o taken --no-figures")
     given, found = (
-        read_json(Path(name))["modal"][0]["frequencies_hz"]
-        for name in ("own.json", "taken.json")
+        read_json(Path(name))["modal"][0]["frequencies_hz"] for name in ("own.json", "taken.json")
     )
     assert found == approx(given, rel=1e-7 if form == "dmig" else 1e-9)
 

@@ -1,0 +1,99 @@
+"""What other programs say of our files: ``./headstock test -m neighbours tests/neighbours``."""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from common import Shell, approx
+from headstock.pipeline.storage.superelements import read_superelement
+from headstock.reduction.superelement_checks import rigid_motions
+
+pytestmark = [pytest.mark.neighbours, pytest.mark.filterwarnings("ignore")]
+MILL = Path(__file__).parents[2] / "machines" / "mill.toml"
+COARSE = "--variant coarse"
+STEP = 1e-3
+
+
+def reduce_head(shell: Shell, form: str) -> None:
+    shell(
+        f"export {MILL} head {COARSE} --to {form}", "--set", "components.head.reduction={modes = 8}"
+    )
+
+
+def test_pyyeti_finds_nothing_to_complain_about(shell: Shell) -> None:
+    from pyyeti import cb
+    from pyyeti.nastran import bulk, n2p, op4
+
+    reduce_head(shell, "op4")
+    reduce_head(shell, "h5")
+    ours = read_superelement(Path("head.h5"))
+    read = op4.load("head.op4", into="dct")
+    stiffness, mass = read["kaax"][0], read["maax"][0]
+    assert np.array_equal(stiffness, ours.stiffness) and np.array_equal(mass, ours.mass)
+    grids = bulk.rdgrids("head_points.bdf")
+    nodes = np.column_stack([np.ones(len(grids)), grids[:, 2:5]])
+    uset = n2p.addgrid(None, grids[:, 0].astype(int), "b", 0, nodes[:, 1:], 0)
+    boundary = np.arange(6 * len(grids))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = cb.cbcheck("checked.txt", mass, stiffness, boundary, boundary[:6], uset)
+    text = Path("checked.txt").read_text()
+    assert not any(word in text for word in ("CHECK!", "FAIL", "Warning"))
+    # its own marks miss an interface 1 mm off: its rigid motions must be ours
+    rigid = rigid_motions(ours, np.zeros(3))[boundary]
+    assert np.asarray(found.rbg)[: len(boundary)] == approx(rigid, abs=1e-9)
+
+
+def test_pynastran_and_pyyeti_read_the_same_matrices(shell: Shell) -> None:
+    from pyNastran.bdf.bdf import read_bdf
+    from pyNastran.op4.op4 import read_op4
+    from pyyeti.nastran import bulk
+
+    reduce_head(shell, "op4")
+    reduce_head(shell, "dmig")
+    reduce_head(shell, "h5")
+    ours = read_superelement(Path("head.h5"))
+    read = {name.upper(): matrix for name, matrix in read_op4("head.op4").items()}
+    assert np.array_equal(np.asarray(read["KAAX"].data), ours.stiffness)
+    largest = np.abs(ours.stiffness).max()
+    listed = bulk.rddmig("head.bdf")["kaax"].to_numpy()
+    assert listed == approx(ours.stiffness, abs=1e-9 * largest)
+    model = read_bdf("head.bdf", punch=True, debug=None)
+    matrix, *_ = model.dmig["KAAX"].get_matrix()
+    assert np.asarray(matrix) == approx(ours.stiffness, abs=1e-9 * largest)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_fmpy_validates_compiles_and_runs_the_mill(shell: Shell, version: int) -> None:
+    import fmpy
+    from fmpy import validation
+
+    shell(f"export {MILL} {COARSE} --to fmu{version} -o mill.fmu", "--state-space", "400 Hz")
+    shell(f"export {MILL} {COARSE} --to mat -o mill.mat", "--state-space", "400 Hz")
+    assert validation.validate_fmu("mill.fmu") == []
+    description: Any = fmpy.read_model_description("mill.fmu")
+    names = [v.name for v in description.modelVariables if v.causality == "input"]
+    time = np.arange(0.0, 0.1, STEP)
+    force = np.sin(2.0 * np.pi * 70.0 * time)
+    signals = np.array(
+        list(zip(time, *([force] * len(names)), strict=True)),
+        dtype=[("time", float), *((name, float) for name in names)],
+    )
+    done = fmpy.simulate_fmu(
+        "mill.fmu", stop_time=time[-1], step_size=STEP, output_interval=STEP, input=signals
+    )
+    import control
+    import scipy.io
+
+    space = scipy.io.loadmat("mill.mat")
+    held = control.c2d(control.ss(space["A"], space["B"], space["C"], space["D"]), STEP, "zoh")
+    forces = np.tile(force, (len(names), 1))
+    _, exact = control.forced_response(held, time, forces)
+    motions = [v.name for v in description.modelVariables if v.causality == "output"]
+    # after a step the input of that step is seen in D
+    seen = np.array([done[name] for name in motions])[:, 1:]
+    states = exact[:, 1:] - space["D"] @ forces[:, 1:] + space["D"] @ forces[:, :-1]
+    assert seen == approx(states, abs=1e-9 * np.abs(states).max())
