@@ -38,12 +38,14 @@ class ReductionRequest:
         gravity: Keep the response to unit gravity along each component axis.
         recovery: Keep the recovery basis on rank 0.
         errors: Estimate the discretisation error on rank 0; needs the recovery basis.
+        attached: There are residual-attachment modes behind the others, which none are taken from.
     """
 
     modes: ModeTarget | None = None
     gravity: bool = False
     recovery: bool = True
     errors: bool = True
+    attached: bool = False
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,9 @@ def trim_superelement(
     Source: Craig and Bampton (1968): the fixed-interface modes of a basis do not depend on each
     other.
     """
-    count, cutoff = _kept_modes(element, request.modes)
+    count, cutoff = element.modal_count, element.cutoff_hz
+    if not request.attached:
+        count, cutoff = _kept_modes(element, request.modes)
     kept = element.boundary_size + count
     errors = element.errors
     loads = {

@@ -221,6 +221,7 @@ def _run_reduce_stage(state: RunState, stage: Stage) -> Outcome:
         comm=state.comm,
         request=request,
         probes=component_probes(state, component),
+        sensors=component_sensors(state, component),
     )
 
     def keep() -> Outcome:
@@ -371,6 +372,7 @@ def _reduction_request(state: RunState, component: Component) -> ReductionReques
     return ReductionRequest(
         modes=mode_target(component) if state.plan.with_modes else None,
         gravity=state.plan.gravity is not None,
+        attached=any(sensor.is_loaded for sensor in component_sensors(state, component)),
     )
 
 

@@ -154,8 +154,8 @@ def superelement_key(
     Args:
         loads: On this component; of tractions and body loads only the place counts, as a
             superelement holds their unit loads.
-        sensors: On this component; of an elastic one their places do not count, as its recovery
-            shows all of them.
+        sensors: On this component; of an elastic one only places at which forces act count, with the
+            modes that are kept beside: its recovery shows all others.
     """
     material = component.material
     amounts = (material.youngs_modulus, material.density, component.mass)
@@ -185,14 +185,18 @@ def superelement_key(
             },
             # only where there are some: what was stored before stays good
             **({"probes": {one.name: one.position for one in probes}} if probes else {}),
-            **(
-                {"sensors": {one.name: one.position for one in sensors}}
-                if sensors and component.fidelity != "elastic"
-                else {}
-            ),
+            **_sensor_content(component, sensors),
         }
     )
     return f"{family}_{','.join(str(_canonical(amount)) for amount in amounts)}"
+
+
+def _sensor_content(component: Component, sensors: Sequence[Sensor]) -> dict[str, object]:
+    if component.fidelity != "elastic":
+        return {"sensors": {one.name: one.position for one in sensors}} if sensors else {}
+    loaded = sorted({one.position for one in sensors if one.is_loaded})
+    settings = component.reduction
+    return {"attached": (loaded, settings.modes, settings.modes_to_hz)} if loaded else {}
 
 
 def search_key(scene: Scene) -> str:

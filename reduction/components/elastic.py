@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.machine import Probe
+from headstock.geometry.machine.machine import Probe, Sensor
 from headstock.geometry.parts.components import (
     EDGE_GROUP,
     SUPPORT_GROUP,
@@ -37,11 +37,12 @@ from headstock.reduction.components.elastic_checks import (
 )
 from headstock.reduction.components.fixed_interface_modes import (
     FixedInterfaceModes,
+    add_attachment_modes,
     find_fixed_interface_modes,
     measure_truncation,
     verify_mode_count,
 )
-from headstock.reduction.components.nodal_loads import assemble_loads, make_of_mesh
+from headstock.reduction.components.nodal_loads import assemble_loads, make_of_mesh, scatter_rows
 from headstock.reduction.components.probes import (
     SEEN,
     ProbePlace,
@@ -50,6 +51,7 @@ from headstock.reduction.components.probes import (
     read_smoothing,
     watch_dofs,
 )
+from headstock.reduction.components.sensors import load_sensors
 from headstock.reduction.components.solver_choice import choose_method, predict_factor_entries
 from headstock.reduction.components.subspace import ReductionSpace, project_component
 from headstock.reduction.requests import ReductionRequest, mode_target, needs_mass
@@ -88,6 +90,7 @@ def reduce_elastic(
     comm: MPI.Comm,
     request: ReductionRequest | None = None,
     probes: Sequence[Probe] = (),
+    sensors: Sequence[Sensor] = (),
 ) -> Superelement:
     """Return the Craig-Bampton superelement of a component.
 
@@ -97,6 +100,7 @@ def reduce_elastic(
         request: What to deliver; by default the component's own reduction settings with mass.
         probes: Places where displacement and stress are wanted; those in other components are left
             out.
+        sensors: On this component; static responses to forces at the loaded ones are kept.
 
     Returns:
         The superelement, equal on every rank but for the recovery basis, which rank 0 alone holds.
@@ -121,7 +125,14 @@ def reduce_elastic(
             mesh, material, comm=comm, with_mass=with_mass, with_corners=method == "iterative"
         )
         return _reduce_operators(
-            component, mesh, operators, supports, loads, request=request, probes=probes
+            component,
+            mesh,
+            operators,
+            supports,
+            loads,
+            request=request,
+            probes=probes,
+            sensors=[sensor for sensor in sensors if sensor.is_loaded],
         )
     except SharedFailure as failure:
         if isinstance(failure.__cause__, ELASTIC_ERRORS):
@@ -160,6 +171,7 @@ def _reduce_operators(
     *,
     request: ReductionRequest,
     probes: Sequence[Probe] = (),
+    sensors: Sequence[Sensor] = (),
 ) -> Superelement:
     """Return the superelement of a meshed elastic component, see ``reduce_elastic``, from operators
     that are already assembled.
@@ -171,6 +183,7 @@ def _reduce_operators(
         loads: Static loads; those on other components are left out.
         request: How many modes, and whether gravity, recovery and error estimates.
         probes: Those on other components are left out.
+        sensors: Those on this component at which forces act.
 
     Raises:
         ModelError, ConvergenceError, AccuracyError: As ``reduce_elastic``.
@@ -192,6 +205,12 @@ def _reduce_operators(
         )
         if component.reduction.verify and request.modes is not None:
             verify_mode_count(solver, modes)
+        if sensors:
+            nodes, forces = make_of_mesh(
+                comm, mesh, lambda whole: load_sensors(whole, component.material, sensors)
+            )
+            attached = scatter_rows(forces, nodes, operators).reshape(-1, forces.shape[2])
+            modes = add_attachment_modes(solver, modes, attached)
         result = project_component(component, solver, ReductionSpace(basis, means, psi, modes))
         vectors = assemble_loads(component, mesh, operators, loads, gravity=request.gravity)
         reduced, particular = _reduce_loads(vectors, solver, psi, modes)

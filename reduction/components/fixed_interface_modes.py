@@ -31,6 +31,8 @@ ROUNDOFF_LIMIT = 0.3
 MANY_MODES = 40
 START_SEED, SIGN_SEED = 20101, 7
 SPLIT_MIX = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)
+# of the static response to a load: attachment modes that would add less are left out
+ATTACHMENT_SHARE = 1e-9
 COLUMNS = 48  # at a time: what products take besides the solution
 
 
@@ -101,6 +103,42 @@ def find_fixed_interface_modes(
     improved = _improve(solver, pairs.values, pairs.vectors)
     return FixedInterfaceModes(
         improved.values, _fix_signs(solver, improved.shapes), cutoff, improved.change, remarks
+    )
+
+
+def add_attachment_modes(
+    solver: ConstrainedSolver, modes: FixedInterfaceModes, loads: FloatArray
+) -> FixedInterfaceModes:
+    """Return the modes with residual-attachment modes behind them, which make the static response to
+    loads exact: those responses less the share of the modes, in combinations that are orthogonal in
+    stiffness and mass.
+
+    Args:
+        solver: With the interfaces fixed; collective.
+        modes: Complete up to their cut-off, below all of those added.
+        loads: ``(3 n_owned, k)`` [N]; those whose response the modes have already add nothing.
+
+    Source: MacNeal (1971), Computers and Structures 1, 581-601; Craig and Chang (1977), NASA CR-2922.
+    """
+    observed = solver.product(loads, modes.shapes)
+    whole = solver.solve(loads)
+    flexibility = np.diagonal(solver.product(loads, whole))
+    rest = whole - modes.shapes @ (observed / modes.eigenvalues).T
+    scale = 1.0 / np.sqrt(np.where(flexibility > 0.0, flexibility, np.inf))
+    stiffness = solver.product(rest, solver.forces(rest)) * scale * scale[:, None]
+    shares, combinations = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
+    kept = shares > ATTACHMENT_SHARE
+    shapes = rest @ (scale[:, None] * combinations[:, kept] / np.sqrt(shares[kept]))
+    values = np.ones(shapes.shape[1])  # without mass they are normalised by stiffness
+    if solver.operators.scalar_mass is not None and len(values):
+        mass = solver.product(shapes, solver.operators.apply_mass(shapes))
+        softness, vectors = np.linalg.eigh(0.5 * (mass + mass.T))
+        values = 1.0 / softness[::-1]
+        shapes = shapes @ (vectors[:, ::-1] * np.sqrt(values))
+    return dataclasses.replace(
+        modes,
+        eigenvalues=np.concatenate([modes.eigenvalues, values]),
+        shapes=np.hstack([modes.shapes, shapes]),
     )
 
 

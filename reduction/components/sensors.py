@@ -4,6 +4,7 @@ their masses add to its matrices.
 A sensor is no boundary dof: the motion at its place is a row of the recovery basis.
 """
 
+import contextlib
 import dataclasses
 from collections.abc import Iterable, Sequence
 
@@ -13,7 +14,7 @@ from headstock.geometry.frames import FloatArray, rigid_transfer
 from headstock.geometry.machine.machine import Sensor
 from headstock.geometry.parts.components import Material
 from headstock.geometry.parts.nearest_places import describe_distance, find_nearest_place
-from headstock.meshing.component_mesh import ComponentMesh
+from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.meshing.elements.surface import extract_surface, surface_triangles
 from headstock.reduction.superelement import SensorRows, StaticLoad, Superelement
 from headstock.solvers.elastic.stress_recovery import find_point_rows
@@ -61,7 +62,7 @@ def observe_mesh(
 
 def _find_shares(
     mesh: ComponentMesh, material: Material, sensor: Sensor
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[IntArray, FloatArray]:
     """Return the mesh points around a sensor and their shares in its motion."""
     place = np.array(sensor.position)
     try:
@@ -73,6 +74,24 @@ def _find_shares(
             raise SensorPlaceError(sensor, nearest, distance) from None
         found = find_point_rows(mesh, material, nearest, slack=FACET_SLACK)
     return found.nodes, found.shares
+
+
+def load_sensors(
+    mesh: ComponentMesh, material: Material, sensors: Iterable[Sensor]
+) -> tuple[IntArray, FloatArray]:
+    """Return the mesh points ``(n,)`` around sensors and nodal forces ``(n, 3, 3 s)`` of a unit force
+    along each component axis at each; sensors beside the component are left out.
+    """
+    shares = []
+    for sensor in sensors:
+        with contextlib.suppress(SensorPlaceError):  # reported where the sensor is observed
+            shares.append(_find_shares(mesh, material, sensor))
+    nodes = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(one for one, _ in shares)]))
+    forces = np.zeros((len(nodes), 3, len(shares), 3))
+    for column, (own, parts) in enumerate(shares):
+        rows = np.searchsorted(nodes, own)
+        forces[rows, :, column] = parts[:, None, None] * np.eye(3)
+    return nodes, forces.reshape(len(nodes), 3, -1)
 
 
 def observe_points(element: Superelement, sensors: Iterable[Sensor]) -> dict[str, SensorRows]:
