@@ -1,25 +1,24 @@
 """Nearest place of a triangulated surface to a point, and whether the surface encloses it."""
 
+from collections.abc import Mapping
+
 import numpy as np
-from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.skins import Skin
 
 
-def find_nearest_place(
-    points: FloatArray, triangles: NDArray[np.int64], place: FloatArray
-) -> tuple[FloatArray, float]:
+def find_nearest_place(skin: Skin, place: FloatArray) -> tuple[FloatArray, float]:
     """Find the place ``(3,)`` of a surface that is nearest to another, and its distance [m].
 
     Args:
-        points: ``(n, 3)`` corners [m].
-        triangles: ``(m, 3)`` indices of corners, at least one.
+        skin: With one triangle at least.
         place: ``(3,)`` [m].
 
     Source: Ericson (2005), Real-Time Collision Detection, section 5.1.5: the foot on the plane where it
     lies in the triangle, else the nearest place of the three edges.
     """
-    corners = points[triangles]
+    corners = skin.points[skin.triangles]
     along = np.roll(corners, -1, axis=1) - corners
     lengths = np.einsum("ijk,ijk->ij", along, along)
     shares = np.einsum("ijk,ijk->ij", place - corners, along) / np.where(
@@ -40,13 +39,13 @@ def find_nearest_place(
     return candidates[nearest], float(distances[nearest])
 
 
-def encloses(points: FloatArray, triangles: NDArray[np.int64], place: FloatArray) -> bool:
-    """Return whether a closed surface with triangles outward encloses a place ``(3,)``.
+def encloses(skin: Skin, place: FloatArray) -> bool:
+    """Return whether a closed surface encloses a place ``(3,)`` [m].
 
     Source: van Oosterom and Strackee (1983), IEEE Trans. Biomed. Eng. 30, 125, the solid angle of a
     triangle; their sum is 4 pi inside.
     """
-    first, second, third = np.moveaxis(points[triangles] - place, 1, 0)
+    first, second, third = np.moveaxis(skin.points[skin.triangles] - place, 1, 0)
     sizes = [np.linalg.norm(corner, axis=1) for corner in (first, second, third)]
     volume = np.einsum("ij,ij->i", first, np.cross(second, third))
     spread = (
@@ -58,9 +57,29 @@ def encloses(points: FloatArray, triangles: NDArray[np.int64], place: FloatArray
     return bool(2.0 * np.arctan2(volume, spread).sum() > 2.0 * np.pi)
 
 
-def describe_distance(component: str, nearest: FloatArray, distance: float) -> str:
-    """Say how far a place lies outside a component, and the nearest place ``(3,)`` of its surface in
-    the component frame [m].
+def describe_distance(
+    component: str,
+    nearest: FloatArray,
+    distance: float,
+    others: Mapping[str, tuple[Skin, FloatArray]],
+) -> str:
+    """Say how far a place lies outside a component, the nearest place of its surface, and which other
+    component is nearer, if one is.
+
+    Args:
+        nearest: ``(3,)`` in the component frame [m].
+        distance: To it [m].
+        others: Component to its surface and the place ``(3,)`` in its own frame [m].
     """
     at = ", ".join(f'"{1e3 * value + 0.0:.4g} mm"' for value in nearest)
-    return f'lies {1e3 * distance:.3g} mm outside "{component}"; nearest place of its surface: at = [{at}]'
+    text = f'lies {1e3 * distance:.3g} mm outside "{component}"; nearest place of its surface: at = [{at}]'
+    gap, name = min(
+        (
+            (0.0 if encloses(skin, place) else find_nearest_place(skin, place)[1], name)
+            for name, (skin, place) in others.items()
+        ),
+        default=(np.inf, ""),
+    )
+    if gap < distance:
+        text += f"; {name} is nearer ({1e3 * gap + 0.0:.3g} mm with all axes at zero)"
+    return text

@@ -55,14 +55,22 @@ def unmeshed_skin(solid: Solid, *, thinned: bool = True) -> Skin | None:
     return solid_skin(solid)
 
 
+def mesh_surface(mesh: ComponentMesh) -> Skin:
+    """Return all boundary triangles of a mesh, curved facets split through their mid-nodes."""
+    return _whole_skin(mesh.points, mesh.cells, mesh.kind, split=cell_order(mesh.kind) == 2)
+
+
 def _boundary_skin(all_points: FloatArray, cells: IntArray, kind: CellKind) -> Skin:
-    surface = extract_surface(cells, kind)
-    triangles, _ = surface_triangles(
-        surface, split=cell_order(kind) == 2 and len(surface.facets) <= SPLIT_BELOW
-    )
+    few = len(extract_surface(cells, kind).facets) <= SPLIT_BELOW
+    skin = _whole_skin(all_points, cells, kind, split=cell_order(kind) == 2 and few)
+    return thin_skin(skin, largest=LARGEST_SKIN)
+
+
+def _whole_skin(all_points: FloatArray, cells: IntArray, kind: CellKind, *, split: bool) -> Skin:
+    triangles, _ = surface_triangles(extract_surface(cells, kind), split=split)
     nodes, flat = np.unique(triangles, return_inverse=True)
     points, triangles = all_points[nodes], flat.reshape(-1, 3)
-    skin = Skin(
+    return Skin(
         points,
         triangles,
         sharp_edges(points, triangles),
@@ -70,7 +78,6 @@ def _boundary_skin(all_points: FloatArray, cells: IntArray, kind: CellKind) -> S
         nodes[:, None],
         np.ones((len(nodes), 1)),
     )
-    return thin_skin(skin, largest=LARGEST_SKIN)
 
 
 def thin_skin(skin: Skin, *, largest: int, pixel: float | None = None) -> Skin:

@@ -32,10 +32,12 @@ from headstock.pipeline.stages.run_state import (
     ReducedComponent,
     RunState,
     component_loads,
+    component_sensors,
 )
 from headstock.pipeline.storage.part_files import describe_solid
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
+from headstock.reduction.components.sensors import carry_masses
 from headstock.solvers.errors import ModelError
 
 SEGMENT_COUNTS = (4, 8, 16)
@@ -311,12 +313,12 @@ def _list_candidates(state: RunState, name: str) -> list[_Candidate]:
     loads = component_loads(state, part)
     properties = describe_solid(with_loaded_areas(part, loads), state.store, state.warn)
     candidates = []
+    sensors = component_sensors(state, part)
     for simple, seconds in _simpler(part):
         reduce = reduce_rigid if simple.fidelity == "rigid" else reduce_segmented
         try:
-            candidates.append(
-                _Candidate(simple, ReducedComponent(reduce(simple, properties, loads)), seconds)
-            )
+            element = carry_masses(reduce(simple, properties, loads, sensors), sensors)
+            candidates.append(_Candidate(simple, ReducedComponent(element), seconds))
         except ModelError:
             # a load or an interface that this model cannot have
             continue

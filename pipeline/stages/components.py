@@ -260,7 +260,10 @@ def _make_rigid(state: RunState, component: Component) -> str:
     loads = component_loads(state, component)
     described = with_loaded_areas(component, loads)
     superelement = reduce_rigid(
-        component, describe_solid(described, state.store, state.warn), loads
+        component,
+        describe_solid(described, state.store, state.warn),
+        loads,
+        component_sensors(state, component),
     )
     skin = _file_skin(state, component)
     state.reduced[component.name] = ReducedComponent(superelement, skin=skin)

@@ -10,7 +10,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, Frame, compose_frames
 from headstock.geometry.machine.machine import Sensor
 from headstock.geometry.parts.components import Component
-from headstock.geometry.parts.nearest_places import find_nearest_place
+from headstock.geometry.parts.nearest_places import describe_distance
 from headstock.geometry.parts.skins import solid_skin
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.stages.components import load_or_make_mesh
@@ -20,7 +20,6 @@ from headstock.reduction.components.sensors import (
     carry_masses,
     observe_mesh,
     observe_points,
-    observe_rigid,
 )
 from headstock.reduction.coupling.channels import place_rows
 from headstock.reduction.superelement import SensorRows, Superelement
@@ -48,7 +47,7 @@ def place_sensors(state: RunState, names: Iterable[str]) -> None:
         try:
             rows = _observe(state, component, element, missing)
         except SensorPlaceError as error:
-            raise _locate_place(state, state.scene.machine.sensors[error.sensor], error) from error
+            raise _locate_place(state, error) from error
         placed = dataclasses.replace(element, sensors=element.sensors | rows)
         state.reduced[name] = dataclasses.replace(
             reduced, superelement=carry_masses(placed, sensors)
@@ -90,39 +89,24 @@ def _observe(
 ) -> dict[str, SensorRows]:
     if not sensors:
         return {}
-    if component.fidelity == "rigid":
-        return observe_rigid(element, sensors)
     if isinstance(component.solid, SuperelementFile):
         return observe_points(element, sensors)
     mesh, _ = load_or_make_mesh(state, component)
     return observe_mesh(element, mesh, component.material, sensors)
 
 
-def _locate_place(state: RunState, sensor: Sensor, error: SensorPlaceError) -> SceneError:
+def _locate_place(state: RunState, error: SensorPlaceError) -> SceneError:
     """The error of a sensor with its place in the scene, and the component that is nearer."""
-    scene, message = state.scene, str(error)
-    other = _find_nearer(state, sensor, error.distance)
-    if other is not None:
-        name, distance = other
-        message += f"; {name} is nearer ({1e3 * distance:.3g} mm with all axes at zero)"
-    key = sensor_key(scene.raw.get("sensors", {}), sensor)
-    return SceneError([scene.findings.describe(key, f"{sensor.name} {message}")])
-
-
-def _find_nearer(state: RunState, sensor: Sensor, distance: float) -> tuple[str, float] | None:
-    """The component whose surface is nearest to a sensor, where that is not its own: its name and
-    distance [m].
-    """
-    components = state.scene.machine.components
+    scene, sensor, components = state.scene, error.sensor, state.scene.machine.components
     place = compose_frames(components[sensor.component].placement, Frame(np.array(sensor.position)))
-    nearest = (distance, "")
+    others = {}
     for name, component in components.items():
         skin = solid_skin(component.solid)
         if skin is None and name in state.reduced:
             skin = state.reduced[name].skin
-        if skin is None or name == sensor.component:
-            continue
-        frame = component.placement
-        local = frame.rotation.T @ (place.origin - frame.origin)
-        nearest = min(nearest, (find_nearest_place(skin.points, skin.triangles, local)[1], name))
-    return (nearest[1], nearest[0]) if nearest[1] else None
+        if skin is not None and name != sensor.component:
+            frame = component.placement
+            others[name] = skin, frame.rotation.T @ (place.origin - frame.origin)
+    text = describe_distance(sensor.component, error.nearest, error.distance, others)
+    key = sensor_key(scene.raw.get("sensors", {}), sensor)
+    return SceneError([scene.findings.describe(key, f"{sensor.name} {text}")])

@@ -124,7 +124,9 @@ def add_attachment_modes(
     whole = solver.solve(loads)
     flexibility = np.diagonal(solver.product(loads, whole))
     rest = whole - modes.shapes @ (observed / modes.eigenvalues).T
-    scale = 1.0 / np.sqrt(np.where(flexibility > 0.0, flexibility, np.inf))
+    # what acts on fixed points moves nothing but rounding
+    least = ATTACHMENT_SHARE / solver.operators.stiffness_scale
+    scale = 1.0 / np.sqrt(np.where(flexibility > least, flexibility, np.inf))
     stiffness = solver.product(rest, solver.forces(rest)) * scale * scale[:, None]
     shares, combinations = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
     kept = shares > ATTACHMENT_SHARE

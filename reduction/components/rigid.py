@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rigid_transfer
+from headstock.geometry.machine.machine import Sensor
 from headstock.geometry.parts.components import Component, Load
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.solids import PointMass
@@ -15,13 +16,16 @@ from headstock.reduction.rails import (
     control_point_positions,
     lay_out_rail,
 )
-from headstock.reduction.superelement import InterfaceMap, StaticLoad, Superelement
+from headstock.reduction.superelement import InterfaceMap, SensorRows, StaticLoad, Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.errors import ModelError
 
 
 def reduce_rigid(
-    component: Component, properties: SolidProperties, loads: Sequence[Load] = ()
+    component: Component,
+    properties: SolidProperties,
+    loads: Sequence[Load] = (),
+    sensors: Sequence[Sensor] = (),
 ) -> Superelement:
     """Return the superelement of a rigid body with one boundary node at its centre of mass.
 
@@ -31,6 +35,7 @@ def reduce_rigid(
         loads: Loads on this component: body loads and tractions become one unit load per component
             axis, ``NAME:x`` and so on; forces at interfaces need none; ``pressure`` needs a mesh
             and is refused.
+        sensors: On this component.
 
     Raises:
         ModelError: A mass property is not finite, the volume is not positive, or a load cannot act
@@ -68,6 +73,10 @@ def reduce_rigid(
             for name, unit in _unit_loads(load, component, properties, mass_kg).items()
         },
         rails=_rigid_rails(component, properties, center),
+        sensors={
+            sensor.name: SensorRows(rigid_transfer(center, np.array(sensor.position))[:3])
+            for sensor in sensors
+        },
     )
     check_superelement(superelement)
     return superelement

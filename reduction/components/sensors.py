@@ -10,12 +10,12 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray, rigid_transfer
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Sensor
 from headstock.geometry.parts.components import Material
 from headstock.geometry.parts.nearest_places import describe_distance, find_nearest_place
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
-from headstock.meshing.elements.surface import extract_surface, surface_triangles
+from headstock.meshing.components.skins import mesh_surface
 from headstock.reduction.superelement import SensorRows, StaticLoad, Superelement
 from headstock.solvers.elastic.stress_recovery import find_point_rows
 from headstock.solvers.errors import ModelError
@@ -28,14 +28,16 @@ class SensorPlaceError(ModelError):
     """A sensor that does not lie on its component.
 
     Attributes:
-        sensor: Its name.
-        distance: From the nearest place of the component [m].
+        nearest: ``(3,)`` place of the component's surface, in its frame [m].
+        distance: To it [m].
     """
 
     def __init__(self, sensor: Sensor, nearest: FloatArray, distance: float) -> None:
-        """Say where the sensor should be: ``nearest (3,)`` in the component frame [m]."""
-        self.sensor, self.distance = sensor.name, distance
-        super().__init__(describe_distance(sensor.component, nearest, distance))
+        """Say how far off it is."""
+        self.sensor, self.nearest, self.distance = sensor, nearest, distance
+        super().__init__(
+            f"{sensor.name} {describe_distance(sensor.component, nearest, distance, {})}"
+        )
 
 
 def observe_mesh(
@@ -68,8 +70,7 @@ def _find_shares(
     try:
         found = find_point_rows(mesh, material, place)
     except ModelError:
-        triangles, _ = surface_triangles(extract_surface(mesh.cells, mesh.kind), split=True)
-        nearest, distance = find_nearest_place(mesh.points, triangles, place)
+        nearest, distance = find_nearest_place(mesh_surface(mesh), place)
         if distance > sensor.reach:
             raise SensorPlaceError(sensor, nearest, distance) from None
         found = find_point_rows(mesh, material, nearest, slack=FACET_SLACK)
@@ -119,13 +120,9 @@ def observe_points(element: Superelement, sensors: Iterable[Sensor]) -> dict[str
     return rows
 
 
-def observe_rigid(element: Superelement, sensors: Iterable[Sensor]) -> dict[str, SensorRows]:
-    """Return the motion at sensors on a rigid body, exactly."""
-    center = element.frames[0].origin
-    return {
-        sensor.name: SensorRows(rigid_transfer(center, np.array(sensor.position))[:3])
-        for sensor in sensors
-    }
+def drop_masses(element: Superelement, sensors: Sequence[Sensor]) -> Superelement:
+    """Return a superelement that carries the masses of no sensor; see ``carry_masses``."""
+    return carry_masses(element, [dataclasses.replace(one, mass=0.0) for one in sensors])
 
 
 def carry_masses(element: Superelement, sensors: Sequence[Sensor]) -> Superelement:

@@ -17,8 +17,8 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray, rotate_dofs
 from headstock.geometry.machine.joints import JointEnd
-from headstock.geometry.machine.machine import Machine
-from headstock.reduction.coupling.channels import point_rows
+from headstock.geometry.machine.machine import Machine, Sensor
+from headstock.reduction.coupling.channels import point_rows, sensor_rows
 from headstock.reduction.coupling.coupling import CoupledMachine, sum_rayleigh
 from headstock.reduction.coupling.dof_layout import (
     DofLayout,
@@ -53,8 +53,9 @@ class StackedPieces:
         rows: By joint, ``(6 + m, n_all)`` relative motion in joint axes.
         constraints: By what holds (``component a``, ``joint b``), rows ``(m, n_all)`` that must
             vanish.
-        observers: By point, interface (``component.interface``) or component (its mean rigid motion
-            at the centre of mass), rows ``(6, n_all)`` of the motion there in machine axes.
+        observers: By point, sensor, interface (``component.interface``) or component (its mean
+            rigid motion at the centre of mass), rows ``(6, n_all)`` of the motion there in machine
+            axes, of a sensor along what it measures.
     """
 
     bodies: dict[Term, dict[str, FloatArray]]
@@ -153,18 +154,30 @@ def difference_pieces(pairs: Sequence[tuple[StackedPieces, StackedPieces, float]
 
 
 def _observer_rows(layout: DofLayout, machine: Machine, name: str) -> FloatArray:
-    """Return the rows ``(6, n_all)`` of the motion of a point, an interface or a component.
+    """Return the rows ``(6, n_all)`` of the motion of a point, a sensor, an interface or a component.
 
     Raises:
         ModelError: There is nothing of that name.
     """
     if name in machine.points:
         return point_rows(layout, machine.points[name])
+    if name in machine.sensors:
+        return _sensor_rows(layout, machine.sensors[name])
     if name in layout.superelements:
         return _mean_motion_rows(layout, name)
     component, _, interface = name.partition(".")
     end = JointEnd(component, interface)
     return motion_rows(layout, end, locate_interface(layout, end))
+
+
+def _sensor_rows(layout: DofLayout, sensor: Sensor) -> FloatArray:
+    """Return the rows of what a sensor measures; zero for what it does not."""
+    rows, name = np.zeros((6, layout.size)), sensor.component
+    measured = ["xyz".index(dof) for dof in sensor.directions]
+    rows[measured, layout.offsets[name]] = sensor_rows(
+        layout.superelements[name], layout.placements[name], sensor
+    )
+    return rows
 
 
 def _component_constraints(layout: DofLayout, name: str) -> FloatArray:

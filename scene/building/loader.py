@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from headstock.geometry.machine.joints import Joint
-from headstock.geometry.machine.machine import Machine, Probe, Sensor, orient_machine
+from headstock.geometry.machine.machine import Machine, Probe, orient_machine
 from headstock.geometry.parts.components import Component
 from headstock.scene.building import (
     axes,
@@ -244,12 +244,11 @@ def _build_scene(draft: Draft, path: Path, variant: str | None) -> Scene:
             for record in list_records(requested)
         )
     )
+    loaded = [place for request in every.requests for place in request.loaded_places]
     return Scene(
         name=name,
         path=path,
-        machine=_build_machine(
-            table, name, path.parent, sensors.mark_loaded(draft.sensors, every.requests)
-        ),
+        machine=sensors.load_places(_build_machine(draft, name, path.parent), loaded),
         poses=axes.build_poses(table),
         analyses=every.drop(draft.findings.on_request),
         on_request=every.keep(draft.findings.on_request),
@@ -290,19 +289,17 @@ def _compares_interfaces(table: SceneTable) -> bool:
     return any(interface.auto for part in parts for interface in part.interfaces.values())
 
 
-def _build_machine(
-    scene: SceneTable, name: str, folder: Path, placed: dict[str, Sensor]
-) -> Machine:
+def _build_machine(draft: Draft, name: str, folder: Path) -> Machine:
     """Build the machine of a scene that has passed every check.
 
     Args:
-        scene: Validated and checked tables.
+        draft: Validated and checked tables.
         folder: Folder of the scene, for the files it refers to.
-        placed: Its sensors and point masses by name.
 
     Returns:
         The machine, set up in the orientation the scene asks for.
     """
+    scene = draft.table
     parts = _build_components(scene, folder)
     links = _build_joints(scene, parts)
     supports = {
@@ -332,7 +329,7 @@ def _build_machine(
             key: Probe(key, table.component, (table.at[0], table.at[1], table.at[2]))
             for key, table in scene.probes.items()
         },
-        sensors=placed,
+        sensors=dict(draft.sensors),
         gravity=read_gravity(scene.effects.get("gravity", True)),
         gravity_stiffening=GRAVITY_STIFFENING in scene.active,
         rayleigh=read_rayleigh_damping(scene.effects.get("damping", False)),

@@ -7,18 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray, Frame
-from headstock.geometry.machine.machine import Sensor
+from headstock.geometry.machine.machine import Machine, Sensor
 from headstock.geometry.parts.nearest_places import describe_distance, find_nearest_place
 from headstock.geometry.parts.patches import PlanarSolid, planar_boxes
 from headstock.geometry.parts.skins import solid_skin
-from headstock.geometry.parts.solids import Solid, Tube
+from headstock.geometry.parts.solids import Tube
 from headstock.meshing.process.strangers import TEST_POINTS
 from headstock.scene.building.components import build_frame
 from headstock.scene.building.draft import Draft
 from headstock.scene.reading.csv_files import CsvError
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.reading.findings import Findings, KeyPath
-from headstock.scene.scene import Request
 from headstock.scene.schema import types
 from headstock.scene.schema.components import ComponentTable
 from headstock.scene.schema.scene import SceneTable
@@ -135,8 +134,8 @@ def check_sensors(draft: Draft) -> None:
     for sensor in draft.sensors.values():
         key = sensor_key(draft.table.sensors, sensor)
         draft.check_name((*key, "component"), sensor.component, "components")
-        if fault := _find_place_fault(sensor, draft.solids.get(sensor.component)):
-            draft.add(key, fault)
+        if fault := _find_place_fault(sensor, draft):
+            draft.add(key, f"{sensor.name} {fault}")
     for name in {**draft.table.sensors, **draft.table.masses}:
         section = "sensors" if name in draft.table.sensors else "masses"
         for other in ("points", "probes", "loads", "components", "sensors"):
@@ -147,18 +146,29 @@ def check_sensors(draft: Draft) -> None:
                 )
 
 
-def _find_place_fault(sensor: Sensor, solid: Solid | None) -> str:
+def _find_place_fault(sensor: Sensor, draft: Draft) -> str:
     """Why a sensor does not lie on a solid; empty where it does, and where only a file knows."""
-    if not isinstance(solid, PlanarSolid | Tube):
+    solid, place = draft.solids.get(sensor.component), np.array(sensor.position)
+    if not isinstance(solid, PlanarSolid | Tube) or _lies_inside(place, solid):
         return ""
-    place = np.array(sensor.position)
-    skin = solid_skin(solid)
-    if skin is None or _lies_inside(place, solid):
+    skins = {name: solid_skin(other) for name, other in draft.solids.items()}
+    skin = skins.pop(sensor.component)
+    if skin is None:
         return ""
-    nearest, distance = find_nearest_place(skin.points, skin.triangles, place)
-    return (
-        "" if distance <= sensor.reach else describe_distance(sensor.component, nearest, distance)
-    )
+    nearest, distance = find_nearest_place(skin, place)
+    if distance <= sensor.reach:
+        return ""
+    frames = {
+        name: build_frame(part.at, part.rotate) for name, part in draft.table.components.items()
+    }
+    own = frames[sensor.component]
+    place = own.origin + own.rotation @ place
+    others = {
+        name: (other, frames[name].rotation.T @ (place - frames[name].origin))
+        for name, other in skins.items()
+        if other is not None and name in frames
+    }
+    return describe_distance(sensor.component, nearest, distance, others)
 
 
 def _lies_inside(place: FloatArray, solid: PlanarSolid | Tube) -> bool:
@@ -179,13 +189,18 @@ def _lies_inside(place: FloatArray, solid: PlanarSolid | Tube) -> bool:
     )
 
 
-def mark_loaded(sensors: Mapping[str, Sensor], requests: Iterable[Request]) -> dict[str, Sensor]:
-    """Return the sensors, with those marked at which an analysis lets a force act."""
-    loaded = {name for request in requests for name in request.loaded_places}
-    return {
-        name: dataclasses.replace(sensor, is_loaded=sensor.is_loaded or name in loaded)
-        for name, sensor in sensors.items()
+def load_places(machine: Machine, names: Iterable[str]) -> Machine:
+    """Return the machine with those of its sensors marked at which forces act.
+
+    Args:
+        names: Of sensors, among others.
+    """
+    loaded = {
+        name: dataclasses.replace(machine.sensors[name], is_loaded=True)
+        for name in names
+        if name in machine.sensors
     }
+    return dataclasses.replace(machine, sensors=machine.sensors | loaded)
 
 
 def sensor_key(sensors: Mapping[str, object], sensor: Sensor) -> KeyPath:

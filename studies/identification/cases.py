@@ -398,6 +398,8 @@ def _owners(state: CaseState, observer: str) -> set[str]:
     if observer in machine.points:
         point = machine.points[observer]
         return {end.component for end in (point.tool, point.work) if end.component is not None}
+    if observer in machine.sensors:
+        return {machine.sensors[observer].component}
     return {observer.partition(".")[0]}
 
 

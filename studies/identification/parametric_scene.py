@@ -28,7 +28,7 @@ from headstock.meshing.components.meshing import describe_component
 from headstock.reduction.components.polynomial import reduce_polynomial
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
-from headstock.reduction.components.sensors import carry_masses, observe_rigid
+from headstock.reduction.components.sensors import carry_masses, drop_masses
 from headstock.reduction.requests import ReductionRequest, mode_target
 from headstock.reduction.scaled_material import scale_material
 from headstock.reduction.superelement import Superelement
@@ -190,7 +190,10 @@ class _ParametricShape:
                 if fault := find_patch_fault(patch, solid):
                     raise ValueError(f"interfaces.{key}: {fault}")
         if component.fidelity == "elastic":
-            settings = ReductionSettings(modes=self.superelement.modal_count)
+            known = self.superelement
+            # without those of forces at sensors, which lie beyond and come anyway
+            count = int((known.modal_frequencies_hz < known.cutoff_hz).sum())
+            settings = ReductionSettings(modes=count)
             made = self.reduce(dataclasses.replace(component, reduction=settings))
             return component, _match_modal_dofs(self.superelement, made)
         loads, sensors = self._loads(), self._sensors()
@@ -198,11 +201,9 @@ class _ParametricShape:
         if component.fidelity == "polynomial":
             request = ReductionRequest(modes=mode_target(component))
             reduced = reduce_polynomial(component, properties, loads, sensors, request=request)
-        elif component.fidelity == "segmented":
-            reduced = reduce_segmented(component, properties, loads, sensors)
         else:
-            reduced = reduce_rigid(component, properties, loads)
-            reduced = dataclasses.replace(reduced, sensors=observe_rigid(reduced, sensors))
+            reduce = reduce_rigid if component.fidelity == "rigid" else reduce_segmented
+            reduced = reduce(component, properties, loads, sensors)
         return component, carry_masses(reduced, sensors)
 
     def _rescale(self, before: Component, after: Component) -> Superelement:
@@ -216,9 +217,7 @@ class _ParametricShape:
         if stiffer == 1.0 and heavier == 1.0:
             return self.superelement
         sensors = self._sensors()
-        bare = carry_masses(
-            self.superelement, [dataclasses.replace(one, mass=0.0) for one in sensors]
-        )
+        bare = drop_masses(self.superelement, sensors)
         bodies = [load.name for load in self._loads() if load.kind == "body"]
         # what is seen at probes takes no part in a fit
         bare = dataclasses.replace(bare, probes={})
@@ -490,6 +489,10 @@ def _match_modal_dofs(before: Superelement, after: Superelement) -> Superelement
         damping=None if after.damping is None else turn @ after.damping @ turn.T,
         constraints=after.constraints @ turn.T,
         recovery=None,
+        sensors={
+            name: dataclasses.replace(rows, motion=rows.motion @ turn.T)
+            for name, rows in after.sensors.items()
+        },
         modal_frequencies_hz=after.modal_frequencies_hz[order],
     )
 

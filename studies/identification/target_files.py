@@ -12,7 +12,9 @@ import numpy as np
 from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.numbers.numbers import Key, parse_key
 from headstock.reduction.coupling.slopes import ObservedDof
+from headstock.scene.building.draft import describe_unmeasured
 from headstock.scene.building.loader import load_scene
+from headstock.scene.building.sensors import load_places
 from headstock.scene.expansion.overrides import split_variant
 from headstock.scene.reading.files import read_scene, resolve_file
 from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
@@ -128,9 +130,9 @@ def _read_compliances(
     """Yield the targets of compliances."""
     for index, entry in enumerate(table.compliances or ()):
         key: KeyPath = ("cases", case, "compliances", index)
-        _check_place((*key, "point"), entry.point, scene, findings)
-        if entry.force_at is not None:
-            _check_place((*key, "force_at"), entry.force_at, scene, findings)
+        _check_place((*key, "point"), entry.point, scene, findings, entry.motion)
+        force = (*key, "point" if entry.force_at is None else "force_at")
+        _check_place(force, entry.force_at or entry.point, scene, findings, entry.force)
         yield ComplianceTarget(
             name=f"{case} {entry.point} d{entry.motion}/F{entry.force}"
             + (f" at {entry.force_at}" if entry.force_at else ""),
@@ -149,9 +151,9 @@ def _read_responses(
     """Yield the targets of frequency responses."""
     for index, entry in enumerate(table.responses or ()):
         key: KeyPath = ("cases", case, "responses", index)
-        _check_place((*key, "point"), entry.point, scene, findings)
-        if entry.force_at is not None:
-            _check_place((*key, "force_at"), entry.force_at, scene, findings)
+        _check_place((*key, "point"), entry.point, scene, findings, entry.motion)
+        force = (*key, "point" if entry.force_at is None else "force_at")
+        _check_place(force, entry.force_at or entry.point, scene, findings, entry.force)
         yield ResponseTarget(
             name=f"{case} {entry.point} {entry.motion}/F{entry.force}"
             + (f" at {entry.force_at}" if entry.force_at else ""),
@@ -184,7 +186,7 @@ def _read_numbers(
             yield ModeTarget(name, measured.value, spread, hold_out=hold_out, number=mode)
             continue
         point, direction = str(key["point"]), str(key["direction"])
-        _check_place(path, point, scene, findings)
+        _check_place(path, point, scene, findings, direction)
         motion, force = (ObservedDof(point, "xyz".index(direction[end])) for end in (0, -1))
         yield ComplianceTarget(name, motion, force, measured.value, spread, hold_out=hold_out)
 
@@ -286,8 +288,9 @@ def _fill_shape(mode: ModeTarget, scene: Scene) -> ModeTarget:
 
 
 def _check_shape(key: KeyPath, table: ModeTargetTable, scene: Scene, findings: Findings) -> None:
-    for observer in table.vectors or ():
-        _check_place((*key, "vectors", observer), observer, scene, findings)
+    for observer, vector in (table.vectors or {}).items():
+        given = [dof for dof, value in zip("xyz", vector, strict=True) if value is not None]
+        _check_place((*key, "vectors", observer), observer, scene, findings, "".join(given))
     if table.vectors is not None and not any(any(vector) for vector in table.vectors.values()):
         findings.add((*key, "vectors"), "every vector is zero; give the motions that were measured")
     bodies = [
@@ -305,15 +308,24 @@ def _check_shape(key: KeyPath, table: ModeTargetTable, scene: Scene, findings: F
             )
 
 
-def _check_place(key: KeyPath, place: str, scene: Scene, findings: Findings) -> None:
+def _check_place(
+    key: KeyPath, place: str, scene: Scene, findings: Findings, directions: str
+) -> None:
+    """Report a place that there is not, and a direction that a sensor there does not measure."""
     machine = scene.machine
     component, _, interface = place.partition(".")
     if place in machine.points or (
         component in machine.components and interface in machine.components[component].interfaces
     ):
         return
+    sensor = machine.sensors.get(place)
+    if sensor is not None and sensor.directions:
+        for direction in set(directions) & set("xyz") - sensor.directions.keys():
+            findings.add(key, describe_unmeasured(sensor, direction))
+        return
     observers = [
         *machine.points,
+        *(name for name, sensor in machine.sensors.items() if sensor.directions),
         *(
             f"{name}.{other}"
             for name, item in machine.components.items()
@@ -322,7 +334,7 @@ def _check_place(key: KeyPath, place: str, scene: Scene, findings: Findings) -> 
     ]
     findings.add(
         key,
-        f"unknown point {place[:80]!r}; {suggest_names(place, observers, what='points and interfaces')}",
+        f"unknown point {place[:80]!r}; {suggest_names(place, observers, what='points, sensors and interfaces')}",
     )
 
 
@@ -385,10 +397,16 @@ def load_targets(
     parameters = read_parameters(table, [*scenes.values()] or [written], findings)
     _check_amount(cases, parameters, findings)
     findings.raise_if_any()
+    targets = [target for case in cases for target in (*case.compliances, *case.responses)]
+    forces = {target.force.observer for target in targets}
+    loaded = {
+        key: dataclasses.replace(one, machine=load_places(one.machine, forces))
+        for key, one in scenes.items()
+    }
     settings = table.fit if starts is None else table.fit.model_copy(update={"starts": starts})
     return LoadedTask(
         IdentificationTask(table.name or path.stem, tuple(cases), parameters, settings),
-        scenes,
+        loaded,
         findings,
     )
 

@@ -1,0 +1,253 @@
+"""Sensors and point masses anywhere on a part: rows of the recovery basis, no degrees of freedom."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+from numpy.typing import NDArray
+
+import headstock as hs
+from cases import cases
+from common import Shell, approx, run_once
+from fixture_machines import stored_scene, write_scene
+
+SCENE = stored_scene("sensors")
+INPUTS, OUTPUTS = (
+    next(line for line in SCENE.splitlines() if line.startswith(key))
+    for key in ("inputs", "outputs")
+)
+QUIET = (INPUTS, 'inputs = [["tcp", "x"]]')  # no force at a sensor
+FULL = ('"9 kHz"', '"80 kHz"')
+BARE = (
+    (SCENE[: SCENE.index("[sensors.top]")] + SCENE[SCENE.index("[effects]") :])
+    .replace(*QUIET)
+    .replace(OUTPUTS, 'outputs = ["tcp", "corner"]')
+)
+
+
+def receptance(results: hs.Results, output: str, force: str) -> NDArray[np.complex128]:
+    """Of channels such as ``"tcp x"``, at every line."""
+    curves = results.frf["reference"].curves
+    row = [" ".join(channel) for channel in curves.outputs].index(output)
+    column = [" ".join(channel) for channel in curves.inputs].index(force)
+    return curves.receptance[:, row, column]
+
+
+def rows_of(results: hs.Results, sensor: str) -> list[str]:
+    return [dof for name, dof in results.frf["reference"].curves.outputs if name == sensor]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> hs.Results:
+    return hs.open(run_once(tmp_path_factory.mktemp("sensors"), SCENE))
+
+
+def frequencies(results: hs.Results) -> NDArray[np.float64]:
+    return results.modes["reference"].frequencies_hz
+
+
+@pytest.mark.parametrize("direction", ["x", "y", "z"])
+@pytest.mark.parametrize(("sensor", "point"), [("top", "tcp"), ("corner_of_head", "corner")])
+def test_a_sensor_on_rigid_areas_is_exact(
+    results: hs.Results, sensor: str, point: str, direction: str
+) -> None:
+    expected = receptance(results, f"{point} {direction}", "tcp x")
+    largest = abs(receptance(results, f"{point} x", "tcp x")).max()
+    found = receptance(results, f"{sensor} {direction}", "tcp x")
+    assert found == approx(expected, rel=1e-9, abs=1e-9 * largest)
+
+
+def test_a_sensor_on_a_segmented_body_moves_with_its_section(results: hs.Results) -> None:
+    # a vector takes the first letter that is left
+    assert rows_of(results, "end") == ["x", "y"]
+    expected = receptance(results, "column.top x", "tcp x")
+    assert receptance(results, "end x", "tcp x") == approx(expected, rel=1e-9)
+
+
+def test_what_was_not_measured_is_left_out(results: hs.Results) -> None:
+    assert rows_of(results, "side") == ["x", "z"]
+
+
+def test_forces_at_a_sensor_are_reciprocal(results: hs.Results) -> None:
+    expected = receptance(results, "tcp x", "side x")
+    assert receptance(results, "side x", "tcp x") == approx(expected, rel=1e-9)
+
+
+def test_modes_have_the_motion_of_sensors(results: hs.Results) -> None:
+    modes = results.modes["reference"]
+    assert modes.sensors == ("top", "side", "corner_of_head", "end")
+    assert modes.sensor_shapes is not None
+    assert modes.sensor_shapes.shape == (5, 4, 3)
+
+
+def test_a_force_at_a_sensor_is_as_exact_as_one_at_an_interface(
+    results: hs.Results, tmp_path: Path
+) -> None:
+    full = hs.run(write_scene(tmp_path, SCENE, FULL))
+    found, expected = (receptance(one, "side x", "side x") for one in (results, full))
+    errors = abs(found / expected - 1.0)
+    assert errors[0] < 1e-9  # at rest
+    assert np.median(errors) < 2e-4
+    assert abs(found - expected).max() < 1e-3 * abs(expected).max()
+
+
+def test_sensors_change_no_frequency_and_add_no_dofs(tmp_path: Path) -> None:
+    measured = hs.run(write_scene(tmp_path, SCENE, QUIET))
+    plain = hs.run(write_scene(tmp_path, BARE, name="bare"))
+    assert frequencies(measured) == approx(frequencies(plain), rel=1e-10)
+    assert measured.modes["reference"].shapes.shape == plain.modes["reference"].shapes.shape
+
+
+def test_a_sensor_that_moves_reduces_nothing_again(shell: Shell) -> None:
+    shell.write(SCENE, QUIET)
+    shell("run scene.toml -o first --no-figures")
+    shell.write(SCENE, QUIET, ('"10 mm", "70 mm"', '"12 mm", "80 mm"'), ("count = 5", "count = 4"))
+    shell("run scene.toml -o second --no-figures")
+    rows = shell.rows("second/tables/stages.csv")
+    assert [row["from the store"] for row in rows if row["stage"] == "reduce"] == ["True"]
+
+
+def test_point_masses_weigh_as_bodies_do(tmp_path: Path) -> None:
+    """At a rigid interface a point mass is exactly what a body joined there is."""
+    at = 'component = "beam"\nat = ["0 mm", "0 mm", "200 mm"]\nmass = "2 kg"\n'
+    placed = hs.run(write_scene(tmp_path, BARE + f"[masses.more]\n{at}"))
+    body = (
+        '[components.more]\nsolid = { point_mass = "2 kg" }\nat = ["0 mm", "0 mm", "500 mm"]\n'
+        '[joints.glue]\nkind = "rigid"\nbetween = ["beam.top", "more.center"]\n'
+    )
+    joined = hs.run(write_scene(tmp_path, BARE + body))
+    sensed = hs.run(write_scene(tmp_path, BARE + f"[sensors.more]\n{at}"))
+    assert frequencies(placed) == approx(frequencies(joined), rel=1e-9)
+    assert frequencies(sensed) == approx(frequencies(joined), rel=1e-9)
+
+
+def test_a_mass_away_from_interfaces_needs_no_more_modes(tmp_path: Path) -> None:
+    mass = '[masses.more]\ncomponent = "beam"\nat = ["30 mm", "0 mm", "100 mm"]\nmass = "2 kg"\n'
+    few = hs.run(write_scene(tmp_path, BARE + mass))
+    many = hs.run(write_scene(tmp_path, BARE + mass, FULL))
+    assert frequencies(few) == approx(frequencies(many), rel=1e-3)
+
+
+def test_a_table_is_many_sensors(tmp_path: Path) -> None:
+    """Positions of several parts in one file, in axes of the machine."""
+    (tmp_path / "points.csv").write_text(
+        "sensor,part,x [mm],y [mm],z [m],direction,mass [g]\n"
+        "1,beam,0,0,0.5,xz,5\n7,head,30,40,0.54,y,5\nB-2,column,0,0,0.3,0 1 1,5\n"
+    )
+    grid = '[sensors.grid]\nfile = "points.csv"\nframe = "machine"\n'
+    many = ('outputs = ["tcp"', 'outputs = ["grid", ["grid.7", "y"], "tcp"')
+    results = hs.run(write_scene(tmp_path, BARE + grid, many))
+    measured = {place: rows_of(results, place) for place in ("grid.1", "grid.7", "grid.B-2")}
+    assert measured == {"grid.1": ["x", "z"], "grid.7": ["y"], "grid.B-2": ["x"]}
+    expected = receptance(results, "tcp x", "tcp x")
+    assert receptance(results, "grid.1 x", "tcp x") == approx(expected, rel=1e-9)
+
+
+def test_point_masses_come_from_a_table_too(tmp_path: Path) -> None:
+    (tmp_path / "weights.csv").write_text("part,x [mm],y [mm],z [mm],mass [kg]\nbeam,0,0,200,2\n")
+    table = hs.run(write_scene(tmp_path, BARE + '[masses.weights]\nfile = "weights.csv"\n'))
+    single = hs.run(
+        write_scene(
+            tmp_path,
+            BARE
+            + '[masses.one]\ncomponent = "beam"\nat = ["0 mm", "0 mm", "200 mm"]\nmass = "2 kg"\n',
+        )
+    )
+    assert frequencies(table) == approx(frequencies(single), rel=1e-12)
+
+
+def test_transients_and_state_spaces_have_sensors(shell: Shell) -> None:
+    shell.write(
+        SCENE,
+        (
+            "[effects]",
+            '[analyses.transient]\noutputs = [["side", "x"]]\nduration = "20 ms"\nup_to = "700 Hz"\n'
+            '[analyses.transient.loads.hammer]\nshape = "half_sine"\nat = ["side", "x"]\n'
+            'size = "100 N"\ntime = "2 ms"\n[effects]',
+        ),
+    )
+    shell("run scene.toml -o out --no-figures")
+    head = shell.rows("out/tables/transient_reference.csv")[0]
+    assert any(key.startswith("side x") for key in head)
+    shell('export scene.toml --state-space "700 Hz" -o model.mat')
+    content = scipy.io.loadmat(shell.folder / "model.mat")
+    assert "side x" in {name.item() for name in np.ravel(content["outputs"])}
+
+
+@cases
+def test_refused_sensors(
+    shell: Shell, section: str, entry: str, files: dict[str, str], message: str
+) -> None:
+    for name, text in files.items():
+        (shell.folder / name).write_text(text)
+    shell.write(BARE + f"[{section}]\n{entry}\n")
+    error = shell.refuses("check scene.toml")
+    assert message in error
+    assert re.search(rf"scene.toml:\d+: {section}", error)
+
+
+def test_a_direction_that_was_not_measured_is_refused(shell: Shell) -> None:
+    shell.write(SCENE, ('["side", "x"]]', '["side", "y"]]'))
+    error = shell.refuses("check scene.toml")
+    assert 'sensor "side" measured x and z only; y was not: write one of x, z' in error
+
+
+def test_a_sensor_beside_its_mesh_says_where_it_should_be(shell: Shell) -> None:
+    """Only a mesh knows where a part from a file is."""
+    shell.write(BARE)
+    shell("export scene.toml beam --mesh beam.msh")
+    shell.write(
+        BARE + '[sensors.s7]\ncomponent = "beam"\nat = ["42.3 mm", "0 mm", "100 mm"]\n',
+        (
+            'solid = { box = ["60 mm", "40 mm", "200 mm"] }\nmaterial = "steel"\nfidelity = "elastic"\n'
+            'mesh = { size = "20 mm", cells = "hex" }',
+            'solid = { mesh = "beam.msh", unit = "1 m" }\nmaterial = "steel"\nfidelity = "elastic"',
+        ),
+        (
+            'interfaces = { foot = { face = "z-" }, top = { face = "z+" } }\n[components.head]',
+            'interfaces = { foot = { face = "set:foot" }, top = { face = "set:top" } }\n[components.head]',
+        ),
+    )
+    error = shell.refuses("run scene.toml -o out --no-figures")
+    assert 'lies 12.3 mm outside "beam"; nearest place of its surface: at = ["30 mm", ' in error
+    assert "scene.toml:" in error
+
+
+def test_identification_takes_sensors(shell: Shell) -> None:
+    """A stiffness is found again from the shape and a compliance at sensors."""
+    soft = (
+        'between = ["column.foot", "ground"]\nkind = "rigid"',
+        'between = ["column.foot", "ground"]\nkind = "spring"\nstiffness = { x = "20 N/um", y = "30 N/um", z = "90 N/um", '
+        'rx = "1 MN m/rad", ry = "1 MN m/rad", rz = "1 MN m/rad" }',
+    )
+    scene = shell.write(SCENE, soft)
+    truth = hs.run(scene)
+    modes = truth.modes["reference"]
+    assert modes.sensor_shapes is not None
+    moved = modes.sensor_shapes[1, 1]
+    static = receptance(truth, "side x", "side x")[0].real
+    shell.write(
+        f"""
+[cases.measured]
+[[cases.measured.modes]]
+frequency = "{modes.frequencies_hz[0]:.12g} Hz"
+[[cases.measured.modes]]
+frequency = "{modes.frequencies_hz[1]:.12g} Hz"
+vectors = {{ side = [{moved[0]:.12g}, "-", {moved[2]:.12g}] }}
+[[cases.measured.compliances]]
+point = "side"
+motion = "x"
+force = "x"
+value = "{1e9 * static:.12g} um/kN"
+[parameters.foot]
+keys = ["joints.floor.stiffness.x"]
+bounds = ["5 N/um", "60 N/um"]
+""",
+        name="targets",
+    )
+    shell("identify scene.toml targets.toml -o fit")
+    found = shell.json("fit/identification.json")["parameters"]
+    assert found["foot"]["value"] == approx(20.0, rel=1e-6)
+    assert found["foot"]["data_share"] > 0.9
