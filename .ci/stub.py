@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.machine import Noun
-from headstock.scene.schema import axes, components, joints, loads
+from headstock.scene.schema import axes, components, joints, loads, sensors
 from headstock.values import Quantity"""
 ALIASES = """
 type _Table = Noun | Mapping[str, object]

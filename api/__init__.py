@@ -21,7 +21,7 @@ _HOMES = {  # module to its public names
     "headstock.machine": ("Machine",),
     "headstock.nouns": (
         *("Axis", "Box", "Column", "Component", "Interface", "Joint", "Load", "Material"),
-        *("Plate", "Point", "Support", "Tube"),
+        *("Plate", "Point", "Sensor", "Support", "Tube"),
     ),
     "headstock.geometry.errors": ("HeadstockError",),
     "headstock.pipeline.results.results": ("Results",),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.machine import Noun
-from headstock.scene.schema import axes, components, joints, loads
+from headstock.scene.schema import axes, components, joints, loads, sensors
 from headstock.values import Quantity
 from headstock.geometry.errors import HeadstockError as HeadstockError
 from headstock.loading import load as load
@@ -165,6 +165,20 @@ class Point(Noun, schema=axes.PointTable):
         tool: str,
         work: str,
         offset: _Numbers | None = ...,
+    ) -> None: ...
+
+class Sensor(Noun, schema=sensors.SensorTable):
+    def __init__(
+        self, *,
+        component: str | None = ...,
+        at: _Numbers | None = ...,
+        file: str | None = ...,
+        unit: str | None = ...,
+        frame: Literal['machine', 'component'] | None = ...,
+        reach: Quantity | None = ...,
+        mass: Quantity | None = ...,
+        directions: Sequence[Literal['x', 'y', 'z'] | _Numbers] | None = ...,
+        axes: Literal['machine', 'component'] | None = ...,
     ) -> None: ...
 
 class Support(Noun, schema=loads.SupportTable):

@@ -13,6 +13,7 @@ from headstock.scene.schema.components import (
 )
 from headstock.scene.schema.joints import JointTable
 from headstock.scene.schema.loads import LoadTable, SupportTable
+from headstock.scene.schema.sensors import SensorTable
 from headstock.values import Quantity
 
 
@@ -71,3 +72,7 @@ class Support(Noun, schema=SupportTable):
 
 class Load(Noun, schema=LoadTable):
     """A static load: force, traction, pressure or acceleration."""
+
+
+class Sensor(Noun, schema=SensorTable):
+    """A place on a component where motion is measured or a force acts, or a table of them."""

@@ -38,6 +38,9 @@ def check_command(options: CheckOptions) -> int:
     console = make_console()
     parts = [counted(len(machine.components), "component"), counted(len(machine.joints), "joint")]
     parts += [counted(len(machine.axes), "axis", "axes"), counted(len(machine.points), "point")]
+    measuring = [bool(sensor.directions) for sensor in machine.sensors.values()]
+    parts += [counted(measuring.count(True), "sensor")] * any(measuring)
+    parts += [counted(measuring.count(False), "point mass", "point masses")] * (False in measuring)
     console.print(f"{options.scene}: ok: {scene.name}: {', '.join(parts)}", markup=False)
     print_remarks(warnings)
     print_assumptions(scene.assumptions)

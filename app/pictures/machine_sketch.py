@@ -19,7 +19,7 @@ from headstock.geometry.parts.patches import (
     patch_rects,
 )
 from headstock.pipeline.preview.rigid_view import SupportView
-from headstock.pipeline.results.views import JointView, MachineView, PointView, PoseView
+from headstock.pipeline.results.views import JointView, MachineView, PointView, PoseView, SensorView
 
 # kinds that move or hold along an axis: the columns of their frame that it is
 AXIS_COLUMNS = {
@@ -33,6 +33,8 @@ AXIS_COLUMNS = {
 }
 RIGID, SPRING, FREE = (0.39, 0.45, 0.55), (0.85, 0.47, 0.02), (0.49, 0.23, 0.93)
 MOUNT, WORK, SUPPORT = (0.10, 0.55, 0.27), (0.10, 0.35, 0.80), (0.20, 0.20, 0.20)
+SENSOR, MASS = (0.80, 0.25, 0.60), (0.30, 0.30, 0.30)
+MOST_NAMED = 20  # sensors; more names would hide the machine
 AREAS: dict[str, Color] = {"area of an interface": (0.78, 0.78, 0.75), "rail": (0.25, 0.27, 0.30)}
 CIRCLE = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
 LIFT = 1e-3  # of an area above its face, as a share of the part's size
@@ -90,6 +92,26 @@ class _Sketch:
         self.count("tool of a point", len(points), TOOL_COLOR)
         self.count("work of a point", len(works), WORK)
 
+    def draw_sensors(self, sensors: Mapping[str, SensorView]) -> None:
+        """Draw a ball at each sensor and point mass, and an arrow along what is measured; few are named."""
+        for what, color, shown in (
+            (
+                "sensor, an arrow per direction",
+                SENSOR,
+                {n: s for n, s in sensors.items() if s.measured},
+            ),
+            ("point mass", MASS, {n: s for n, s in sensors.items() if not s.measured}),
+        ):
+            places = [sensor.place for sensor in shown.values()]
+            self.marks.append(Marks(np.array(places).reshape(-1, 3), color, BALL_SHARE, True))
+            tails = [one.place for one in shown.values() for _ in one.measured]
+            if tails:
+                along = np.vstack([one.directions for one in shown.values()])
+                self.marks.append(Marks(np.array(tails), color, CONE_SHARE, True, "arrow", along))
+            if len(shown) <= MOST_NAMED:
+                self.notes.extend(Note(name, one.place, color) for name, one in shown.items())
+            self.count(what, len(shown), color)
+
 
 def label_machine(
     title: str,
@@ -99,12 +121,13 @@ def label_machine(
     components: Mapping[str, Component],
 ) -> LabelledSurface:
     """The skins of a machine in a pose, areas of interfaces on flat faces of solids without a file,
-    and marks and names at joints, supports and points.
+    and marks and names at joints, supports, points and sensors.
     """
     sketch = _Sketch()
     sketch.draw_joints(placed.joints)
     sketch.draw_supports(supports)
     sketch.draw_points(placed.points)
+    sketch.draw_sensors(placed.sensors)
     joined = join_skins_in_pose(view, placed)
     corners, triangles, owners = [joined.points], [joined.triangles], [joined.owners]
     start = len(joined.points)

@@ -64,6 +64,14 @@ def print_machine(
         for name, point in placed.points.items():
             add_row(table, name, point.tool, point.work, _in_mm(point.tool_place))
         print_table(console, "Points", table)
+    if placed.sensors:
+        table = make_table("sensor", "component", "measures", ">mass g", ">at mm")
+        for name, one in placed.sensors.items():
+            sensor = machine.sensors[name]
+            mass = f"{1e3 * sensor.mass:.4g}" if sensor.mass else ""
+            measured = " ".join(one.measured) or "nothing: a point mass"
+            add_row(table, name, sensor.component, measured, mass, _in_mm(one.place))
+        print_table(console, "Sensors and point masses", table)
 
 
 def list_machine(
@@ -111,6 +119,15 @@ def list_machine(
                 "work_at_m": GROUND if point.work_place is None else point.work_place.tolist(),
             }
             for name, point in placed.points.items()
+        },
+        "sensors": {
+            name: {
+                "component": scene.machine.sensors[name].component,
+                "measures": dict(zip(one.measured, one.directions.tolist(), strict=True)),
+                "mass_kg": scene.machine.sensors[name].mass,
+                "at_m": one.place.tolist(),
+            }
+            for name, one in placed.sensors.items()
         },
     }
 

@@ -61,6 +61,21 @@ class PointView:
 
 
 @dataclass(frozen=True, eq=False)
+class SensorView:
+    """A sensor, or a point mass without directions, in a pose.
+
+    Attributes:
+        place: ``(3,)`` in the machine frame [m].
+        measured: Its dofs.
+        directions: ``(k, 3)`` unit vectors along which they are, machine axes.
+    """
+
+    place: FloatArray
+    measured: tuple[str, ...]
+    directions: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class PoseView:
     """The machine in a pose.
 
@@ -77,6 +92,7 @@ class PoseView:
     points: dict[str, PointView]
     shifts: dict[str, ShiftArray] = field(default_factory=dict)
     pushes: dict[str, dict[str, ShiftArray]] = field(default_factory=dict)
+    sensors: dict[str, SensorView] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +178,26 @@ def place_view(machine: Machine, layout: DofLayout, frames: Mapping[str, Frame])
             place = locate_interface(layout, point.carrier, point.offset)
             work = None if point.work.component is None else locate_interface(layout, point.work)
             points[name] = PointView(str(point.tool), str(point.work), place, work)
-    return PoseView(dict(layout.placements), joints, points)
+    sensors = view_sensors(machine, layout.placements)
+    return PoseView(dict(layout.placements), joints, points, sensors=sensors)
+
+
+def view_sensors(machine: Machine, placements: Mapping[str, Frame]) -> dict[str, SensorView]:
+    """Return where sensors and point masses are.
+
+    Args:
+        placements: Frame of each component in the machine frame.
+    """
+    views = {}
+    for name, sensor in machine.sensors.items():
+        frame = placements[sensor.component]
+        units = np.array(list(sensor.directions.values())).reshape(-1, 3)
+        views[name] = SensorView(
+            frame.origin + frame.rotation @ np.array(sensor.position),
+            tuple(sensor.directions),
+            units if sensor.fixed_axes else units @ frame.rotation.T,
+        )
+    return views
 
 
 def shift_skins(

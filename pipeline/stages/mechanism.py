@@ -17,7 +17,7 @@ from headstock.pipeline.answers.map import describe_state
 from headstock.pipeline.answers.static import PointCompliance
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.results.views import PointView, PoseView, ShiftArray
+from headstock.pipeline.results.views import PointView, PoseView, ShiftArray, view_sensors
 from headstock.pipeline.stages.lumped_machine import (
     PlacedMechanism,
     build_compliant_mechanism,
@@ -295,7 +295,8 @@ class LumpedPose:
             )
             for name, point in self.parts.scene.machine.points.items()
         }
-        return PoseView(dict(self.placements), {}, points)
+        sensors = view_sensors(self.parts.scene.machine, self.placements)
+        return PoseView(dict(self.placements), {}, points, sensors=sensors)
 
     def shift_skins(self, skins: dict[str, Skin], motions: FloatArray) -> dict[str, ShiftArray]:
         """Displacement ``(k, n, 3)`` of every skin point in machine axes."""

@@ -251,3 +251,36 @@ bounds = ["5 N/um", "60 N/um"]
     found = shell.json("fit/identification.json")["parameters"]
     assert found["foot"]["value"] == approx(20.0, rel=1e-6)
     assert found["foot"]["data_share"] > 0.9
+
+
+def test_check_and_show_list_sensors(shell: Shell) -> None:
+    shell.write(
+        SCENE
+        + '[masses.weight]\ncomponent = "head"\nat = ["0 mm", "0 mm", "40 mm"]\nmass = "50 g"\n'
+    )
+    assert "4 sensors, 1 point mass" in shell.prints("check scene.toml")
+    shown = shell.prints("show scene.toml --json shown.json -o machine.png")
+    assert "Sensors and point masses" in shown
+    # the head is turned by 90 degrees about z
+    (corner, weight) = (
+        shell.json("shown.json")["sensors"][n] for n in ("corner_of_head", "weight")
+    )
+    assert corner["at_m"] == approx([0.03, 0.04, 0.54])
+    assert weight == {
+        "component": "head",
+        "measures": {},
+        "mass_kg": 0.05,
+        "at_m": approx([0.0, 0.0, 0.54]),
+    }
+
+
+def test_machines_in_python_have_sensors(tmp_path: Path) -> None:
+    scene = hs.load(write_scene(tmp_path, BARE))
+    sensor = hs.Sensor(component="beam", at=["30 mm", "0 mm", "100 mm"], directions=["y"])
+    sections = {name: scene.table[name] for name in ("materials", "components", "joints", "points")}
+    machine = hs.Machine(
+        **sections,
+        sensors={"s": sensor},
+        analyses={"modal": {"count": 2}},  # type: ignore[misc]
+    )
+    assert hs.run(machine).modes["reference"].sensors == ("s",)
