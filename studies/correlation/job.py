@@ -232,7 +232,7 @@ def _find_carrier(bare: PreparedMachine, point: TestPoint) -> tuple[str, FloatAr
     for name, skin in bare.skins.items():
         frame = bare.machine.placements[name]
         local = frame.rotation.T @ (np.array(point.position) - frame.origin)
-        place, distance = find_nearest_place(skin.points, skin.triangles, local)
+        place, distance = find_nearest_place(skin, local)
         found.append((distance, name, place))
     distance, name, place = min(found, key=lambda one: one[0])
     return name, place, distance

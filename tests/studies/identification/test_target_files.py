@@ -102,7 +102,7 @@ def test_a_number_that_cannot_be_fitted_is_named_with_the_remedy(
         ('"60 Hz"', '"4 Hz"', "cases.a", "lies below modes_above (5 Hz)"),
         ("tcp = [0, 1, 0]", "tip = [0, 1, 0]", "cases.a.modes[0].vectors.tip", "unknown point 'tip'"),
         ("tcp = [0, 1, 0]", "tcp = [0, 0, 0]", "cases.a.modes[0].vectors", "every vector is zero"),
-        ("tcp = [0, 1, 0]", "tcp = [0, 1]", "cases.a.modes[0].vectors.tcp", "has 2 entries but needs 3"),
+        ("tcp = [0, 1, 0]", "tcp = [0, 1]", "cases.a.modes[0].vectors.tcp", "has 2 entries but needs at least 3"),
         ('point = "tcp"', 'point = "tcpp"', "cases.a.compliances[0].point", "did you mean 'tcp'?"),
         ('"-9 um/kN"', '"-9 N/um"', "cases.a.compliances[0].value", "is a stiffness, not a compliance"),
         ('"-9 um/kN"', '"0 um/kN"', "cases.a.compliances[0]", "is zero"),
