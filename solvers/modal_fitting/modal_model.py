@@ -2,6 +2,7 @@
 poles (LSFD), and poles refined together with them.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,7 +15,9 @@ from headstock.solvers.second_order import ComplexArray
 ITERATIONS = 40
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8  # of Levenberg and Marquardt
 CONVERGED = 1e-2  # fall of the sum of weighted squares, where each has variance one
-LARGEST_STEP = 0.5  # of the size of a pole
+MOST_RATE, MOST_SHIFT = 0.8, 0.3  # steps of a pole over its distance to the axis and to zero
+LEAST_WIDTH = 1e-3  # of a pole's half width, in spacings of lines: what is narrower is not seen
+NOTHING = 1e-30  # of the largest number on a diagonal: what is smaller is rounding
 STRONGEST_LINES = 2  # that alone do not show a mode: noise may be large at the top of another one
 
 
@@ -67,6 +70,12 @@ class WeightedResponses:
     def measured(self) -> BoolArray:
         """Which pairs were measured, ``(m, f)``."""
         return np.asarray(np.isfinite(self.values[0]))
+
+    def freedom(self, modes: int) -> float:
+        """Return the count of real values less that of parameters."""
+        motions, forces = self.values.shape[1:]
+        lines = len(self.frequencies_hz) - 2.0  # residual terms take two of each pair
+        return 2.0 * lines * float(self.measured.sum()) - 2.0 * modes * (motions + forces)
 
     @cached_property
     def weighted(self) -> ComplexArray:
@@ -166,8 +175,7 @@ class ModalFit:
         squares: Sum of weighted squares that is left.
         gains: ``(k,)`` how much of it each mode takes away, the others staying as they are, at all
             lines but the two where it is most.
-        covariance: ``(k, 2, 2)`` of the real and imaginary part of each pole where weights are true;
-            zero unless refined.
+        covariance: ``(k, 2, 2)`` of the real and imaginary part of each pole; zero unless refined.
     """
 
     poles: ComplexArray
@@ -196,26 +204,19 @@ def refine(data: WeightedResponses, poles: ComplexArray, participations: Complex
     damping = FIRST_DAMPING
     for _ in range(ITERATIONS):
         matrix, slope, free = _normal_equations(data, state)
-        scale = 1.0 / np.sqrt(np.maximum(matrix.diagonal(), np.finfo(float).tiny))
+        scale = _scale(matrix)
         levels, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
         along = vectors.T @ (scale * slope)
         last = state
         while state is last and damping <= MOST_DAMPING:
             step = scale * (vectors @ (along / (np.maximum(levels, 0.0) + damping)))
-            moved = _advance(last, step, free)
-            if _may_step(last.poles, moved[0]):
-                tried = _solve(data, *moved)
-                state = tried if tried.squares <= last.squares else last
+            tried = _solve(data, *_advance(data, last, step, free))
+            state = tried if tried.squares <= last.squares else last
             damping *= 10.0
         damping = max(damping * 0.01, LEAST_DAMPING)
         if last.squares - state.squares < CONVERGED:
             break
-    if not len(poles):
-        return _describe(data, state, np.zeros((0, 2, 2)))
-    matrix, _, _ = _normal_equations(data, state)
-    places = 2 * np.arange(len(poles))[:, None] + np.arange(2)
-    covariance = _invert(matrix)[places[:, :, None], places[:, None, :]]
-    return _describe(data, state, covariance)
+    return _describe(data, state, _covariances(data, state))
 
 
 def build_model(data: WeightedResponses, fit: ModalFit) -> ModalModel:
@@ -272,9 +273,16 @@ def _rotations(factors: ComplexArray) -> FloatArray:
     return matrices.reshape(forces, 2 * count, 2 * count)
 
 
+def _scale(matrix: FloatArray) -> FloatArray:
+    """Return what makes the diagonal of a symmetric matrix one; zero where it is rounding."""
+    diagonal = matrix.diagonal()
+    known = diagonal > NOTHING * np.max(diagonal, initial=0.0)
+    return np.where(known, 1.0 / np.sqrt(np.where(known, diagonal, 1.0)), 0.0)
+
+
 def _invert(matrix: FloatArray) -> FloatArray:
     """Return the inverse of a symmetric matrix, scaled; a pseudo-inverse where columns are one."""
-    scale = 1.0 / np.sqrt(np.maximum(matrix.diagonal(), np.finfo(float).tiny))
+    scale = _scale(matrix)
     inverse = np.linalg.pinv(scale[:, None] * matrix * scale, rcond=1e-14, hermitian=True)
     return np.asarray(scale[:, None] * inverse * scale)
 
@@ -295,6 +303,44 @@ def _describe(data: WeightedResponses, state: _State, covariance: FloatArray) ->
     return ModalFit(state.poles, state.participations, state.squares, gains, covariance)
 
 
+@dataclass(frozen=True, eq=False)
+class _Slopes:
+    """What the real and imaginary parts of poles (kind 0) and of participations of each force (kinds 1
+    and on) change, on one block.
+
+    Attributes:
+        turns: ``(1 + f, f, 2, 2 k, 2 k)``: on the rows of a force it is a rotation of the columns of
+            poles or of squared poles.
+        overlap: ``(1 + f, 2 k, 2 k)`` with the columns that shapes multiply.
+        factors: ``(k, 2, 2, m)`` of shapes, and of shapes times i.
+    """
+
+    turns: FloatArray
+    overlap: FloatArray
+    factors: FloatArray
+
+
+def _slopes(
+    data: WeightedResponses, state: _State, inner: FloatArray
+) -> Iterator[tuple[_Block, _BlockFit, _Slopes]]:
+    """Return the slopes of all blocks.
+
+    Args:
+        inner: ``(2, 2 k, 2, 2 k)`` products of the columns of poles and of squared poles.
+    """
+    forces, count = state.participations.shape
+    for block, fit in zip(data.blocks, state.blocks, strict=True):
+        turns = np.zeros((1 + forces, len(block.forces), 2, 2 * count, 2 * count))
+        turns[0, :, 1] = fit.rotations
+        for place, force in enumerate(block.forces):
+            turns[1 + force, place, 0] = data.forces[force] * np.eye(2 * count)
+        overlap = np.einsum("fji,jbk,gfbkl->gil", fit.rotations, inner[0], turns, optimize=True)
+        real, imaginary = fit.factors[::2], fit.factors[1::2]
+        # a factor i of a derivative turns its shape by a quarter
+        factors = np.stack([[real, imaginary], [-imaginary, real]]).transpose(2, 0, 1, 3)
+        yield block, fit, _Slopes(turns, overlap, factors)
+
+
 def _normal_equations(
     data: WeightedResponses, state: _State
 ) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
@@ -307,30 +353,23 @@ def _normal_equations(
     inner = (both.T @ both).reshape(2, size, 2, size)
     matrix = np.zeros((kinds, count, 2, kinds, count, 2))
     slope = np.zeros((kinds, count, 2))
-    for block, fit in zip(data.blocks, state.blocks, strict=True):
-        # on the rows of a force, what a parameter changes is a rotation of one of both columns
-        turns = np.zeros((kinds, len(block.forces), 2, size, size))
-        turns[0, :, 1] = fit.rotations
-        for place, force in enumerate(block.forces):
-            turns[1 + force, place, 0] = data.forces[force] * np.eye(size)
-        turned = np.einsum("aibj,gfbjk->gfaik", inner, turns, optimize=True)
-        overlap = np.einsum("fji,gfjk->gik", fit.rotations, turned[:, :, 0], optimize=True)
-        gram = np.einsum("gfaji,hfajk->gihk", turns, turned, optimize=True)
-        gram -= np.einsum("gji,jk,hkl->gihl", overlap, fit.inverse, overlap, optimize=True)
-        real, imaginary = fit.factors[::2], fit.factors[1::2]
-        # a factor i of a derivative turns its shape by a quarter
-        factors = np.stack([[real, imaginary], [-imaginary, real]]).transpose(2, 0, 1, 3)
-        energies = np.einsum("ktam,qubm->ktaqub", factors, factors, optimize=True)
+    for block, fit, slopes in _slopes(data, state, inner):
+        turned = np.einsum("aibj,gfbjk->gfaik", inner, slopes.turns, optimize=True)
+        gram = np.einsum("gfaji,hfajk->gihk", slopes.turns, turned, optimize=True)
+        gram -= np.einsum(
+            "gji,jk,hkl->gihl", slopes.overlap, fit.inverse, slopes.overlap, optimize=True
+        )
         gram = gram.reshape(kinds, count, 2, kinds, count, 2)
+        energies = np.einsum("ktam,qubm->ktaqub", slopes.factors, slopes.factors, optimize=True)
         matrix += np.einsum("gkahqb,ktaqub->gkthqu", gram, energies, optimize=True)
         model = np.einsum("fij,jm->fim", fit.rotations, fit.factors, optimize=True)
         second = both[:, size:].T @ block.values
         rest = np.stack([fit.products, second], axis=1) - np.einsum(
             "aij,fjm->faim", inner[:, :, 0], model, optimize=True
         )
-        pulls = np.einsum("gfaji,fajm->gim", turns, rest, optimize=True)
+        pulls = np.einsum("gfaji,fajm->gim", slopes.turns, rest, optimize=True)
         pulls = pulls.reshape(kinds, count, 2, -1)
-        slope += np.einsum("gkam,ktam->gkt", pulls, factors, optimize=True)
+        slope += np.einsum("gkam,ktam->gkt", pulls, slopes.factors, optimize=True)
     largest = np.argmax(np.abs(state.participations), axis=0)
     fixed = 2 * ((1 + largest) * count + np.arange(count))
     free = np.setdiff1d(np.arange(2 * kinds * count), np.concatenate([fixed, fixed + 1]))
@@ -338,18 +377,61 @@ def _normal_equations(
     return whole[np.ix_(free, free)], slope.ravel()[free], free
 
 
+def _covariances(data: WeightedResponses, state: _State) -> FloatArray:
+    """Return the covariance ``(k, 2, 2)`` of the real and imaginary part of each pole.
+
+    That of equal noise, or where it is larger that of noise as each line and force has it.
+
+    Source: White (1980), covariance with unequal noise.
+    """
+    count = len(state.poles)
+    if not count:
+        return np.zeros((0, 2, 2))
+    matrix, _, free = _normal_equations(data, state)
+    inverse = _invert(matrix)
+    variance = max(1.0, state.squares / data.freedom(count))
+    scores = np.zeros((len(free), len(free)))
+    both = np.hstack([state.columns, data.pole_columns(state.poles, 2)])
+    inner = (both.T @ both).reshape(2, 2 * count, 2, 2 * count)
+    for block, fit, slopes in _slopes(data, state, inner):
+        for place, values in enumerate(block.values):
+            own = state.columns @ fit.rotations[place]
+            rest = values - own @ fit.factors
+            changes = np.einsum(
+                "rai,gaij->grj",
+                both.reshape(len(both), 2, -1),
+                slopes.turns[:, place],
+                optimize=True,
+            ) - own @ (fit.inverse @ slopes.overlap)
+            pulls = np.einsum("rm,ktam->rkta", rest, slopes.factors, optimize=True)
+            changes = changes.reshape(len(changes), len(both), count, 2)
+            rows = np.einsum("grka,rkta->rgkt", changes, pulls, optimize=True)
+            rows = rows.reshape(len(both), -1)[:, free]
+            scores += rows.T @ rows
+    places = 2 * np.arange(count)[:, None] + np.arange(2)
+    equal, unequal = (
+        each[places[:, :, None], places[:, None, :]]
+        for each in (variance * inverse, inverse @ scores @ inverse)
+    )
+    larger = np.trace(unequal, axis1=1, axis2=2) > np.trace(equal, axis1=1, axis2=2)
+    return np.where(larger[:, None, None], unequal, equal)
+
+
 def _advance(
-    state: _State, step: FloatArray, free: NDArray[np.int64]
+    data: WeightedResponses, state: _State, step: FloatArray, free: NDArray[np.int64]
 ) -> tuple[ComplexArray, ComplexArray]:
     """Return poles and participations after a step of their free parts."""
     forces, count = state.participations.shape
     whole = np.zeros(2 * count * (1 + forces))
     whole[free] = step
     change = (whole[::2] + 1j * whole[1::2]).reshape(1 + forces, count)
-    return state.poles + change[0], state.participations + change[1:]
-
-
-def _may_step(poles: ComplexArray, moved: ComplexArray) -> bool:
-    """Return whether all poles stay stable, and near."""
-    near = np.abs(moved - poles) <= LARGEST_STEP * np.abs(poles)
-    return bool(np.all((moved.real < 0.0) & (moved.imag > 0.0) & near))
+    # a pole that would go too far goes less far, which leaves the others alone
+    rates, sizes = -state.poles.real, np.abs(state.poles)
+    speeds = np.maximum(
+        change[0].real / (MOST_RATE * rates), np.abs(change[0]) / (MOST_SHIFT * sizes)
+    )
+    poles = state.poles + change[0] / np.maximum(speeds, 1.0)
+    least = LEAST_WIDTH * 2.0 * np.pi * float(np.min(np.diff(data.frequencies_hz)))
+    poles = np.minimum(poles.real, -least) + 1j * poles.imag
+    participations = state.participations + change[1:]
+    return poles, participations / np.linalg.norm(participations, axis=0)

@@ -5,38 +5,45 @@ fit.
 import numpy as np
 import scipy  # whose filters, a tenth of a second, are loaded where they are used
 
-from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.second_order import ComplexArray
 
 LEAST_NOISE = 1e-3  # of the responses at a line: no measurement is better
 WINDOW = 51  # lines of a running median
-AVERAGED = 60  # values of neighbouring lines over which squares are averaged
 THIRD_DIFFERENCE = 20.0  # sum of squares of 1, -3, 3, -1
+MEDIAN = np.log(2.0)  # of the square of complex noise over its mean
+TALL = 3.0  # times its rms: a response this large is a resonance
 SWEEPS = 4
 
 
 def noise_from_neighbours(values: ComplexArray) -> FloatArray:
     """Return the noise of responses ``(l, m, f)`` in squares, from third differences of neighbouring
     lines: a smooth response has hardly any.
-
-    A running median over lines leaves out resonances, where lines are far apart.
     """
     squares = np.abs(np.diff(values, n=3, axis=0)) ** 2 / THIRD_DIFFERENCE
-    middle = np.nanmedian(squares.reshape(len(squares), -1), axis=1)
-    middle = scipy.ndimage.median_filter(middle, min(WINDOW, len(middle)), mode="nearest")
-    lines = np.interp(np.arange(len(values)), np.arange(len(middle)) + 1.5, middle)
-    levels = np.nanmedian(squares / np.maximum(middle, np.finfo(float).tiny)[:, None, None], axis=0)
-    return np.asarray(lines[:, None, None] * levels)
+    return _level_by_line(np.concatenate([squares[:1], squares[:1], squares, squares[-1:]]))
 
 
-def noise_from_residuals(residuals: ComplexArray) -> FloatArray:
-    """Return the noise of responses ``(l, m, f)`` in squares, from what a fit leaves of them, averaged
-    over some neighbouring lines.
+def noise_from_residuals(residuals: ComplexArray, model: ComplexArray) -> FloatArray:
+    """Return the noise of responses ``(l, m, f)`` in squares, from what a model leaves of them: one level
+    for a range of lines, and a share of the response, which is seen at resonances.
     """
-    squares = np.abs(residuals) ** 2
-    pairs = max(1, int(np.isfinite(squares[0]).sum()))
-    width = 1 + 2 * (AVERAGED // (2 * pairs))
-    return np.asarray(scipy.ndimage.uniform_filter1d(squares, width, axis=0, mode="nearest"))
+    squares, sizes = np.abs(residuals) ** 2, np.abs(model) ** 2
+    tall = (sizes > TALL**2 * np.mean(sizes, axis=0)) & np.isfinite(squares)
+    share = float(np.median(squares[tall] / sizes[tall])) / MEDIAN if tall.any() else 0.0
+    return _level_by_line(squares) + share * sizes
+
+
+def _level_by_line(squares: FloatArray) -> FloatArray:
+    """Return squares of noise as a level per line times one per pair.
+
+    A running median over lines leaves out resonances that the squares still have.
+    """
+    pairs = np.nanmedian(squares, axis=0) / MEDIAN
+    relative = squares / np.where(pairs > 0.0, pairs, 1.0)
+    middle = np.nanmedian(relative.reshape(len(squares), -1), axis=1) / MEDIAN
+    lines = scipy.ndimage.median_filter(middle, min(WINDOW, len(middle)), mode="nearest")
+    return np.asarray(lines[:, None, None] * pairs)
 
 
 def separate_deviations(
@@ -53,18 +60,17 @@ def separate_deviations(
     sizes = np.nanmean(power, axis=0)
     relative = np.nanmean(power / np.where(sizes > 0.0, sizes, 1.0), axis=(1, 2))
     squares = squares + LEAST_NOISE**2 * relative[:, None, None] * sizes
-    measured: BoolArray = np.isfinite(squares)
+    measured = np.isfinite(squares)
+    known = np.where(measured, squares, 0.0)
     factors = [np.ones(size) for size in squares.shape]
+    names = ("l", "m", "f")
     for _ in range(SWEEPS):
-        for axis in (0, 1, 2):
-            others = [
-                factor if place != axis else np.ones_like(factor)
-                for place, factor in enumerate(factors)
-            ]
-            product = np.einsum("l,m,f->lmf", *others)
-            quotients = np.where(measured, squares, 0.0) / product
-            rest = tuple(place for place in (0, 1, 2) if place != axis)
-            mean = quotients.sum(axis=rest) / np.maximum(measured.sum(axis=rest), 1)
+        for axis, name in enumerate(names):
+            others = [each for each in range(3) if each != axis]
+            given = [1.0 / factors[each] for each in others]
+            left, right = (names[each] for each in others)
+            sums = np.einsum(f"lmf,{left},{right}->{name}", known, *given, optimize=True)
+            mean = sums / np.maximum(measured.sum(axis=tuple(others)), 1)
             factors[axis] = np.where(mean > 0.0, mean, 1.0)
     lines, motions, forces = (np.sqrt(factor) for factor in factors)
     return lines * np.sqrt(0.5), motions, forces

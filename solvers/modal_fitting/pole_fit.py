@@ -26,9 +26,11 @@ from headstock.solvers.modal_fitting.noise import (
     noise_from_residuals,
     separate_deviations,
 )
+from headstock.solvers.modal_fitting.remaining import strongest_pole
 from headstock.solvers.modal_fitting.stabilisation import (
     PoleCluster,
     cluster_poles,
+    damping_ratios,
 )
 from headstock.solvers.second_order import ComplexArray
 
@@ -36,8 +38,12 @@ BAND_RATIO = 4.0  # highest over lowest frequency of a band in which one model i
 BAND_LINES = 120  # fewer make no band of their own
 OVERLAP = 0.15  # of a band's width, on both sides
 OUTSIDE = 0.05  # of the width of all lines: modes this far outside of them are fitted, too
+FAR, OVERDAMPED = (
+    4.0,
+    0.4,
+)  # factor of frequency, damping ratio: no support of the model within the band
 CHANCE = 1e-6  # that noise alone makes a mode, over all lines
-ROUNDS = 6  # of candidates from what is left
+SEARCHES, ROUNDS = 3, 12  # of candidates from what is left: by models of all orders, one by one
 REWEIGHTED = 2  # times that weights are taken from what a fit leaves
 CLOSE = 1.0  # of the sum of two poles' rates: poles that are nearer may be one
 
@@ -86,26 +92,30 @@ def fit_poles(
     chosen = _Chosen(fit_shapes(data, empty, np.zeros((values.shape[2], 0), complex)), ())
     first_steps: list[tuple[OrderPoles, ...]] = []
     for number in range(ROUNDS):
+        count = len(chosen.clusters)
+        progress(f"candidates, round {number + 1}: {count} modes so far")
         rest = values - build_model(data, chosen.fit).evaluate(frequencies_hz)
-        progress(f"candidates, round {number + 1}, {len(chosen.clusters)} modes so far")
-        steps, clusters = _search(dataclasses.replace(data, values=rest), order=order)
-        first_steps = first_steps or steps
+        left = dataclasses.replace(data, values=rest)
+        clusters = [strongest_pole(left)]
+        if number < SEARCHES:
+            steps, found = _search(left, order=order)
+            first_steps = first_steps or steps
+            clusters = found or clusters
         candidates = _keep_shown(data, _join(data, chosen, clusters))
-        if len(candidates.clusters) <= len(chosen.clusters):
+        if len(candidates.clusters) > count:
+            fit = refine(data, candidates.fit.poles, candidates.fit.participations)
+            candidates = _simplify(data, _Chosen(fit, candidates.clusters))
+        if len(candidates.clusters) > count:
+            chosen = candidates
+            data = _reweigh(data, chosen.fit, known=deviations is not None)
+        elif number >= SEARCHES:
             break
-        progress(f"refinement of {len(candidates.clusters)} modes")
-        fit = refine(data, candidates.fit.poles, candidates.fit.participations)
-        before = chosen
-        chosen = _simplify(data, _Chosen(fit, candidates.clusters))
-        if len(chosen.clusters) <= len(before.clusters):
-            break
-    for _ in range(REWEIGHTED if deviations is None else 0):
-        rest = values - build_model(data, chosen.fit).evaluate(frequencies_hz)
-        data = _weigh(frequencies_hz, values, noise_from_residuals(rest))
+    for _ in range(REWEIGHTED):
+        data = _reweigh(data, chosen.fit, known=deviations is not None)
         fit = refine(data, chosen.fit.poles, chosen.fit.participations)
         chosen = _simplify(data, _Chosen(fit, chosen.clusters))
     chosen = chosen.pick(np.argsort(np.abs(chosen.fit.poles)))
-    noise = np.sqrt(chosen.fit.squares / _freedom(data, len(chosen.clusters)))
+    noise = np.sqrt(chosen.fit.squares / data.freedom(len(chosen.clusters)))
     model = build_model(data, chosen.fit)
     return PoleFit(data, chosen.fit, model, chosen.clusters, tuple(first_steps), float(noise))
 
@@ -176,6 +186,15 @@ def _join(data: WeightedResponses, chosen: _Chosen, clusters: Sequence[PoleClust
     return _Chosen(fit, (*chosen.clusters, *clusters))
 
 
+def _reweigh(data: WeightedResponses, fit: ModalFit, *, known: bool) -> WeightedResponses:
+    """Return responses with weights from what a fit leaves of them, unless noise is known."""
+    if known:
+        return data
+    model = build_model(data, fit).evaluate(data.frequencies_hz)
+    squares = noise_from_residuals(data.values - model, model)
+    return _weigh(data.frequencies_hz, data.values, squares)
+
+
 def _weigh(
     frequencies_hz: FloatArray, values: ComplexArray, squares: FloatArray
 ) -> WeightedResponses:
@@ -183,23 +202,24 @@ def _weigh(
     return WeightedResponses(frequencies_hz, values, 1.0 / lines, 1.0 / motions, 1.0 / forces)
 
 
-def _freedom(data: WeightedResponses, count: int) -> float:
-    """Return values less parameters."""
-    motions, forces = data.measured.shape
-    pairs = float(data.measured.sum())
-    return 2.0 * pairs * (len(data.frequencies_hz) - 2) - 2.0 * count * (motions + forces)
-
-
 def _least_gain(data: WeightedResponses, fit: ModalFit) -> float:
     """Return how much of the sum of squares a mode must take away: noise alone hardly does."""
     motions, forces = data.measured.shape
     chance = CHANCE / len(data.frequencies_hz)
-    variance = max(1.0, fit.squares / _freedom(data, len(fit.poles)))
+    variance = max(1.0, fit.squares / data.freedom(len(fit.poles)))
     return variance * float(scipy.special.chdtri(2.0 * (motions + forces), chance))
 
 
 def _keep_shown(data: WeightedResponses, chosen: _Chosen) -> _Chosen:
-    """Leave out modes that take no more away than noise does, the least first."""
+    """Leave out modes that take no more away than noise does, the least first, and what is no
+    resonance near the lines.
+    """
+    hz = np.abs(chosen.fit.poles) / (2.0 * np.pi)
+    near = (hz > data.frequencies_hz[0] / FAR) & (hz < data.frequencies_hz[-1] * FAR)
+    kept = np.flatnonzero(near & (damping_ratios(chosen.fit.poles) < OVERDAMPED))
+    if len(kept) < len(hz):
+        fit = fit_shapes(data, chosen.fit.poles[kept], chosen.fit.participations[:, kept])
+        chosen = _Chosen(fit, chosen.pick(kept).clusters)
     while chosen.clusters:
         fit = chosen.fit
         weakest = int(np.argmin(fit.gains))

@@ -38,7 +38,7 @@ class PoleCluster:
     """Poles of several orders that are one mode.
 
     Attributes:
-        pole: Its most central one [1/s].
+        pole: The most central one of its upper orders [1/s].
         participation: ``(f,)`` of that one.
         orders: ``(n,)`` at which it appears.
         frequency_scatter: Standard deviation over orders, as a share.
@@ -112,7 +112,9 @@ def cluster_poles(
     for number in np.unique(numbers):
         members = np.flatnonzero(numbers == number)
         if len(members) >= least:
-            center = members[int(np.argmin(distances[np.ix_(members, members)].sum(axis=1)))]
+            # models of low orders are biased
+            high = members[orders[members] >= np.median(orders[members])]
+            center = high[int(np.argmin(distances[np.ix_(high, high)].sum(axis=1)))]
             clusters.append(
                 PoleCluster(
                     complex(poles[center]),
