@@ -202,7 +202,7 @@ def refine(data: WeightedResponses, poles: ComplexArray, participations: Complex
     sizes = np.linalg.norm(participations, axis=0)
     state = _solve(data, poles, participations / sizes)
     damping = FIRST_DAMPING
-    for _ in range(ITERATIONS):
+    for _ in range(ITERATIONS if len(poles) else 0):
         matrix, slope, free = _normal_equations(data, state)
         scale = _scale(matrix)
         levels, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
