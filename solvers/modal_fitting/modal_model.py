@@ -175,21 +175,19 @@ class ModalFit:
         squares: Sum of weighted squares that is left.
         gains: ``(k,)`` how much of it each mode takes away, the others staying as they are, at all
             lines but the two where it is most.
-        covariance: ``(k, 2, 2)`` of the real and imaginary part of each pole; zero unless refined.
     """
 
     poles: ComplexArray
     participations: ComplexArray
     squares: float
     gains: FloatArray
-    covariance: FloatArray
 
 
 def fit_shapes(
     data: WeightedResponses, poles: ComplexArray, participations: ComplexArray
 ) -> ModalFit:
     """Fit shapes to responses for given poles and participations ``(f, k)``."""
-    return _describe(data, _solve(data, poles, participations), np.zeros((len(poles), 2, 2)))
+    return _describe(data, _solve(data, poles, participations))
 
 
 def refine(data: WeightedResponses, poles: ComplexArray, participations: ComplexArray) -> ModalFit:
@@ -216,7 +214,48 @@ def refine(data: WeightedResponses, poles: ComplexArray, participations: Complex
         damping = max(damping * 0.01, LEAST_DAMPING)
         if last.squares - state.squares < CONVERGED:
             break
-    return _describe(data, state, _covariances(data, state))
+    return _describe(data, state)
+
+
+def pole_covariances(data: WeightedResponses, fit: ModalFit) -> FloatArray:
+    """Return the covariance ``(k, 2, 2)`` of the real and imaginary part of each refined pole.
+
+    That of equal noise, or where it is larger that of noise as each line and force has it.
+
+    Source: White (1980), covariance with unequal noise.
+    """
+    count = len(fit.poles)
+    if not count:
+        return np.zeros((0, 2, 2))
+    state = _solve(data, fit.poles, fit.participations)
+    matrix, _, free = _normal_equations(data, state)
+    inverse = _invert(matrix)
+    variance = max(1.0, state.squares / data.freedom(count))
+    scores = np.zeros((len(free), len(free)))
+    both = np.hstack([state.columns, data.pole_columns(state.poles, 2)])
+    inner = (both.T @ both).reshape(2, 2 * count, 2, 2 * count)
+    for block, solved, slopes in _slopes(data, state, inner):
+        for place, values in enumerate(block.values):
+            own = state.columns @ solved.rotations[place]
+            rest = values - own @ solved.factors
+            changes = np.einsum(
+                "rai,gaij->grj",
+                both.reshape(len(both), 2, -1),
+                slopes.turns[:, place],
+                optimize=True,
+            ) - own @ (solved.inverse @ slopes.overlap)
+            pulls = np.einsum("rm,ktam->rkta", rest, slopes.factors, optimize=True)
+            changes = changes.reshape(len(changes), len(both), count, 2)
+            rows = np.einsum("grka,rkta->rgkt", changes, pulls, optimize=True)
+            rows = rows.reshape(len(both), -1)[:, free]
+            scores += rows.T @ rows
+    places = 2 * np.arange(count)[:, None] + np.arange(2)
+    equal, unequal = (
+        each[places[:, :, None], places[:, None, :]]
+        for each in (variance * inverse, inverse @ scores @ inverse)
+    )
+    larger = np.trace(unequal, axis1=1, axis2=2) > np.trace(equal, axis1=1, axis2=2)
+    return np.where(larger[:, None, None], unequal, equal)
 
 
 def build_model(data: WeightedResponses, fit: ModalFit) -> ModalModel:
@@ -287,7 +326,7 @@ def _invert(matrix: FloatArray) -> FloatArray:
     return np.asarray(scale[:, None] * inverse * scale)
 
 
-def _describe(data: WeightedResponses, state: _State, covariance: FloatArray) -> ModalFit:
+def _describe(data: WeightedResponses, state: _State) -> ModalFit:
     count = len(state.poles)
     gains = np.zeros(count)
     for mode in range(count):
@@ -300,7 +339,7 @@ def _describe(data: WeightedResponses, state: _State, covariance: FloatArray) ->
                 share = state.columns @ (rotation @ alone)
                 by_line += np.sum((share @ energy) * share, axis=1).reshape(2, -1).sum(axis=0)
         gains[mode] = float(np.sum(np.sort(by_line)[:-STRONGEST_LINES]))
-    return ModalFit(state.poles, state.participations, state.squares, gains, covariance)
+    return ModalFit(state.poles, state.participations, state.squares, gains)
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,46 +414,6 @@ def _normal_equations(
     free = np.setdiff1d(np.arange(2 * kinds * count), np.concatenate([fixed, fixed + 1]))
     whole = matrix.reshape(2 * kinds * count, -1)
     return whole[np.ix_(free, free)], slope.ravel()[free], free
-
-
-def _covariances(data: WeightedResponses, state: _State) -> FloatArray:
-    """Return the covariance ``(k, 2, 2)`` of the real and imaginary part of each pole.
-
-    That of equal noise, or where it is larger that of noise as each line and force has it.
-
-    Source: White (1980), covariance with unequal noise.
-    """
-    count = len(state.poles)
-    if not count:
-        return np.zeros((0, 2, 2))
-    matrix, _, free = _normal_equations(data, state)
-    inverse = _invert(matrix)
-    variance = max(1.0, state.squares / data.freedom(count))
-    scores = np.zeros((len(free), len(free)))
-    both = np.hstack([state.columns, data.pole_columns(state.poles, 2)])
-    inner = (both.T @ both).reshape(2, 2 * count, 2, 2 * count)
-    for block, fit, slopes in _slopes(data, state, inner):
-        for place, values in enumerate(block.values):
-            own = state.columns @ fit.rotations[place]
-            rest = values - own @ fit.factors
-            changes = np.einsum(
-                "rai,gaij->grj",
-                both.reshape(len(both), 2, -1),
-                slopes.turns[:, place],
-                optimize=True,
-            ) - own @ (fit.inverse @ slopes.overlap)
-            pulls = np.einsum("rm,ktam->rkta", rest, slopes.factors, optimize=True)
-            changes = changes.reshape(len(changes), len(both), count, 2)
-            rows = np.einsum("grka,rkta->rgkt", changes, pulls, optimize=True)
-            rows = rows.reshape(len(both), -1)[:, free]
-            scores += rows.T @ rows
-    places = 2 * np.arange(count)[:, None] + np.arange(2)
-    equal, unequal = (
-        each[places[:, :, None], places[:, None, :]]
-        for each in (variance * inverse, inverse @ scores @ inverse)
-    )
-    larger = np.trace(unequal, axis1=1, axis2=2) > np.trace(equal, axis1=1, axis2=2)
-    return np.where(larger[:, None, None], unequal, equal)
 
 
 def _advance(

@@ -19,6 +19,7 @@ from headstock.solvers.modal_fitting.modal_model import (
     WeightedResponses,
     build_model,
     fit_shapes,
+    pole_covariances,
     refine,
 )
 from headstock.solvers.modal_fitting.noise import (
@@ -43,7 +44,7 @@ FAR, OVERDAMPED = (
     0.4,
 )  # factor of frequency, damping ratio: no support of the model within the band
 CHANCE = 1e-6  # that noise alone makes a mode, over all lines
-SEARCHES, ROUNDS = 3, 12  # of candidates from what is left: by models of all orders, one by one
+SEARCHES, ROUNDS = 2, 12  # of candidates from what is left: by models of all orders, one by one
 REWEIGHTED = 2  # times that weights are taken from what a fit leaves
 CLOSE = 1.0  # of the sum of two poles' rates: poles that are nearer may be one
 
@@ -53,20 +54,16 @@ class PoleFit:
     """Modes that frequency responses show.
 
     Attributes:
-        data: Responses and their weights.
-        fit: Poles, participations and covariances, by rising frequency.
-        model: The same with shapes and residual terms.
+        model: By rising frequency.
+        covariances: ``(k, 2, 2)`` of the real and imaginary part of each pole [1/s^2].
         clusters: The candidates they were refined from.
         steps: Poles of all orders, one list per band.
-        noise: Of the responses, over what weights assume: one where they are right.
     """
 
-    data: WeightedResponses
-    fit: ModalFit
     model: ModalModel
+    covariances: FloatArray
     clusters: tuple[PoleCluster, ...]
     steps: tuple[tuple[OrderPoles, ...], ...]
-    noise: float
 
 
 def fit_poles(
@@ -96,11 +93,11 @@ def fit_poles(
         progress(f"candidates, round {number + 1}: {count} modes so far")
         rest = values - build_model(data, chosen.fit).evaluate(frequencies_hz)
         left = dataclasses.replace(data, values=rest)
-        clusters = [strongest_pole(left)]
+        clusters: list[PoleCluster] = []
         if number < SEARCHES:
-            steps, found = _search(left, order=order)
+            steps, clusters = _search(left, order=order // (1 + number))
             first_steps = first_steps or steps
-            clusters = found or clusters
+        clusters = clusters or [strongest_pole(left)]
         candidates = _keep_shown(data, _join(data, chosen, clusters))
         if len(candidates.clusters) > count:
             fit = refine(data, candidates.fit.poles, candidates.fit.participations)
@@ -115,9 +112,12 @@ def fit_poles(
         fit = refine(data, chosen.fit.poles, chosen.fit.participations)
         chosen = _simplify(data, _Chosen(fit, chosen.clusters))
     chosen = chosen.pick(np.argsort(np.abs(chosen.fit.poles)))
-    noise = np.sqrt(chosen.fit.squares / data.freedom(len(chosen.clusters)))
-    model = build_model(data, chosen.fit)
-    return PoleFit(data, chosen.fit, model, chosen.clusters, tuple(first_steps), float(noise))
+    return PoleFit(
+        build_model(data, chosen.fit),
+        pole_covariances(data, chosen.fit),
+        chosen.clusters,
+        tuple(first_steps),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +134,6 @@ class _Chosen:
             poles=self.fit.poles[kept],
             participations=self.fit.participations[:, kept],
             gains=self.fit.gains[kept],
-            covariance=self.fit.covariance[kept],
         )
         return _Chosen(fit, tuple(self.clusters[number] for number in kept))
 

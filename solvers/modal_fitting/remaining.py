@@ -33,7 +33,9 @@ def strongest_pole(data: WeightedResponses) -> PoleCluster:
     responses = data.weighted.reshape(len(hz), -1)
     sketch = _mix(responses)
     trials = [(0.02 * outer, outer)]
-    trials += [(np.minimum(width * spacing, WIDEST * hz), hz) for width in HALF_WIDTHS]
+    for width in HALF_WIDTHS:
+        some = slice(None, None, max(1, int(width)))
+        trials.append((np.minimum(width * spacing, WIDEST * hz)[some], hz[some]))
     best, best_gain = 1j, -1.0
     for rates, places in trials:
         poles = 2.0 * np.pi * (-rates + 1j * places)

@@ -221,15 +221,14 @@ def _driving_points(responses: MeasuredResponses) -> list[tuple[int, int, float]
 
 def _pole_errors(found: PoleFit, kept: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return ± of frequencies ``(k,)`` [Hz] and damping ratios ``(k,)`` at 95 %."""
-    poles = found.fit.poles[kept]
-    covariance = found.fit.covariance[kept] * max(found.noise, 1.0) ** 2
+    poles, covariances = found.model.poles[kept], found.covariances[kept]
     sizes = np.abs(poles)
     along = np.stack([poles.real, poles.imag], axis=1) / sizes[:, None]
     # of |p|, and of -Re p / |p|
     damping = (along * poles.real[:, None] / sizes[:, None] - np.array([1.0, 0.0])) / sizes[:, None]
     frequency = along / (2.0 * np.pi)
     errors = (
-        COVERAGE * np.sqrt(np.einsum("ki,kij,kj->k", slope, covariance, slope))
+        COVERAGE * np.sqrt(np.einsum("ki,kij,kj->k", slope, covariances, slope))
         for slope in (frequency, damping)
     )
     frequency_errors, damping_errors = errors
