@@ -36,8 +36,13 @@ def build_parts() -> None:
     inside = (x0 + WALL, x1 - WALL, y0 + WALL, y1 - WALL, z0, z1)
     cut_out(OUTSIDE, inside, (-SLIT / 2, SLIT / 2, y1 - WALL, y1, z0, z1))
     between = (LEG_FROM + SHEET, LEG_TO - SHEET)
-    cut_out((*LEG_LEFT, LEG_FROM, LEG_TO, *DEPTH), (*LEG_LEFT, *between, DEPTH[0] + SHEET, DEPTH[1]))
-    cut_out((*LEG_RIGHT, LEG_FROM, LEG_TO, *DEPTH), (LEG_RIGHT[0], LEG_RIGHT[1] - SHEET, *between, *DEPTH))
+    cut_out(
+        (*LEG_LEFT, LEG_FROM, LEG_TO, *DEPTH), (*LEG_LEFT, *between, DEPTH[0] + SHEET, DEPTH[1])
+    )
+    cut_out(
+        (*LEG_RIGHT, LEG_FROM, LEG_TO, *DEPTH),
+        (LEG_RIGHT[0], LEG_RIGHT[1] - SHEET, *between, *DEPTH),
+    )
     gmsh.model.occ.synchronize()
 
 

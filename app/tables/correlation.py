@@ -11,6 +11,7 @@ from headstock.app.texts.bounded_values import show_bound, show_damping
 from headstock.studies.correlation.correlation import CorrelatedMode, Correlation
 from headstock.studies.correlation.responses import response_channel
 
+NO_BREAK = "\u00a0"
 MOST_ROWS = 12  # of tables that begin with the worst, on the screen and in the page; files have all
 LEAST_SHARE = 0.03  # of the largest motion under a force: smaller responses are listed last
 
@@ -71,13 +72,13 @@ class ModeLine:
         if place is None:
             return None
         known = self.of.computed.list_errors()[place].known
-        return show_bound(self.computed_hz, self.error_hz, known)
+        return show_bound(self.computed_hz, self.error_hz, known).replace(" ", NO_BREAK)
 
     @property
     def measured_error_text(self) -> str | None:
         """± of the measured frequency as it is written behind it."""
         error = self.measured_error_hz
-        return None if error is None else show_bound(self.measured_hz, error)
+        return None if error is None else show_bound(self.measured_hz, error).replace(" ", NO_BREAK)
 
     @property
     def computed_damping(self) -> float | None:

@@ -19,7 +19,9 @@ def print_correlation(found: Correlation, folder: Path, files: Sequence[str]) ->
     console = make_console()
     for number, sentence in enumerate(found.verdict):
         console.print(sentence, style="bold" if not number else None, markup=False)
-    print_remarks(found.remarks)
+    print_remarks(found.warnings)
+    for remark in found.remarks:
+        console.print(f"note: {remark}", markup=False)
     for listing in list_tables(found):
         shown, more = shorten(listing)
         print_part(console, shown)

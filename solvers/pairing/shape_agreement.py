@@ -10,6 +10,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.pairing.mode_pairing import Field, unit_columns
 from headstock.solvers.second_order import ComplexArray
 
+QUIET = 0.5  # of the mean motion of all channels: noise of what moves less says little
+
 
 @dataclass(frozen=True, eq=False)
 class ChannelAgreement:
@@ -19,7 +21,8 @@ class ChannelAgreement:
         comac: ``(c,)`` coordinate MAC, 1 where all pairs agree but for a factor; NaN where a channel
             rests in all of them.
         ecomac: ``(c,)`` mean difference of scaled shapes, 0 where they agree, relative to the mean
-            motion of the channel: a wrong sign or direction shows here.
+            motion of the channel, or to half of that of all channels where it moves less: a wrong sign
+            or direction shows here.
     """
 
     comac: FloatArray
@@ -53,7 +56,8 @@ def agree_by_channel(measured: Field, computed: Field) -> ChannelAgreement:
     moved = np.mean(np.abs(first) + np.abs(second), axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         comac = np.where(squares > 0.0, products / squares, np.nan)
-        ecomac = np.where(moved > 0.0, np.mean(np.abs(first - second), axis=1) / moved, np.nan)
+    least = np.maximum(moved, QUIET * moved.mean())
+    ecomac = np.mean(np.abs(first - second), axis=1) / np.where(least > 0.0, least, 1.0)
     return ChannelAgreement(comac, ecomac)
 
 

@@ -70,6 +70,7 @@ class Correlation(Displayed):
         rotation: ``(3, 3)`` from the axes of the test to those of the machine.
         faults: Channels that look wrong, and how.
         remarks: What was assumed.
+        warnings: Of the model.
         fit_files: Files for a fit, by name: targets, and sensors that the scene lacks.
         view: Measured and computed shapes side by side, one for each of ``modes``.
     """
@@ -91,6 +92,7 @@ class Correlation(Displayed):
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
     faults: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     fit_files: dict[str, str] = field(default_factory=dict)
     view: MachineView | None = None
 

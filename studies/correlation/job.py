@@ -9,7 +9,6 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Sensor
-from headstock.geometry.parts.nearest_places import find_nearest_place
 from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.stages.run_state import Announcer, Observer
 from headstock.pipeline.storage.provenance import SceneChoice
@@ -18,12 +17,13 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene, require_name
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.reading import read_test_data
-from headstock.scene.test_data.records import MeasuredModes, TestData, TestPoint
+from headstock.scene.test_data.records import MeasuredModes, TestData, as_vector
 from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import Field
 from headstock.solvers.pairing.shape_agreement import cross_orthogonality
 from headstock.solvers.pairing.shape_expansion import expand_by_modes, expand_by_stiffness
 from headstock.solvers.ranks import make_on_root
+from headstock.studies.correlation.carriers import choose_carriers, find_carriers
 from headstock.studies.correlation.correlation import WITHIN, Correlation, pair_shapes
 from headstock.studies.correlation.modal_fit import ModalFit, fit_modes, pass_modes
 from headstock.studies.correlation.model import (
@@ -49,6 +49,7 @@ from headstock.studies.correlation.target_file import (
 
 # of a place on a drawn surface from the mesh [m]
 SLACK = 1e-3
+AT = "_on_"  # between a point and the part that may carry it
 UNITS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 type Expansion = Literal["serep", "static", "dynamic"]
 
@@ -143,7 +144,11 @@ def run_correlation(
     observed = prepare_machine(placed.scene, pose, comm, store)
     if observed is None:
         return None
-    model = observe_points(observed, placed.sensors, placed.rotation)
+    nearest = {point: several[0] for point, several in placed.sensors.items()}
+    model, remarks = choose_carriers(
+        observe_points(observed, nearest, placed.rotation), test.modes, placed.sensors
+    )
+    placed = dataclasses.replace(placed, remarks=(*placed.remarks, *remarks))
     return _compare(job, test, placed, model)
 
 
@@ -153,13 +158,13 @@ class _PlacedTest:
 
     Attributes:
         scene: With a sensor at every point.
-        sensors: Measured point to its sensor.
+        sensors: Measured point to its sensor on the nearest part, and on others that touch it there.
         rotation: ``(3, 3)`` from the axes of the test to those of the machine.
         distances: Point to its distance from the surface that carries it [m].
     """
 
     scene: Scene
-    sensors: dict[str, Sensor]
+    sensors: dict[str, list[Sensor]]
     rotation: FloatArray
     distances: dict[str, float]
     remarks: tuple[str, ...] = ()
@@ -208,34 +213,29 @@ def _place_test(test: _Test, bare: PreparedMachine | None) -> _PlacedTest:
         channels += [*test.data.responses.motions, *test.data.responses.forces]
     sensors, distances = {}, {}
     known = bare.scene.machine.sensors
+    taken = set(known)
     for point in dict.fromkeys(channel.point for channel in channels):
         if (named := find_sensor(known, point)) is not None:
-            sensors[point] = named
+            sensors[point] = [named]
             continue
-        component, position, distances[point] = _find_carrier(bare, test.data.points[point])
-        x, y, z = map(float, position)
-        name = name_sensor(point, {*known, *(sensor.name for sensor in sensors.values())})
-        reach = SLACK + distances[point]
-        sensors[point] = Sensor(name, component, (x, y, z), UNITS, reach=reach)
-    machine = dataclasses.replace(
-        bare.scene.machine, sensors=known | {one.name: one for one in sensors.values()}
-    )
+        carriers = find_carriers(bare, np.array(test.data.points[point].position))
+        distances[point] = carriers[0].distance
+        name = name_sensor(point, taken)
+        sensors[point] = [
+            Sensor(
+                f"{name}{AT * bool(number)}{carrier.component * bool(number)}",
+                carrier.component,
+                as_vector(carrier.position),
+                UNITS,
+                reach=SLACK + carrier.distance,
+            )
+            for number, carrier in enumerate(carriers)
+        ]
+        taken |= {sensor.name for sensor in sensors[point]}
+    added = {one.name: one for several in sensors.values() for one in several}
+    machine = dataclasses.replace(bare.scene.machine, sensors=known | added)
     scene = dataclasses.replace(bare.scene, machine=machine)
     return _PlacedTest(scene, sensors, np.eye(3), distances)
-
-
-def _find_carrier(bare: PreparedMachine, point: TestPoint) -> tuple[str, FloatArray, float]:
-    """Return the component whose surface is nearest to a point, the nearest place in its frame, and the
-    distance.
-    """
-    found = []
-    for name, skin in bare.skins.items():
-        frame = bare.machine.placements[name]
-        local = frame.rotation.T @ (np.array(point.position) - frame.origin)
-        place, distance = find_nearest_place(skin, local)
-        found.append((distance, name, place))
-    distance, name, place = min(found, key=lambda one: one[0])
-    return name, place, distance
 
 
 def _compare(
@@ -257,9 +257,10 @@ def _compare(
         pairs=pairs,
         mac=mac,
         distances=placed.distances,
-        sensors=placed.sensors,
+        sensors=dict(model.sensors),
         rotation=placed.rotation,
-        remarks=(*test.data.remarks, *test.fit.remarks, *placed.remarks, *model.prepared.warnings),
+        remarks=(*test.data.remarks, *test.fit.remarks, *placed.remarks),
+        warnings=model.prepared.warnings,
     )
     system, local = model.machine.system, rows @ model.dofs
     static = expand_by_stiffness(

@@ -22,6 +22,7 @@ def summarise_correlation(found: Correlation) -> JsonTable:
         "verdict": list(found.verdict),
         "faults": list(found.faults),
         "remarks": list(found.remarks),
+        "warnings": list(found.warnings),
         "modes": [_summarise_mode(found, row) for row in found.modes],
         "mac": _list_rows(found.mac),
         "cross_orthogonality": None
