@@ -127,7 +127,7 @@ def run_stages(
     """
     if not with_errors:
         scene = dataclasses.replace(
-            scene, accuracy=None, model_errors=False, interface_errors=False
+            scene, accuracy=None, model_errors=False, interface_errors=False, fit=None
         )
     return _run_rounds(scene, _StageRunner(scene, comm, store, observer=observer), plan)
 
@@ -192,11 +192,12 @@ _MACHINE_STAGES = {
     "spread": "headstock.pipeline.stages.modal:run_spread_stage",
     "models": "headstock.pipeline.accuracy.model_errors:run_models_stage",
     "joints": "headstock.pipeline.accuracy.interface_errors:run_interfaces_stage",
+    "fit": "headstock.pipeline.accuracy.fit_errors:run_fit_stage",
 }
 # loaded so far, by kind
 HANDLERS: dict[str, Callable[[RunState, Stage], Outcome]] = {}
 # all ranks work on them
-SHARED_STAGES = {"spread", "models", "joints"} | {
+SHARED_STAGES = {"spread", "models", "joints", "fit"} | {
     record.kind for record in RECORDS if record.shared
 }
 

@@ -14,7 +14,7 @@ from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.mechanisms.exechon import ToolMechanism
 from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import SuperelementFile
-from headstock.scene.reading.files import TomlTable
+from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, Problem, SceneError, suggest_names
 from headstock.scene.reading.names import NAMES
 from headstock.scene.studies import Study, Sweep
@@ -187,6 +187,25 @@ class SceneMechanism(ToolMechanism):
 
 
 @dataclass(frozen=True, eq=False)
+class FitSpread:
+    """What fits to measurements leave open of a scene.
+
+    Attributes:
+        moves: Independent changes by half of a 95 % interval, each dotted keys to values.
+        open: Parameters that the measurements leave open; no move has them.
+        scatter: Kind of measurement to half of the 95 % interval of its errors, relative.
+        overrides: ``key=value`` settings with which the scene was loaded.
+        values: Keys to values with which it was loaded.
+    """
+
+    moves: tuple[Mapping[str, TomlValue], ...]
+    open: tuple[str, ...]
+    scatter: Mapping[str, float]
+    overrides: tuple[str, ...]
+    values: Mapping[str, TomlValue]
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """A scene that has passed every check.
 
@@ -214,6 +233,7 @@ class Scene:
         modal_damping: Damping ratios of the first, second, ... elastic mode, the last for all
             others; empty for none.
         findings: Where each key comes from, for what only the files of parts can tell.
+        fit: What the fits whose variants are applied leave open; None without any.
     """
 
     name: str
@@ -241,6 +261,7 @@ class Scene:
     drives: dict[str, Drive] = field(default_factory=dict)
     findings: Findings = field(default_factory=lambda: Findings(""))
     written: TomlTable = field(default_factory=dict)
+    fit: FitSpread | None = None
 
     @property
     def is_lumped(self) -> bool:

@@ -3,10 +3,13 @@ that the data leave open.
 """
 
 import math
+import re
 import shlex
 import time
 from collections.abc import Mapping
 from pathlib import Path
+
+import click
 
 from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.commands.batch_commands import IdentifyOptions
@@ -202,6 +205,8 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
             starts=options.starts,
         ),
     )
+    if options.write is not None:
+        _require_free_name(options.scene, options.write)
     output = options.output or Path("results") / f"{options.scene.stem}-{options.targets.stem}"
     with claim_on_root(comm, output, (OVERRIDES_FILE, RECORD_FILE)):
         if comm.rank == 0:
@@ -217,9 +222,23 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
             summary = {**summarise_identification(found), "seconds": seconds}
             _publish(options, found, summary, output, origin)
             _print_identification(found, output)
+            if options.write is not None:
+                _print_include(options.scene, options.write)
             return DONE if found.converged else FAILED
 
         return make_on_root(comm, publish)
+
+
+def _print_include(scene: Path, name: str) -> None:
+    """Say where the fitted variant is, and how the scene gets it where it does not have it."""
+    file = _fit_file(scene, name)
+    how = (
+        ""
+        if name in load_scene(scene).variants
+        else f'; write include = ["{file.name}"] at the top of {scene.name}'
+    )
+    text = f"variant {name} is in {file}{how}; apply it as --variant {name}"
+    make_console().print(text, markup=False, soft_wrap=True)
 
 
 def _publish(
@@ -240,9 +259,34 @@ def _publish(
     command = _command(options, found.problem.settings.starts, with_folders=with_folders)
     written = load_scene(options.scene, overrides=options.chosen.overrides)
     write_output(output / OVERRIDES_FILE, render_overrides(found, written, command).encode())
+    if options.write is not None:
+        for scene in dict.fromkeys(model.case.scene for model in found.problem.cases):
+            path = options.targets.parent / scene if scene else options.scene
+            other = load_scene(path) if scene else written
+            fitted = render_overrides(found, other, command, scene=scene, name=options.write)
+            write_output(_fit_file(path, options.write), fitted.encode())
     text = dump_summary(summary)
     write_output(output / RECORD_FILE, text.encode())
     options.write_json(text)
+
+
+def _fit_file(scene: Path, name: str) -> Path:
+    """Return the file beside a scene that holds a fitted variant."""
+    return scene.with_name(f"{scene.stem}.{name}.toml")
+
+
+def _require_free_name(scene: Path, name: str) -> None:
+    """Refuse a name of a fitted variant that is none, or that the scene uses for one of its own.
+
+    Raises:
+        click.UsageError: It cannot be used.
+    """
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
+        raise click.UsageError(f"--write {name!r}: write a name of letters, digits and _")
+    if name in load_scene(scene).variants and not _fit_file(scene, name).exists():
+        raise click.UsageError(
+            f"--write {name}: the scene has a variant of this name; choose another"
+        )
 
 
 def _command(options: IdentifyOptions, starts: int, *, with_folders: bool) -> str:

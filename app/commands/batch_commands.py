@@ -264,6 +264,10 @@ class IdentifyOptions(SceneOptions):
     starts: Annotated[
         int | None, option("--starts", "N", "Number of starts [from the file].", min=1, max=4096)
     ] = None
+    write: Annotated[
+        str | None,
+        option("--write", "NAME", "Also write variant NAME beside the scene, as SCENE.NAME.toml."),
+    ] = None
     set_: Overrides = None
     ranks: Ranks = None
     no_host: NoHost = False

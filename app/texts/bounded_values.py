@@ -17,6 +17,7 @@ from headstock.pipeline.answers.lobes import MM, DirectionLobes, PoseLobes
 from headstock.pipeline.answers.transient import TransientAnswer, peak_key
 from headstock.pipeline.numbers.estimates import (
     DISCRETISATION,
+    FIT,
     INTERFACE,
     MODEL,
     REDUCTION,
@@ -41,6 +42,7 @@ LACKING = {
     REDUCTION: "beyond the cut-off of the modes kept, where there is no bound; see the warnings",
     DISCRETISATION: "parts take part whose mesh error is not known",
     MODEL: "with elastic bodies in place of rigid and segmented ones no mode has this shape",
+    FIT: "with parameters at the ends of their intervals no mode has this shape",
     INTERFACE: "with deformation shapes at rigid joints no mode has this shape; see the warnings",
 }
 FREE = "free"  # in place of a compliance that a free motion of the machine leaves open

@@ -12,6 +12,7 @@ MODEL = "model"  # of bodies that are no finite elements
 CUTTING = "cutting coefficients"
 BORDER = "border of stability"  # how near a search came to it
 ALL_SOURCES = "all sources"  # without a split by source
+FIT = "fit"  # of parameters to measurements
 INTERFACE = "interface"  # of rigid joints between elastic bodies
 
 

@@ -72,6 +72,7 @@ STAGE_SECONDS = {
     "recover": 0.5,
     "models": 0.3,
     "joints": 0.3,
+    "fit": 0.3,
     "frf": 0.08,
     "control": 0.06,
     "respond": 0.3,

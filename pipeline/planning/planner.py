@@ -188,6 +188,13 @@ def _plan_comparisons(
             "what rigid joints leave out: deformation shapes at",
             "interface_errors has nothing to compare: no rigid joint holds two elastic components by one flat patch each",
         ),
+        (
+            scene.fit is not None,
+            "fit",
+            [] if lumped or scene.fit is None else [f"{len(scene.fit.moves)} directions"],
+            "what a fit leaves open of its parameters, along",
+            "a lumped mechanism has no fitted parameters",
+        ),
     )
     for asked, kind, names, reason, nothing in tried:
         if asked and names:

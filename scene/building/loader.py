@@ -31,13 +31,16 @@ from headstock.scene.expansion.overrides import (
     apply_settings,
     apply_values,
     apply_variant,
+    split_variant,
 )
 from headstock.scene.reading.files import MAX_DEPTH, TomlTable, TomlValue, nesting_depth
 from headstock.scene.reading.findings import Findings
+from headstock.scene.reading.keys import find_keys, split_key
 from headstock.scene.scene import (
     AccuracyGoal,
     Analyses,
     CompareSettings,
+    FitSpread,
     Limits,
     Scene,
     list_analyses,
@@ -49,7 +52,7 @@ from headstock.scene.schema.effects import (
     read_modal_damping,
     read_rayleigh_damping,
 )
-from headstock.scene.schema.scene import SceneTable
+from headstock.scene.schema.scene import FitTable, SceneTable
 from headstock.scene.schema.validation import validate_tables
 
 # These need entries that passed the schema, whatever else is wrong.
@@ -110,7 +113,31 @@ def load_scene(
     """
     findings = Findings(str(path))
     raw = read_tables(path, findings, variant=variant, overrides=overrides, values=values)
-    return build_scene(raw, findings, path=path, variant=variant)
+    scene = build_scene(raw, findings, path=path, variant=variant)
+    return dataclasses.replace(scene, fit=_read_fit(scene, tuple(overrides), values or {}))
+
+
+def _read_fit(
+    scene: Scene, overrides: tuple[str, ...], values: Mapping[str, TomlValue]
+) -> FitSpread | None:
+    """Return what the fits of the scene's variants leave open; None without any."""
+    known = scene.raw.get("fits", {})
+    names = [name for name in split_variant(scene.variant) if name in known]
+    if not names or not isinstance(known, dict):
+        return None
+    tables = [FitTable.model_validate(known[name]) for name in names]
+    moves = [
+        {key: value for key, value in move.items() if find_keys(scene.raw, split_key(key))}
+        for table in tables
+        for move in table.moves
+    ]
+    return FitSpread(
+        moves=tuple(moves),
+        open=tuple(name for table in tables for name in table.open),
+        scatter={kind: share for table in tables for kind, share in table.scatter.items()},
+        overrides=overrides,
+        values=values,
+    )
 
 
 def read_tables(

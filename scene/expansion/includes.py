@@ -24,6 +24,7 @@ from headstock.scene.schema.validation import validate_tables
 
 INCLUDE = "include"
 MAX_INCLUDE_DEPTH = 5
+VARIANT_SECTIONS = ("variants", "fits")  # of files without a prefix
 MAX_INCLUDED_BYTES = 4 << 20
 MAX_REFERENCE = 200  # characters
 # section that a text names an entry of, by section and keys of the entry it stands in; an end or a
@@ -138,7 +139,7 @@ class _Reader:
                 "a scene holds no bulk data, refer to files instead",
                 key=key,
             )
-        _check_sections(tables, inner)
+        _check_sections(tables, entry, inner)
         _merge(raw, tables, entry, findings, inner)
 
     def _refuse(self, path: Path, chain: tuple[Path, ...]) -> str:
@@ -152,13 +153,15 @@ class _Reader:
         return ""
 
 
-def _check_sections(tables: TomlTable, findings: Findings) -> None:
+def _check_sections(tables: TomlTable, entry: IncludeTable, findings: Findings) -> None:
+    # keys of variants are those of the scene, so they bear no prefix
+    allowed = (*MACHINE_SECTIONS, *(() if entry.prefix else VARIANT_SECTIONS))
     for section, entries in tables.items():
-        if section not in MACHINE_SECTIONS:
+        if section not in allowed:
             findings.add(
                 (section,),
                 f"{section[:80]!r} is not allowed in an included file; write it in the scene. "
-                f"Included are: {', '.join(MACHINE_SECTIONS)}",
+                f"Included are: {', '.join(allowed)}",
             )
         elif not isinstance(entries, dict):
             findings.add(

@@ -202,6 +202,17 @@ def _read_prefix(value: object) -> str:
     return value
 
 
+class FitTable(types.StrictTable):
+    """How uncertain the values of a variant are that were fitted to measurements; written by a command."""
+
+    moves: Annotated[list[dict[str, Any]], Field(max_length=100)]
+    """independent changes of its keys, each by half of a 95 % interval"""
+    open: list[types.Text] = []
+    """parameters that the measurements leave open"""
+    scatter: dict[types.Name, types.Ratio] = {}
+    """half of the 95 % interval of the errors of a measurement, by kind"""
+
+
 class IncludeTable(types.StrictTable):
     """A file whose entries become entries of the scene."""
 
@@ -273,6 +284,8 @@ class SceneTable(types.StrictTable):
     variants: dict[types.Name, dict[str, Any]] = {}
     """named sets of overrides, keys in quotes: `"components.column.fidelity" = "rigid"`; chosen by `--variant`; `--variant A+B` applies
     `A`, then `B`"""
+    fits: dict[types.Name, FitTable] = {}
+    """what `headstock identify --write` knows of fitted values, by the name of their variant: with it a run adds them to every ±"""
     compare: _CompareTable = Field(default_factory=_CompareTable.model_construct)
     """what `headstock compare` shows, see [variants side by side](comparing.md)"""
     poses: Annotated[dict[types.Name, PoseTable], Field(max_length=types.MAX_POSES)] = {}

@@ -5,6 +5,8 @@ the scene.
 import math
 from collections.abc import Mapping
 
+import numpy as np
+
 from headstock.pipeline.storage.json_texts import JsonTable
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import KeyPath, show_key
@@ -73,14 +75,19 @@ def summarise_identification(found: Identification) -> JsonTable:
             f"{scene}:{variant or ''}".strip(":"): {
                 show_key(key): text for key, text in values.items()
             }
-            for (scene, variant), values in _write_keys(found).items()
+            for (scene, variant), values in _write_keys(found, found.values).items()
         },
     }
 
 
-def _write_keys(found: Identification) -> dict[MachineKey, dict[KeyPath, str | float]]:
-    """By machine of the target file: every key that follows a parameter with its fitted value as
-    the scene writes it.
+def _write_keys(
+    found: Identification, values: Mapping[str, float]
+) -> dict[MachineKey, dict[KeyPath, str | float]]:
+    """By machine of the target file: every key that follows a parameter with its value as the scene
+    writes it.
+
+    Args:
+        values: Of the parameters, SI.
     """
     result: dict[MachineKey, dict[KeyPath, str | float]] = {}
     for state in found.point.states:
@@ -88,7 +95,7 @@ def _write_keys(found: Identification) -> dict[MachineKey, dict[KeyPath, str | f
         scene = parametric.scene
         result[state.model.case.machine] = {
             law.key: write_number(
-                law.value(found.values), written_unit(scene.raw, law.key, scene.written)
+                law.value(values), written_unit(scene.raw, law.key, scene.written)
             )
             for law in parametric.laws
             if law.rules
@@ -96,16 +103,24 @@ def _write_keys(found: Identification) -> dict[MachineKey, dict[KeyPath, str | f
     return result
 
 
-def render_overrides(found: Identification, written: Scene, command: str) -> str:
-    """Fitted values as variants of the scene.
+def render_overrides(
+    found: Identification, written: Scene, command: str, *, scene: str = "", name: str = VARIANT
+) -> str:
+    """Fitted values as variants of a scene, and what is known of them.
 
     Args:
         found: What was fitted.
-        written: The scene without a variant: what it holds goes into ``calibrated``; keys and
-            values that only one variant has go into ``calibrated_VARIANT``, to be applied after it.
+        written: The scene without a variant: what it holds goes into the variant; keys and
+            values that only one variant has go into ``NAME_VARIANT``, to be applied after it.
         command: How to get this file again.
+        scene: Its name in the target file; empty for the scene that was fitted.
+        name: Of the variant.
     """
-    keys = {variant: values for (scene, variant), values in _write_keys(found).items() if not scene}
+    keys = {
+        variant: values
+        for (other, variant), values in _write_keys(found, found.values).items()
+        if other == scene
+    }
     shared = {
         key: value
         for values in keys.values()
@@ -114,21 +129,52 @@ def render_overrides(found: Identification, written: Scene, command: str) -> str
     }
     lines = [
         f"# {command}",
-        "# Paste below the scene's own variants; apply as --variant VARIANT+calibrated.",
+        f"# Included by a scene (include = [...]) or pasted; apply as --variant VARIANT+{name}.",
     ]
     lines += [f"# {_describe(item)}" for item in found.parameters]
-    lines += ["", f"[variants.{VARIANT}]", *_entries(shared)]
+    lines += ["", f"[variants.{name}]", *_entries(shared)]
     for variant, values in keys.items():
         special = {key: value for key, value in values.items() if shared.get(key) != value}
         if special:
-            name = f"{VARIANT}_{(variant or 'written').replace('+', '_')}"
+            own_name = f"{name}_{(variant or 'written').replace('+', '_')}"
             lines += [
                 "",
-                f"# --variant {variant}+{VARIANT}+{name}",
-                f"[variants.{name}]",
+                f"# --variant {variant}+{name}+{own_name}",
+                f"[variants.{own_name}]",
                 *_entries(special),
             ]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *_render_fit(found, scene, name)]) + "\n"
+
+
+def _render_fit(found: Identification, scene: str, name: str) -> list[str]:
+    """Return the lines of ``[fits.NAME]``: what is known of the fitted values."""
+    problem, statistics = found.problem, found.statistics
+    center = found.point.coordinates
+    moves = []
+    for change in statistics.list_moves():
+        inside = (center + change >= problem.lower) & (center + change <= problem.upper)
+        values = problem.values(center + (change if inside.all() else -change))
+        keys: dict[KeyPath, str | float] = {}
+        for (other, _), written in _write_keys(found, values).items():
+            if other == scene:
+                keys = written | keys
+        moves.append(f"    {{ {', '.join(_entries(keys))} }},")
+    names = [parameter.name for parameter in problem.parameters]
+    unknown = [f'"{names[i]}"' for i in np.flatnonzero(~np.isfinite(statistics.sigmas))]
+    scatter = {item.kind: 0.0 for item in found.outcomes}
+    for item in found.outcomes:
+        scatter[item.kind] = max(scatter[item.kind], item.scatter)
+    shares = ", ".join(f'{kind} = "{100.0 * share:.2g} %"' for kind, share in scatter.items())
+    return [
+        "",
+        "# what the measurements leave open: independent changes by half of a 95 % interval",
+        f"[fits.{name}]",
+        "moves = [",
+        *moves,
+        "]",
+        f"open = [{', '.join(unknown)}]",
+        f"scatter = {{ {shares} }}",
+    ]
 
 
 def _entries(values: Mapping[KeyPath, str | float]) -> list[str]:

@@ -105,6 +105,19 @@ class FitStatistics:
         spread = np.einsum("rp,pq,rq->r", reach, self.covariance[np.ix_(felt, felt)], reach)
         return float(np.sqrt(np.mean(spread))) if felt.any() else 0.0
 
+    def list_moves(self) -> FloatArray:
+        """Return independent changes ``(m, p)`` of the coordinates by half of a 95 % interval, whose
+        squares sum up to those of the intervals; open parameters do not move.
+        """
+        known = np.isfinite(self.sigmas)
+        reach = np.where(known, self.quantiles, 0.0)
+        covariance = np.where(np.outer(known, known), self.covariance, 0.0)
+        sizes = np.sqrt(np.diag(covariance))
+        scale = np.where(sizes > 0.0, sizes, 1.0)
+        values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+        kept = values > np.finfo(float).eps * len(values)
+        return (vectors[:, kept] * np.sqrt(values[kept])).T * scale * reach
+
     def scatter(self, kind: str, sigma: float) -> float:
         """Return the standard deviation that measurements of a kind have, relative: as stated, or as
         their residuals show it.

@@ -206,3 +206,30 @@ def test_a_modified_machine_pairs_by_the_shapes_of_the_unmodified_one(block: She
     assert set(found["keys"]) == {"", "soft", "other.toml"}
     block.write(text.replace('Hz", name = "x" }]', 'Hz", name = "w" }]') + free, name="targets")
     assert "has no partner in a" in block.refuses(IDENTIFY)
+
+
+def test_a_fit_is_written_beside_the_scene_and_later_runs_carry_its_uncertainty(
+    block: Shell,
+) -> None:
+    """1 % of a frequency, in ± of every frequency that the fitted stiffness determines."""
+    block.change(('name = "Block"', 'name = "Block"\ninclude = []'))
+    block.change(add="[analyses.modal]\ncount = 6\n[analyses.static]\nat = ['tcp']\n")
+    text = f"[cases.a]\nmodes = [{mode(1.05 * SHIFTS[1], 'y')}]\n"
+    block.write(text + parameter("y"), name="targets")
+    printed = block.prints(f"{IDENTIFY} --write fitted")
+    assert 'write include = ["scene.fitted.toml"]' in printed
+    block.change(("include = []", 'include = ["scene.fitted.toml"]'))
+    assert "write include" not in block.prints(f"{IDENTIFY} --write fitted")
+    printed = block.prints("run scene.toml --variant fitted -o run --no-figures")
+    assert "a measurement scatters apart from that by frequency 2 %" in printed
+    (modes,) = block.json("run/summary.json")["modal"]
+    hz = 1.05 * SHIFTS[1]
+    nearest = int(np.argmin(np.abs(np.array(modes["frequencies_hz"]) - hz)))
+    assert modes["frequencies_hz"][nearest] == approx(hz, rel=1e-6)
+    spreads = [shares["fit"] for shares in modes["error_share"]]
+    assert spreads[nearest] == approx(1.959964 * 0.01 * hz, rel=0.02)
+    assert max(spreads[:nearest] + spreads[nearest + 1 :]) < 0.01
+    block("run scene.toml -o plain --no-figures")
+    assert "fit" not in str(block.json("plain/summary.json")["modal"])
+    block.change(add='[variants.mine]\n"joints.feet.stiffness.z" = "6 N/um"\n')
+    assert "choose another" in block.refuses(f"{IDENTIFY} --write mine")
