@@ -99,6 +99,19 @@ def build_bolt_plate() -> Solid:
     return _extrude(600, 400, bores, z=0, height=25)
 
 
+def build_spline_plate() -> Solid:
+    """A 600 x 400 x 25 plate with 75 holes of four walls each, which are splines through nine
+    points.
+    """
+    return _extrude(
+        600,
+        400,
+        [_blob(40 + 520 / 14 * i, 50 + 75 * j, 0, 11.0) for i in range(15) for j in range(5)],
+        z=0,
+        height=25,
+    )
+
+
 def build_bed() -> Solid:
     """A 1280 x 420 x 300 machine bed of 1006 faces with edges of 54 µm, where tools have left steps
     of that depth.
@@ -168,6 +181,7 @@ PARTS: dict[str, Callable[[], Solid]] = {
     "housing": build_housing,
     "elbow": build_elbow,
     "bolt_plate": build_bolt_plate,
+    "spline_plate": build_spline_plate,
     "bed": build_bed,
     "casting": build_casting,
 }
@@ -202,6 +216,19 @@ def _slot(x: float, y: float, z: float, length: float, radius: float) -> int:
     ]
     lines = [occ.addLine(points[0], points[1]), occ.addLine(points[2], points[3])]
     return int(occ.addCurveLoop([lines[0], arcs[0], lines[1], arcs[1]]))
+
+
+def _blob(x: float, y: float, z: float, radius: float) -> int:
+    """A curve loop of four splines around a place, with two waves in each."""
+    angles = 2.0 * np.pi * np.arange(32) / 32
+    radii = radius * (1.0 + 0.1 * np.cos(8.0 * angles))
+    points = [
+        gmsh.model.occ.addPoint(x + r * np.cos(a), y + r * np.sin(a), z)
+        for r, a in zip(radii, angles, strict=True)
+    ]
+    quarters = [[points[(8 * k + i) % 32] for i in range(9)] for k in range(4)]
+    curves = [gmsh.model.occ.addSpline(quarter) for quarter in quarters]
+    return int(gmsh.model.occ.addCurveLoop(curves))
 
 
 def _extrude(width: float, depth: float, holes: list[int], *, z: float, height: float) -> Solid:

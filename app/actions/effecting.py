@@ -11,11 +11,12 @@ from pathlib import Path
 import click
 
 from headstock.app.actions.checking import load_chosen
-from headstock.app.actions.publishing import EFFECTS_FILE, is_same_scene, renew_report
+from headstock.app.actions.publishing import is_same_scene, renew_report
 from headstock.app.actions.running import require_ranks
 from headstock.app.charts.effects import draw_worth
 from headstock.app.commands.options import split_list
 from headstock.app.commands.scene_commands import EffectsOptions
+from headstock.app.report.marks import EFFECTS_FILE
 from headstock.app.report.pages import render_effects
 from headstock.app.report.report import Worth
 from headstock.app.terminal.guard import DONE

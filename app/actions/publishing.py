@@ -18,6 +18,7 @@ from headstock.app.pictures.pictures import (
     draw_modes,
     stills_by_pose,
 )
+from headstock.app.report.marks import EFFECTS_FILE, mark_report
 from headstock.app.report.report import Stills, Worth, render_report, write_report
 from headstock.app.tables.table import encode_csv
 from headstock.app.terminal.console import print_remarks
@@ -27,11 +28,12 @@ from headstock.meshing.process.strangers import SUMMARY, require_size
 from headstock.pipeline.numbers.folders import RESULTS_FILE, read_summary
 from headstock.pipeline.results.files import (
     FIGURES_FOLDER,
+    PUBLISHED,
     REPORT_FILE,
     TABLES_FOLDER,
     open_results,
 )
-from headstock.pipeline.results.mode_files import MODES_FOLDER, VOLUME_FOLDER, write_mode_files
+from headstock.pipeline.results.mode_files import VOLUME_FOLDER, write_mode_files
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.storage.outputs import (
     UnusableOutputError,
@@ -44,8 +46,6 @@ from headstock.pipeline.storage.typed_json import find_fault
 
 CHART_MODULE = "headstock.app.charts.effects"
 EFFECTS_MODULE = "headstock.studies.effects"
-EFFECTS_FILE = "effects.json"  # beside the results of the scene that it is of
-PARTS = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER, VOLUME_FOLDER)
 
 
 def publish_run(
@@ -74,8 +74,10 @@ def publish_run(
         folder, FIGURES_FOLDER, {f"{name}.png": image for name, image in images.items()}
     )
     stills = Stills(stills_by_pose(view, drawn.images), drawn.remark)
-    write_report(folder, run, stills, _read_worth(folder, run.provenance))
-    return list(dict.fromkeys([*remarks, *(part.remark for part in (drawn, *more) if part.remark)]))
+    remarks += [part.remark for part in (drawn, *more) if part.remark]
+    mark = "" if remarks else mark_report(folder, run, figures=figures)
+    write_report(folder, run, stills, _read_worth(folder, run.provenance), mark)
+    return list(dict.fromkeys(remarks))
 
 
 def report_command(options: ReportOptions) -> int:
@@ -93,7 +95,7 @@ def renew_report(folder: Path) -> Path:
         OutputError: A file cannot be written.
     """
     read_summary(folder)  # what is no folder of results is not claimed
-    with claim_output(folder, (REPORT_FILE,), PARTS):
+    with claim_output(folder, (REPORT_FILE,), (*PUBLISHED, VOLUME_FOLDER)):
         print_remarks(_publish_again(folder, open_results(folder)))
     return folder / REPORT_FILE
 

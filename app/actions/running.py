@@ -10,19 +10,20 @@ from pathlib import Path
 import click
 
 from headstock.app.actions.checking import choose_fidelity, load_chosen
-from headstock.app.actions.publishing import PARTS, publish_run
 from headstock.app.commands.options import find_command_line, trace_command
 from headstock.app.commands.scene_commands import RunOptions
+from headstock.app.report.marks import is_published, mark_report
 from headstock.app.terminal.console import counted, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.app.terminal.progress import show_progress
 from headstock.app.terminal.summary import print_header, print_stage, print_summary
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
+from headstock.pipeline.planning.analyses import load_named
 from headstock.pipeline.planning.budgets import BASE_MB
 from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.preview.doubts import free_motion_warnings
-from headstock.pipeline.results.files import REPORT_FILE
+from headstock.pipeline.results.files import PUBLISHED, REPORT_FILE
 from headstock.pipeline.results.mode_files import VOLUME_FOLDER
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
@@ -63,21 +64,33 @@ def run_command(options: RunOptions, comm: MPI.Comm) -> int:
     parts = filter(None, [scene.path.stem, options.variant, options.fidelity])
     output = options.output or Path("results") / "-".join(parts)
     files = (RESULTS_FILE, SUMMARY_FILE, REPORT_FILE)
-    with claim_on_root(comm, output, files, (*PARTS, VOLUME_FOLDER)):
+    with claim_on_root(comm, output, files, (*PUBLISHED, VOLUME_FOLDER)):
         said = free_motion_warnings(scene) if comm.rank == 0 else ()
         if comm.rank == 0:
             print_header(scene, ranks=comm.size)
             print_remarks(said)
         results = _run_with_progress(scene, output, comm, volume=options.volume, origin=origin)
         if comm.rank == 0:
-            with show_progress() as progress:
-                progress.begin("report", 0.0 if options.no_figures else DRAWING_SECONDS)
-                remarks = publish_run(output, results, figures=not options.no_figures)
+            remarks = _publish(output, results, figures=not options.no_figures)
             options.write_json(dump_summary(summarise(results)))
             print_remarks(remarks)
             seconds = time.perf_counter() - start if line is None else line.seconds
             print_summary(results, seconds=seconds, folder=output, said=said)
     return int(share_from_root(comm, FAILED if results.failures else DONE))
+
+
+def _publish(folder: Path, results: Results, *, figures: bool) -> list[str]:
+    """Write report, tables, modes and pictures, where those of the last run are not the same; remarks
+    for the user.
+    """
+    if is_published(folder, mark_report(folder, results, figures=figures)):
+        return []
+    with show_progress() as progress:
+        progress.begin("report", DRAWING_SECONDS if figures else 0.0)
+        # templates and pictures, a fifth of a second
+        publish = load_named("headstock.app.actions.publishing:publish_run")
+        remarks: list[str] = publish(folder, results, figures=figures)
+    return remarks
 
 
 @contextlib.contextmanager

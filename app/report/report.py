@@ -69,7 +69,11 @@ class Worth:
 
 
 def write_report(
-    folder: Path, run: Results, stills: Stills | None = None, worth: Worth | None = None
+    folder: Path,
+    run: Results,
+    stills: Stills | None = None,
+    worth: Worth | None = None,
+    mark: str = "",
 ) -> Path:
     """Write ``report.html`` into a folder of results.
 
@@ -77,16 +81,19 @@ def write_report(
         run: What is reported; without poses to draw the report has no machine view.
         stills: Pictures of the machine, for browsers without WebGL and for paper.
         worth: Of effects and models, where that is known.
+        mark: What it is made of, for the next run; empty where that should make it again.
 
     Raises:
         OutputError: It cannot be written.
     """
     path = folder / REPORT_FILE
-    write_output(path, render_report(run, stills, worth).encode())
+    write_output(path, render_report(run, stills, worth, mark).encode())
     return path
 
 
-def render_report(run: Results, stills: Stills | None = None, worth: Worth | None = None) -> str:
+def render_report(
+    run: Results, stills: Stills | None = None, worth: Worth | None = None, mark: str = ""
+) -> str:
     """Return the report as HTML text that refers to nothing outside itself.
 
     Every number from the summary is in a ``data`` element, or an SVG text, with its unrounded value
@@ -96,6 +103,7 @@ def render_report(run: Results, stills: Stills | None = None, worth: Worth | Non
         run: What is reported; without poses to draw the report has no machine view.
         stills: Pictures of the machine, for browsers without WebGL and for paper.
         worth: Of effects and models, where that is known.
+        mark: As in ``write_report``.
     """
     stills = stills or Stills()
     machine = encode_machine(run.view, _captions(run))
@@ -114,6 +122,7 @@ def render_report(run: Results, stills: Stills | None = None, worth: Worth | Non
         .get_template(TEMPLATE)
         .render(
             names,
+            mark=mark,
             keys=_key_figures(run),
             totals=sum_up(run),
             stages=[*map(summarise_stage, run.stages)],

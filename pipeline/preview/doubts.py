@@ -227,11 +227,14 @@ def _find_distance(first: _Area, second: _Area, shift: FloatArray) -> float:
     """Find the shortest distance [m] of two boxes, the second moved by ``-shift`` ``(3,)`` [m], by
     alternating projections (Cheney and Goldstein 1959).
     """
-    place = second.middle - shift
+    place, distance = second.middle - shift, math.inf
     for _ in range(PROJECTIONS):
         other = first.nearest(place)
         place = second.nearest(other + shift) - shift
-    return float(np.linalg.norm(place - other))
+        before, distance = distance, float(np.linalg.norm(place - other))
+        if distance >= before:
+            break
+    return distance
 
 
 def _show_length(length: float) -> str:

@@ -17,6 +17,7 @@ import numpy as np
 
 from headstock.geometry.parts.components import Component
 from headstock.meshing.process.plain_hdf5 import h5py
+from headstock.meshing.process.strangers import RESULTS, require_size
 from headstock.meshing.size_files import SUFFIX, encode_sizes
 from headstock.pipeline.numbers.folders import (
     FORMAT,
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
 
 REPORT_FILE = "report.html"
 TABLES_FOLDER, FIGURES_FOLDER, SIZES_FOLDER = "tables", "figures", "sizes"
+PUBLISHED = (TABLES_FOLDER, FIGURES_FOLDER, MODES_FOLDER)  # folders beside the report
 # pattern of the path of a data set to its unit; answers name those of their own
 UNITS = {
     r"provenance/.*": "",
@@ -77,7 +79,8 @@ UNITS = {
 
 
 def add_results(pending: PendingOutputs, folder: Path, results: Results) -> str:
-    """Write ``results.h5``, to appear with the other pending files.
+    """Write ``results.h5``, to appear with the other pending files; one that the same command left
+    there with the same content stays, with the times of that run.
 
     Args:
         pending: Files that appear together.
@@ -89,12 +92,40 @@ def add_results(pending: PendingOutputs, folder: Path, results: Results) -> str:
         AccuracyError: A result is not a finite number.
         OutputError: The disk is full or the folder is gone.
     """
+    content = _digest_content(results)
+    if (digest := _find_same(folder / RESULTS_FILE, content)) is not None:
+        return digest
     image = io.BytesIO()
     with h5py.File(image, "w") as file:
+        file.attrs["content"] = content
         _fill(file, results)
     with naming_output(folder / RESULTS_FILE) as path:
         pending.add(path, image.getvalue())
     return hashlib.sha256(image.getbuffer()).hexdigest()
+
+
+def _digest_content(results: Results) -> str:
+    """Return a SHA-256 of what was found, in which stages and by what command: of all but times."""
+    origin = results.provenance and dataclasses.replace(results.provenance, date="")
+    plain = dataclasses.replace(results, stages=(), provenance=origin, volumes=None)
+    stages = [(each.stage.kind, each.stage.component, each.stage.pose) for each in results.stages]
+
+    def name_array(array: AnyArray) -> str:
+        return str(_fingerprint(array))
+
+    return hashlib.sha256(dump_coded(encode_value((plain, stages), name_array))).hexdigest()
+
+
+def _find_same(path: Path, content: str) -> str | None:
+    """Return the SHA-256 of a file of results with this content; None where there is none."""
+    try:
+        require_size(path, RESULTS, RecordError)
+        image = path.read_bytes()
+        with h5py.File(io.BytesIO(image), "r") as file:
+            same = bool(file.attrs.get("content") == content)
+    except (OSError, RecordError):
+        return None
+    return hashlib.sha256(image).hexdigest() if same else None
 
 
 def publish_summary(pending: PendingOutputs, folder: Path, results: Results) -> None:

@@ -246,10 +246,10 @@ def library_versions(names: tuple[str, ...]) -> dict[str, str]:
 
 @functools.cache
 def code_fingerprint(package: ModuleType) -> str:
-    """SHA-256 over the source files of a sub-package and its rooms, and the catalogue's: a changed
-    algorithm never meets results of the old one.
+    """SHA-256 over the source files of a sub-package and its rooms, the catalogue and templates: a
+    changed algorithm never meets results of the old one.
     """
-    return _fingerprint(package, ("**/*.py", "**/*.toml"))
+    return _fingerprint(package, ("**/*.py", "**/*.toml", "**/*.html", "**/*.css", "**/*.js"))
 
 
 @functools.cache

@@ -243,6 +243,15 @@ def replace_outputs(folder: Path, part: str, files: Mapping[str, bytes]) -> list
     return remarks
 
 
+def are_intact(folder: Path, names: Iterable[str], parts: Sequence[str]) -> bool:
+    """Return whether files of an output folder, and all that were written into parts of it, are what
+    Headstock wrote there last.
+    """
+    listed = _read_list(folder)
+    inside = [name for name in listed if name.partition("/")[0] in parts and "/" in name]
+    return all(_holds(folder, name, listed.get(name, [])[-1:]) for name in (*names, *inside))
+
+
 def remove_outputs(folder: Path, names: Iterable[str]) -> None:
     """Remove files of an earlier run that the present one does not write; what somebody else wrote
     or changed is kept.

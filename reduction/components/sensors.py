@@ -6,6 +6,7 @@ A sensor is no boundary dof: the motion at its place is a row of the recovery ba
 
 import contextlib
 import dataclasses
+import importlib
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -17,9 +18,9 @@ from headstock.geometry.parts.nearest_places import describe_distance, find_near
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.meshing.components.skins import mesh_surface
 from headstock.reduction.superelement import SensorRows, StaticLoad, Superelement
-from headstock.solvers.elastic.stress_recovery import find_point_rows
 from headstock.solvers.errors import ModelError
 
+RECOVERY = "headstock.solvers.elastic.stress_recovery"  # loads PETSc
 # flat triangles of curved facets pass beside their cells by less than this share of a cell
 FACET_SLACK = 0.2
 
@@ -67,6 +68,7 @@ def _find_shares(
 ) -> tuple[IntArray, FloatArray]:
     """Return the mesh points around a sensor and their shares in its motion."""
     place = np.array(sensor.position)
+    find_point_rows = importlib.import_module(RECOVERY).find_point_rows
     try:
         found = find_point_rows(mesh, material, place)
     except ModelError:

@@ -209,3 +209,28 @@ def test_a_picture_of_the_machine_shows_bodies_where_they_stand_and_the_tool_whe
     tools = picture.marks[1]
     np.testing.assert_array_equal(tools.places, [[1, 0, 1]])
     assert tools.in_front
+
+
+def test_the_same_command_again_leaves_results_and_report_as_they_are(
+    store_root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HEADSTOCK_STORE", str(store_root))
+    words = ["run", str(THREE_AXIS), "-o", str(tmp_path), "--variant", "R", "--no-figures"]
+    words += ["--analysis", "static"]
+    kept = ("results.h5", "report.html")
+
+    def run_again(*more: str) -> list[int]:
+        assert main([*words, *more]) == 0
+        open_results(tmp_path)  # they belong together
+        return [(tmp_path / name).stat().st_mtime_ns for name in kept]
+
+    table = tmp_path / "tables" / "compliance_reference_tcp.csv"
+    written = run_again()
+    content = table.read_bytes()
+    assert run_again() == written
+    table.unlink()
+    results, report = run_again()
+    assert results == written[0] and report > written[1] and table.read_bytes() == content
+    assert run_again() == [results, report]
+    heavier = run_again("--set", "components.base.mass=500 kg")
+    assert heavier[0] > results and heavier[1] > report
