@@ -1,7 +1,7 @@
 """Sensors and point masses of a machine: built from their tables, and what may be wrong with them."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,19 +12,20 @@ from headstock.geometry.parts.nearest_places import describe_distance, find_near
 from headstock.geometry.parts.patches import PlanarSolid, planar_boxes
 from headstock.geometry.parts.skins import solid_skin
 from headstock.geometry.parts.solids import Tube
-from headstock.meshing.process.strangers import TEST_POINTS
+from headstock.meshing.process.strangers import TEST_DATA
 from headstock.scene.building.components import build_frame
 from headstock.scene.building.draft import Draft
 from headstock.scene.reading.csv_files import CsvError
-from headstock.scene.reading.files import resolve_file
+from headstock.scene.reading.files import UFF_SUFFIXES, resolve_file
 from headstock.scene.reading.findings import Findings, KeyPath
 from headstock.scene.schema import types
 from headstock.scene.schema.components import ComponentTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.sensors import MassTable, SensorTable
-from headstock.scene.test_data.point_tables import TableRow, read_point_table
+from headstock.scene.test_data.errors import MeasurementError
+from headstock.scene.test_data.point_tables import TableRow, read_places
 
-SUFFIXES = (".csv",)
+SUFFIXES = (".csv", *UFF_SUFFIXES)
 OUTSIDE = 1e-9  # [m]: rounding of a place on a face
 type Vector = tuple[float, float, float]
 
@@ -42,7 +43,7 @@ def build_sensors(scene: SceneTable, folder: Path, findings: Findings) -> dict[s
             key: KeyPath = (section, name)
             try:
                 built |= {one.name: one for one in _build_places(name, table, scene, folder)}
-            except CsvError as error:
+            except (CsvError, MeasurementError) as error:
                 findings.add((*key, "file"), str(error))
             except ValueError as error:
                 findings.add(key, str(error))
@@ -55,9 +56,7 @@ def _build_places(name: str, table: MassTable, scene: SceneTable, folder: Path) 
         row = TableRow(0, name, table.component or "", (x, y, z), "", table.mass)
         yield _build_place(name, table, row, scene)
         return
-    for row in read_point_table(
-        resolve_file(folder, table.file, SUFFIXES, TEST_POINTS), table.unit or ""
-    ):
+    for row in read_places(resolve_file(folder, table.file, SUFFIXES, TEST_DATA), table.unit or ""):
         try:
             yield _build_place(f"{name}.{row.name}", table, row, scene)
         except ValueError as error:
@@ -81,7 +80,9 @@ def _build_place(name: str, table: MassTable, row: TableRow, scene: SceneTable) 
         reach=table.reach,
     )
     if isinstance(table, SensorTable):
-        written = _read_directions(row.directions) if row.directions else table.directions
+        written: Sequence[str | Vector] = row.measured[:3] or table.directions
+        if row.directions:
+            written = _read_directions(row.directions)
         return dataclasses.replace(
             sensor, directions=_name_directions(written), fixed_axes=table.axes == "machine"
         )
@@ -115,14 +116,16 @@ def _read_directions(text: str) -> list[str | Vector]:
 
 
 def _name_directions(written: Iterable[str | Vector]) -> dict[str, Vector]:
-    """Return the vector of each dof: letters are axes, vectors take the letters left in their order."""
-    written = tuple(written)
-    left = iter([letter for letter in DIRECTIONS if letter not in written])
-    named = {
-        one if isinstance(one, str) else next(left): types.read_direction(one)
-        if isinstance(one, str)
-        else one
-        for one in written
+    """Return the vector of each dof: letters and vectors along axes are axes, others take the letters
+    that are left in their order.
+    """
+    vectors = [types.read_direction(one) if isinstance(one, str) else one for one in written]
+    letters = [types.show_direction(vector).strip('"-') for vector in vectors]
+    left = iter([letter for letter in DIRECTIONS if letter not in letters])
+    named = {letter: types.read_direction(letter) for letter in letters if letter in DIRECTIONS} | {
+        next(left): vector
+        for letter, vector in zip(letters, vectors, strict=True)
+        if letter not in DIRECTIONS
     }
     return {dof: named[dof] for dof in DIRECTIONS if dof in named}
 

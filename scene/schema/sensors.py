@@ -46,7 +46,7 @@ class MassTable(types.StrictTable):
     """position on the component's surface or inside it"""
     file: types.Text | None = None
     """a `.csv` table in the folder of the scene, a place in each row: columns `x [mm]`, `y [mm]`, `z [mm]` and, as wanted, `name`,
-    `component` (or `part`), `directions` and `mass [g]`"""
+    `component` (or `part`), `directions` and `mass [g]`; or a `.uff` file of a test with its points and what was measured there"""
     unit: Annotated[types.Text, types.without_fault(_find_unit_fault)] | None = None
     """unit of positions in a table whose columns name none"""
     frame: SensorAxes = "component"

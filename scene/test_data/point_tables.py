@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -13,12 +13,15 @@ from headstock.meshing.process.strangers import TEST_POINTS, read_apart
 from headstock.meshing.process.worker import Arrays
 from headstock.scene.reading.csv_files import CsvError
 from headstock.scene.reading.units import LENGTH, MASS, UnitError, quote_value, read_unit
+from headstock.scene.test_data.reading import read_test_data
+from headstock.scene.test_data.records import Vector
 
 POSITION = ("x", "y", "z")
 NAMES = {"part": "component", "point": "name", "sensor": "name", "direction": "directions"}
 COLUMNS = ("name", "component", *POSITION, "directions", "mass")
 EXAMPLE = "name,x [mm],y [mm],z [mm]"
 MOST_ROWS = 10_000
+SAME_DIRECTION = 0.9999  # cosine
 _HEADING = re.compile(r"([A-Za-z_]+)\s*(?:\[([^\[\]]*)\])?")
 _LABEL = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
@@ -34,14 +37,54 @@ class TableRow:
         position: [m].
         directions: As written; empty where the table has no such column.
         mass: [kg]; None where the table has no such column.
+        measured: Unit vectors of what was measured or excited there; of files of test data.
     """
 
     line: int
     name: str
     component: str
-    position: tuple[float, float, float]
+    position: Vector
     directions: str
     mass: float | None
+    measured: tuple[Vector, ...] = ()
+
+
+def read_places(path: Path, unit: str) -> tuple[TableRow, ...]:
+    """Read a CSV table, or the points of a file of test data with what was measured at each.
+
+    Args:
+        unit: See ``read_point_table``; files of test data name theirs.
+
+    Raises:
+        CsvError, MeasurementError: The file cannot be used; says where.
+    """
+    if path.suffix.lower() == ".csv":
+        return read_point_table(path, unit)
+    data = read_test_data(path)
+    channels = [*(data.modes.channels if data.modes is not None else ())]
+    if data.responses is not None:
+        channels += [*data.responses.motions, *data.responses.forces]
+    return tuple(
+        TableRow(
+            1,
+            name,
+            point.part or "",
+            point.position,
+            "",
+            None,
+            _list_directions(one.direction for one in channels if one.point == name),
+        )
+        for name, point in data.points.items()
+    )
+
+
+def _list_directions(vectors: Iterable[Vector]) -> tuple[Vector, ...]:
+    """Return directions without signs, each once."""
+    listed: list[Vector] = []
+    for vector in vectors:
+        if all(abs(float(np.dot(vector, one))) < SAME_DIRECTION for one in listed):
+            listed.append(vector)
+    return tuple(listed)
 
 
 def read_point_table(path: Path, unit: str) -> tuple[TableRow, ...]:

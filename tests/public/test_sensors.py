@@ -9,6 +9,7 @@ import scipy.io
 from numpy.typing import NDArray
 
 import headstock as hs
+from built_uff import points_15, text_58, units
 from cases import cases
 from common import Shell, approx, run_once
 from fixture_machines import stored_scene, write_scene
@@ -143,6 +144,22 @@ def test_a_table_is_many_sensors(tmp_path: Path) -> None:
     assert measured == {"grid.1": ["x", "z"], "grid.7": ["y"], "grid.B-2": ["x"]}
     expected = receptance(results, "tcp x", "tcp x")
     assert receptance(results, "grid.1 x", "tcp x") == approx(expected, rel=1e-9)
+
+
+def test_the_points_of_a_test_are_sensors(tmp_path: Path) -> None:
+    """Those of a universal file, with the directions that were measured, whatever their signs."""
+    pytest.importorskip("pyuff")
+    places = points_15(
+        (12, 0, 0, 1, 0.03, 0, 0.4), (3, 0, 0, 1, 0, 0.02, 0.45), (7, 0, 0, 1, 0, 0, 0.5)
+    )
+    # motion of 12 along x under a force at 3 against z; nothing at 7
+    (tmp_path / "test.uff").write_bytes(units(1, 1.0, 1.0) + places + text_58())
+    grid = '[sensors.grid]\nfile = "test.uff"\ncomponent = "beam"\nframe = "machine"\n'
+    sensors = hs.load(write_scene(tmp_path, BARE + grid)).scene.machine.sensors
+    assert sensors["grid.12"].position == approx((0.03, 0.0, 0.1))
+    measured = {name: "".join(sensor.directions) for name, sensor in sensors.items()}
+    assert measured == {"grid.12": "x", "grid.3": "z", "grid.7": "xyz"}
+    assert sensors["grid.3"].directions["z"] == (0.0, 0.0, 1.0)
 
 
 def test_point_masses_come_from_a_table_too(tmp_path: Path) -> None:
