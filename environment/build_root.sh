@@ -8,10 +8,10 @@ package_lists=$project/environment/packages.txt
 
 packages() { printf '%s\n' "$package_lists" | while read -r list; do grep -v -e '^#' -e '^$' "$list"; done; }
 
-left_out() { grep -v -e '^#' -e '^$' "$project/environment/left_out.paths"; }
+left_out() { grep -v -e '^#' -e '^$' "$project/environment/left_out.$1"; }
 
 root_path() {
-    key=$({ echo "layout 2 $suite"; packages; left_out; } | sha256sum | cut -c1-12)
+    key=$({ echo "layout 3 $suite"; packages; left_out packages; left_out paths; } | sha256sum | cut -c1-12)
     printf '%s\n' "$cache/root-$key"
 }
 
@@ -90,14 +90,15 @@ bootstrap() {
     shift 2
     mkdir -- "$target"
     chmod 755 -- "$target"
-    set -- --variant=apt --include="$(packages | tr '\n' ',' | sed 's/,$//')" \
-        --aptopt='APT::Install-Recommends "false"' --aptopt='Acquire::Retries "3"' \
-        --dpkgopt=force-unsafe-io "$suite" "$target" "$@"
-    for rule in $(left_out | tac | sed 's/^!/path-include=/; s/^\//path-exclude=\//'); do set -- --dpkgopt="$rule" "$@"; done
+    set -- --verbose --variant=apt --include="$(packages | tr '\n' ',' | sed 's/,$//')" \
+        --aptopt='APT::Install-Recommends "false"' --aptopt='Acquire::Retries "3"' --dpkgopt=force-unsafe-io \
+        --extract-hook="$(extracted_hook)" --customize-hook="$(installed_hook)" "$suite" "$target" "$@"
     # in the background and waited for, because a shell answers to signals only between foreground commands
     if [ "$me" = 0 ]; then
         guarded mmdebstrap "$@" >>"$log" 2>&1 8>&- 9>&- &
         builder=$!
+        show_steps "$log" 8>&- 9>&- &
+        watcher=$!
         wait "$builder"
     else
         mkfifo -- "$target.pipe"
@@ -110,8 +111,64 @@ bootstrap() {
         done
         guarded mmdebstrap --mode=unshare --format=tar "$@" >"$target.pipe" 2>>"$log" 8>&- 9>&- &
         builder=$!
+        show_steps "$log" 8>&- 9>&- &
+        watcher=$!
         wait "$builder" && wait "$unpacker"
     fi
+    built=$?
+    kill "$watcher" 2>/dev/null || :
+    return "$built"
+}
+
+# Say how far the build is, from its log, as long as it runs.
+show_steps() {
+    said=
+    while sleep 10 >/dev/null 2>&1 && kill -0 "$builder" 2>/dev/null; do
+        all=$(sed -n 's/.* upgraded, \([0-9]*\) newly installed.*/\1/p' "$1" | sort -u | awk '{ sum += $1 } END { print sum }')
+        step=$(sed -n 's/^\(Get:[0-9]*\|Unpacking\|Setting up\) .*/\1/p; s/^I: running --customize-hook.*/compiling Python modules/p' "$1" | tail -n 1)
+        case $step in
+            Get:*) step="downloading packages" ;;
+            Unpacking | Setting*) step="$(echo "$step" | tr US us) package $(grep -c "^$step " "$1") of ${all:-?}" ;;
+        esac
+        if [ -n "$step" ] && [ "$step" != "$said" ]; then say "$step"; said=$step; fi
+    done
+}
+
+# What is done in the root when a bare system lies there unpacked and apt knows the mirror. As text: in a namespace of an ordinary user
+# mmdebstrap may read none of that user's files.
+extracted_hook() {
+    cat <<END
+set -eu
+root=\$1
+# a filter here would read each package of the bare system through Python
+rm -rf -- "\$root/usr/share/doc" "\$root/usr/share/man"
+cat >"\$root/etc/dpkg/dpkg.cfg.d/headstock" <<'RULES'
+$(left_out paths | sed 's/^!/path-include=/; s/^\//path-exclude=\//')
+RULES
+# an empty package, installed, that provides those which are left out, in the versions that others ask for
+provided=\$(chroot "\$root" apt-cache policy $(left_out packages | tr '\n' ' ') | sed -n -e '/^[a-z]/{s/:\$//;h;}' -e '/^ *Candidate: /{s///;H;x;s/\n\(.*\)/ (= \1)/p;}' | paste -sd ,)
+cat >>"\$root/var/lib/dpkg/status" <<STATUS
+
+Package: headstock-left-out
+Status: install ok installed
+Maintainer: Headstock
+Architecture: all
+Version: 1
+Provides: \$provided
+Description: packages that the private root of Headstock does without
+
+STATUS
+: >"\$root/var/lib/dpkg/info/headstock-left-out.list"
+# bytecode is made at the end, on all cores, and not by a Python of its own for each package
+printf '%s\n' /usr/bin/py3compile /usr/bin/py3compile.distrib : >"\$root/var/lib/dpkg/diversions"
+printf '#!/bin/sh\n' >"\$root/usr/bin/py3compile"
+chmod 755 "\$root/usr/bin/py3compile"
+END
+}
+
+# What is done when all packages are installed. The root is read-only: nobody asks again whether a module has changed.
+installed_hook() {
+    echo 'chroot "$1" python3 -m compileall -q -j 0 --invalidation-mode unchecked-hash -x "/tests?/" /usr/lib/python3/dist-packages || :'
 }
 
 # guarded COMMAND ...: a session of its own, of which nothing is left when this shell ends, even by a signal that no shell can catch: the
@@ -125,6 +182,7 @@ guarded() {
 }
 
 stop_build() {
+    [ -z "${watcher:-}" ] || kill "$watcher" 2>/dev/null || :
     # the whole group: mmdebstrap's first process leaves signals to its children
     [ -z "${builder:-}" ] || kill -- "-$builder" 2>/dev/null || :
     wait 2>/dev/null || :

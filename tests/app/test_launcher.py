@@ -29,7 +29,8 @@ TOOLS = """
 # ordinary user
 MMDEBSTRAP = """#!/bin/sh
 echo $$ >"{pid}"
-echo "$@" >>"{log}"
+echo "$@" | tr "\\n" " " >>"{log}"
+echo >>"{log}"
 sleep {seconds}
 while [ "$1" != trixie ]; do shift; done
 [ {code} = 0 ] || {{ echo "E: no such mirror" >&2; exit {code}; }}
@@ -476,7 +477,7 @@ def test_where_the_default_mirror_fails_the_one_of_the_hosts_apt_is_tried(host: 
     host.write("apt-get", "[ $1 = indextargets ] && echo http://mirror.example/debian")
     host.enter()
     mirror = "deb http://mirror.example/debian trixie main"
-    tried = [line.endswith(mirror) for line in host.log.read_text().splitlines()]
+    tried = [line.strip().endswith(mirror) for line in host.log.read_text().splitlines()]
     assert tried == [False, True]
 
 
