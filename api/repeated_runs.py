@@ -266,6 +266,7 @@ def correlate(
     variant: str | None = None,
     pose: str | None = None,
     within: float = WITHIN,
+    like: str | Path | None = None,
     comm: MPI.Comm | None = None,
     progress: Callable[[StageRecord], None] = lambda record: None,
 ) -> Correlation:
@@ -277,6 +278,7 @@ def correlate(
         variant: Name; several joined by ``+``. None for the machine as it is.
         pose: Name; None for the first.
         within: Relative deviation up to which a frequency counts as met.
+        like: Target file of a test before the machine was modified, whose shapes name the modes.
         comm: Ranks that compute together; all that were started where None.
         progress: Called with each stage that has ended, on rank 0.
 
@@ -291,9 +293,10 @@ def correlate(
     comm, path = comm or MPI.COMM_WORLD, read_path_argument(test, "correlate", "test")
     if not isinstance(within, float) or not 0.0 < within < 1.0:
         raise refuse("correlate", "within", f"is {within!r}; write a share such as 0.05")
+    base = None if like is None else read_path_argument(like, "correlate", "like")
     made = take_machine(machine, "correlate")
     with (made if variant is None else made.change(variant=variant)).on_disk() as file:
-        job = CorrelationJob(file, path, pose, within)
+        job = CorrelationJob(file, path, pose, within, like=base)
         loaded, store = load_correlation(job), Store(default_store_root())
         found = run_correlation(loaded, store, comm, observer=progress)
         return share_from_root(comm, found)

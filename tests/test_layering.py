@@ -88,7 +88,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "parameters": set(),
         "sweeps": set(),
         "identification": set(),
-        "correlation": set(),
+        "correlation": {"identification"},  # it writes what identify reads
     },
     "validation": {
         "references": set(),

@@ -39,7 +39,12 @@ def correlate_command(options: CorrelateOptions, comm: MPI.Comm) -> int:
     origin = options.trace(comm.size)
     require_ranks(options.ranks, comm)
     job = CorrelationJob(
-        options.chosen, options.test, options.pose, read_percent(options.within), options.expansion
+        options.chosen,
+        options.test,
+        options.pose,
+        read_percent(options.within),
+        options.expansion,
+        options.like,
     )
     loaded = make_on_root(comm, lambda: load_correlation(job))
     folder = options.output or Path("results") / f"{options.scene.stem}-{options.test.stem}"

@@ -223,6 +223,14 @@ class CorrelateOptions(SceneOptions):
     within: Annotated[
         str, option("--within", "SHARE", "Deviation up to which a frequency is met, as in 5%.")
     ] = "5 %"
+    like: Annotated[
+        Path | None,
+        option(
+            "--like",
+            "TARGETS",
+            "Targets (.toml) of a test before the machine was modified: its shapes name the modes.",
+        ),
+    ] = None
     expansion: Annotated[
         Literal["serep", "static", "dynamic"],
         typer.Option(

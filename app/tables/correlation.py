@@ -24,6 +24,12 @@ class ModeLine:
     mode: CorrelatedMode
 
     @property
+    def name(self) -> str | None:
+        """Name of the measured mode; None without one."""
+        place = self.mode.measured
+        return None if place is None else self.of.mode_names[place] or None
+
+    @property
     def measured_hz(self) -> float | None:
         """Measured frequency [Hz]."""
         place = self.mode.measured
@@ -116,6 +122,7 @@ def _show_signed(share: float) -> str:
 
 
 _MODE_COLUMNS: tuple[Column[ModeLine], ...] = (
+    Column(lambda row: row.name, "name", "name", "Name"),
     Column(
         lambda row: row.measured_hz, "measured [Hz]", ">measured Hz", "Measured [Hz]", show=_show_hz
     ),

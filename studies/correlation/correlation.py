@@ -68,7 +68,11 @@ class Correlation(Displayed):
         distances: Point to its distance from the surface that carries it [m].
         sensors: Measured point to the sensor that stands for it.
         rotation: ``(3, 3)`` from the axes of the test to those of the machine.
-        faults: Channels that look wrong, and how.
+        names: Of the measured modes, from a test before the machine was modified; empty ones of new
+            modes, and none without such a test.
+        since_base: Modes whose order has changed since that test.
+        faulty: Sensor and direction of channels that look wrong.
+        faults: The same in plain words, and how.
         remarks: What was assumed.
         warnings: Of the model.
         fit_files: Files for a fit, by name: targets, and sensors that the scene lacks.
@@ -90,6 +94,9 @@ class Correlation(Displayed):
     distances: dict[str, float] = field(default_factory=dict)
     sensors: dict[str, Sensor] = field(default_factory=dict)
     rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    names: tuple[str, ...] = ()
+    since_base: tuple[str, ...] = ()
+    faulty: frozenset[tuple[str, str]] = frozenset()
     faults: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -100,6 +107,11 @@ class Correlation(Displayed):
     def measured(self) -> MeasuredModes:
         """Measured modes."""
         return self.fit.modes
+
+    @property
+    def mode_names(self) -> tuple[str, ...]:
+        """Name of each measured mode; empty where it has none."""
+        return self.names or ("",) * len(self.measured.frequencies_hz)
 
     @property
     def pose(self) -> str:
@@ -160,7 +172,7 @@ class Correlation(Displayed):
         if doubtful := [row for row in pairs if row.doubts]:
             names = ", ".join(map(self._name_measured, doubtful))
             sentences.append(f"doubtful pairs: {names}")
-        return (*sentences, *self.faults)
+        return (*sentences, *self.since_base, *self.faults)
 
     def _largest_deviation(self, pairs: list[CorrelatedMode]) -> str:
         if not pairs:

@@ -23,6 +23,12 @@ from headstock.solvers.pairing.mode_pairing import Field
 from headstock.solvers.pairing.shape_agreement import cross_orthogonality
 from headstock.solvers.pairing.shape_expansion import expand_by_modes, expand_by_stiffness
 from headstock.solvers.ranks import make_on_root
+from headstock.studies.correlation.base_case import (
+    BaseCase,
+    list_exchanges,
+    name_modes,
+    read_base_case,
+)
 from headstock.studies.correlation.carriers import choose_carriers, find_carriers
 from headstock.studies.correlation.correlation import WITHIN, Correlation, pair_shapes
 from headstock.studies.correlation.modal_fit import ModalFit, fit_modes, pass_modes
@@ -62,6 +68,7 @@ class CorrelationJob:
         test: File of the test.
         pose: Pose of the scene; None for the first.
         within: Relative deviation up to which a frequency counts as met.
+        like: Target file of a test before the machine was modified; None without one.
         expansion: How measured shapes are expanded for pictures.
     """
 
@@ -70,6 +77,7 @@ class CorrelationJob:
     pose: str | None = None
     within: float = WITHIN
     expansion: Expansion = "serep"
+    like: Path | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +111,7 @@ class LoadedCorrelation:
     job: CorrelationJob
     test: _Test
     scene: Scene
+    base: BaseCase | None
 
 
 def load_correlation(job: CorrelationJob) -> LoadedCorrelation:
@@ -113,7 +122,8 @@ def load_correlation(job: CorrelationJob) -> LoadedCorrelation:
         MeasurementError: The test file has.
     """
     test = _read_test(job.test)
-    return LoadedCorrelation(job, test, _load_scene(job, test))
+    base = None if job.like is None else read_base_case(job.like)
+    return LoadedCorrelation(job, test, _load_scene(job, test), base)
 
 
 def run_correlation(
@@ -149,7 +159,7 @@ def run_correlation(
         observe_points(observed, nearest, placed.rotation), test.modes, placed.sensors
     )
     placed = dataclasses.replace(placed, remarks=(*placed.remarks, *remarks))
-    return _compare(job, test, placed, model)
+    return _compare(loaded, placed, model)
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,9 +248,8 @@ def _place_test(test: _Test, bare: PreparedMachine | None) -> _PlacedTest:
     return _PlacedTest(scene, sensors, np.eye(3), distances)
 
 
-def _compare(
-    job: CorrelationJob, test: _Test, placed: _PlacedTest, model: ObservedMachine
-) -> Correlation:
+def _compare(loaded: LoadedCorrelation, placed: _PlacedTest, model: ObservedMachine) -> Correlation:
+    job, test, base = loaded.job, loaded.test, loaded.base
     measured, modes = test.modes, model.modes
     rows = model.observe(measured.channels)
     shapes = rows @ modes.shapes
@@ -270,8 +279,12 @@ def _compare(
         system.mass,
         frequencies_hz=measured.frequencies_hz,
     )
+    if base is not None:
+        names = name_modes(found, base)
+        since = list_exchanges(names, base)
+        found = dataclasses.replace(found, names=names, since_base=since)
     files = {
-        TARGETS_FILE: write_targets(found, model.prepared.scene),
+        TARGETS_FILE: write_targets(found, model.prepared.scene, base),
         SENSORS_FILE: write_sensors(found, model.prepared.scene),
     }
     return dataclasses.replace(

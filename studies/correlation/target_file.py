@@ -16,10 +16,16 @@ from headstock.scene.reading.files import TomlTable, TomlValue, write_toml, writ
 from headstock.scene.reading.findings import show_key
 from headstock.scene.reading.keys import read_entries, read_number, write_number, written_unit
 from headstock.scene.scene import Scene
-from headstock.scene.test_data.records import TestChannel
-from headstock.solvers.pairing.mode_pairing import Field
+from headstock.studies.correlation.base_case import BaseCase
 from headstock.studies.correlation.correlation import CorrelatedMode, Correlation
 from headstock.studies.correlation.modal_fit import COVERAGE
+from headstock.studies.correlation.sensor_shapes import (
+    ALIGNED,
+    AXES,
+    Motions,
+    list_motions,
+    measured_directions,
+)
 
 TARGETS_FILE, SENSORS_FILE = "targets.toml", "sensors.toml"
 TOLERANCE = "1 %"
@@ -30,37 +36,41 @@ DIGITS = 4
 # a stiffness may be so many times smaller or larger; its prior is a factor of e, one standard deviation
 BOUND = 10.0
 PRIOR_SIGMA = 1.0
-AXES = "xyz"
-ALIGNED = 1.0 - 1e-9
 
 
-def write_targets(
-    found: Correlation, scene: Scene, *, faulty: Collection[TestChannel] = (), like: str = ""
-) -> str:
+def write_targets(found: Correlation, scene: Scene, base: BaseCase | None = None) -> str:
     """Return the text of a target file: every measured mode by name, with its shape at sensors.
+
+    Channels that look wrong are left out.
 
     Args:
         scene: Whose joints may be fitted.
-        faulty: Channels that look wrong: they are left out.
-        like: Name of the case whose shapes tell the modes of this one; empty without one.
+        base: Case before the machine was modified, whose file this one is written behind.
     """
+    shapes = list_motions(found)
     case: TomlTable = {
         **({"variant": found.variant} if found.variant else {}),
         "pose": found.pose,
         "tolerance": TOLERANCE,
-        **({"like": like} if like else {}),
+        **({} if base is None else {"like": base.case}),
         **_leave_out_lower(found),
         "modes": [
-            _write_mode(found, row, damped=DAMPING in scene.effects, faulty=faulty)
+            _write_mode(found, row, shapes[row.measured], damped=DAMPING in scene.effects)
             for row in found.modes
             if row.measured is not None
         ],
     }
+    name = name_case(found.test)
     table: TomlTable = {
         "name": f"{found.scene} and {found.test}",
-        "cases": {name_case(found.test): case},
         "parameters": dict(_propose_parameters(scene.raw, scene.written)),
     }
+    before = {}
+    if base is not None:
+        before, table = base.raw["cases"], {**base.raw}
+        while name in before:
+            name += "_modified"
+    table = {**table, "cases": {**before, name: case}}
     lines = [
         f"# Modes of {found.test}, and stiffnesses of joints that may be fitted to them: take out what is known.",
         *(f"# left out: {text}" for text in found.faults),
@@ -79,7 +89,7 @@ def write_sensors(found: Correlation, scene: Scene) -> str:
             "component": sensor.component,
             "at": [f"{1e3 * value:.6g} mm" for value in sensor.position],
             "directions": [
-                _write_direction(vector) for vector in _measured_directions(found, point).values()
+                _write_direction(vector) for vector in measured_directions(found, point).values()
             ],
             "reach": f"{1e3 * sensor.reach:.3g} mm",
         }
@@ -127,20 +137,20 @@ def _leave_out_lower(found: Correlation) -> TomlTable:
 
 
 def _write_mode(
-    found: Correlation, row: CorrelatedMode, *, damped: bool, faulty: Collection[TestChannel]
+    found: Correlation, row: CorrelatedMode, motions: Motions, *, damped: bool
 ) -> TomlTable:
     number = row.measured or 0
     hz, ratio = float(found.measured.frequencies_hz[number]), float(found.measured.damping[number])
     sigma = _deviation(found, row)
     name = "" if row.computed is None else f" {found.computed.mode_names[row.computed]}"
     return {
-        "name": f"m{number + 1}{name}",
+        "name": found.mode_names[number] or f"m{number + 1}{name}",
         "frequency": f"{hz:.6g} Hz",
         **({} if sigma is None else {"tolerance": f"{sigma:.3g} Hz"}),
         **({"damping": f"{100.0 * ratio:.4g} %"} if damped and ratio > 0.0 else {}),
         # what no mode of the model looks like would pull parameters to wherever it looks like one
         **({"hold_out": True} if row.computed is None or row.doubts else {}),
-        "vectors": _write_vectors(found, found.measured.shapes[:, number], faulty),
+        "vectors": _write_vectors(motions, found.faulty),
     }
 
 
@@ -160,64 +170,23 @@ def _deviation(found: Correlation, row: CorrelatedMode) -> float | None:
     return max(least, math.hypot(measured, computed) / COVERAGE)
 
 
-def _write_vectors(found: Correlation, shape: Field, faulty: Collection[TestChannel]) -> TomlTable:
+def _write_vectors(motions: Motions, faulty: Collection[tuple[str, str]]) -> TomlTable:
     """Return sensor to motions along its x, y and z, the largest motion of the shape one."""
-    turned = shape * np.exp(-0.5j * np.angle(np.sum(shape * shape)))
-    turned = turned / max(float(np.abs(turned).max()), np.finfo(float).tiny)
-    is_real = bool(np.abs(turned.imag).max() < REAL)
+    values = np.array(list(motions.values()))
+    turned = values * np.exp(-0.5j * np.angle(np.sum(values * values)))
+    turned /= max(float(np.abs(turned).max(initial=0.0)), np.finfo(float).tiny)
+    is_real = bool(np.abs(turned.imag).max(initial=0.0) < REAL)
     vectors: dict[str, list[TomlValue]] = {}
-    for value, channel in zip(turned, found.channels, strict=True):
-        sensor, direction = found.sensors[channel.point], found.rotation @ channel.direction
-        motions = vectors.setdefault(sensor.name, [NOT_MEASURED] * 3)
-        place = _find_dof(sensor, direction, _measured_directions(found, channel.point))
-        if place is not None and channel not in faulty:
-            dof, sign = place
-            motions[AXES.index(dof)] = _write_motion(sign * complex(value), is_real=is_real)
-    return {
-        name: list(motions)
-        for name, motions in vectors.items()
-        if any(motion != NOT_MEASURED for motion in motions)
-    }
+    for (name, dof), value in zip(motions, turned, strict=True):
+        if (name, dof) not in faulty:
+            written = vectors.setdefault(name, [NOT_MEASURED] * 3)
+            written[AXES.index(dof)] = _write_motion(complex(value), is_real=is_real)
+    return dict(vectors)
 
 
 def _write_motion(value: complex, *, is_real: bool) -> TomlValue:
     real, imaginary = (round(part, DIGITS) + 0.0 for part in (value.real, value.imag))
     return real if is_real else [real, imaginary]
-
-
-def _find_dof(
-    sensor: Sensor, direction: FloatArray, written: dict[str, FloatArray]
-) -> tuple[str, float] | None:
-    """Return along which of its directions a sensor sees a channel, and with which sign; None where it
-    does not.
-    """
-    measured = written if len(sensor.directions) == len(AXES) else sensor.directions
-    for dof, vector in measured.items():
-        along = float(np.dot(vector, direction))
-        if abs(along) > ALIGNED:
-            return dof, math.copysign(1.0, along)
-    return None
-
-
-def _measured_directions(found: Correlation, point: str) -> dict[str, FloatArray]:
-    """Return the directions of a point in machine axes as a sensor has them: along axes under their
-    letters, others under the letters that are left.
-    """
-    directions = [
-        found.rotation @ np.array(channel.direction)
-        for channel in found.channels
-        if channel.point == point
-    ]
-    named: dict[str, FloatArray] = {}
-    for vector in directions:
-        axis = int(np.argmax(np.abs(vector)))
-        if abs(vector[axis]) > ALIGNED:
-            named[AXES[axis]] = np.eye(3)[axis]
-    for vector in directions:
-        left = [letter for letter in AXES if letter not in named]
-        if np.abs(vector).max() <= ALIGNED and left:
-            named[left[0]] = vector
-    return {dof: named[dof] for dof in AXES if dof in named}
 
 
 def _write_direction(vector: FloatArray) -> TomlValue:

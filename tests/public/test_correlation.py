@@ -1,6 +1,7 @@
 """A measured machine beside its model: what agrees, what is missing, which channel is wrong."""
 
 import dataclasses
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -30,23 +31,28 @@ class Measured:
     shapes: FloatArray
 
 
-@pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> Measured:
-    """Modes of the machine at sensors of its scene, with noise."""
+def solve(folder: Path, text: str) -> Measured:
+    """Modes of a machine at the sensors of the test."""
     rows = [
         f'p{number} = {{ component = "column", at = ["{x} m", "{y} m", "{z} m"] }}'
         for number, (x, y, z) in enumerate(PLACES, 1)
     ]
-    path = tmp_path_factory.mktemp("test") / "machine.toml"
+    path = folder / "machine.toml"
     path.write_text(
-        SCENE.replace("[components.column]", "\n".join(["[sensors]", *rows, "[components.column]"]))
+        text.replace("[components.column]", "\n".join(["[sensors]", *rows, "[components.column]"]))
     )
     modes = hs.run(hs.load(path, variant="E")).modal[0]
     assert modes.sensor_shapes is not None
+    return Measured(modes.frequencies_hz, modes.sensor_shapes)
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Measured:
+    """Modes of the machine at sensors of its scene, with noise."""
+    exact = solve(tmp_path_factory.mktemp("test"), SCENE)
     random = np.random.default_rng(7)
-    noise = NOISE * np.abs(modes.sensor_shapes).max(axis=(1, 2), keepdims=True)
-    shapes = modes.sensor_shapes + noise * random.standard_normal(modes.sensor_shapes.shape)
-    return Measured(modes.frequencies_hz, shapes)
+    noise = NOISE * np.abs(exact.shapes).max(axis=(1, 2), keepdims=True)
+    return Measured(exact.hz, exact.shapes + noise * random.standard_normal(exact.shapes.shape))
 
 
 def write_test(
@@ -182,3 +188,36 @@ def test_responses_are_fitted_and_compared_over_all_lines(shell: Shell, measured
     best = max(float(row["FRAC"]) for row in shell.rows("out/responses.csv"))
     assert 0.3 < best < 0.98  # one per cent of frequency is as wide as the peaks
     assert {"fdac.png", "responses.png"} <= shell.files("out")
+
+
+def test_the_target_file_of_a_test_is_fitted_as_it_stands(shell: Shell) -> None:
+    softer = SCENE.replace('"60 N/um", tilt', '"45 N/um", tilt').replace('"200 N/um"', '"260 N/um"')
+    write_test(shell.folder, solve(shell.folder, softer), factor=1.0)
+    shell.write(SCENE)
+    shell("correlate scene.toml test.uff --variant E -o .")
+    shell.write('include = "sensors.toml"\n' + SCENE, name="fit")
+    shell("identify fit.toml targets.toml -o fit")
+    found = shell.json("fit/identification.json")["parameters"]
+    assert found["mount_vertical"]["value"] == approx(260.0, rel=0.02)
+    assert found["mount_horizontal"]["value"] == approx(45.0, rel=0.02)
+    assert found["mount_tilt"]["low_95"] < 4.0 < found["mount_tilt"]["high_95"]
+
+
+def test_modes_of_a_modified_machine_keep_their_names_when_they_exchange(
+    shell: Shell, measured: Measured
+) -> None:
+    shell.write(SCENE)
+    write_test(shell.folder, measured, name="before.uff")
+    shell("correlate scene.toml before.uff --variant E -o .")
+    names = [
+        mode["name"]
+        for mode in tomllib.loads(shell.text("targets.toml"))["cases"]["before"]["modes"]
+    ]
+    after = Measured(measured.hz.copy(), measured.shapes.copy())
+    after.shapes[[0, 1]] = after.shapes[[1, 0]]
+    write_test(shell.folder, after, name="after.uff")
+    shown = shell.prints("correlate scene.toml after.uff --variant E -o out --like targets.toml")
+    assert f"{names[0]} and {names[1]} have exchanged their order since before" in shown
+    case = tomllib.loads(shell.text("out/targets.toml"))["cases"]["after"]
+    assert case["like"] == "before"
+    assert [mode["name"] for mode in case["modes"]] == [names[1], names[0], *names[2:]]
