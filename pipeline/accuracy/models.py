@@ -2,10 +2,12 @@
 a stated accuracy, compared with the machine of finite elements, whose own error is known.
 """
 
+import contextlib
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -48,13 +50,25 @@ Choice = Mapping[str, int]  # body to the index of its model among the candidate
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """Describe a model of a body: its component, its superelement, and the processor time that it
-    costs in a run with an empty store [s].
+    """Describe a model of a body.
+
+    Attributes:
+        make: Returns its superelement.
+        seconds: Processor time that it costs in a run with an empty store [s].
     """
 
     component: Component
-    reduced: ReducedComponent
+    make: Callable[[], ReducedComponent]
     seconds: float
+
+    @cached_property
+    def reduced(self) -> ReducedComponent:
+        """Return its superelement, made when it is first needed.
+
+        Raises:
+            ModelError: A load or an interface that this model cannot have.
+        """
+        return self.make()
 
     @property
     def words(self) -> str:
@@ -312,29 +326,34 @@ def _list_candidates(state: RunState, name: str) -> list[_Candidate]:
     part = state.scene.machine.components[name]
     loads = component_loads(state, part)
     properties = describe_solid(with_loaded_areas(part, loads), state.store, state.warn)
-    candidates = []
     sensors = component_sensors(state, part)
-    for simple, seconds in _simpler(part):
+
+    def make(simple: Component) -> ReducedComponent:
         reduce = reduce_rigid if simple.fidelity == "rigid" else reduce_segmented
-        try:
-            element = carry_masses(reduce(simple, properties, loads, sensors), sensors)
-            candidates.append(_Candidate(simple, ReducedComponent(element), seconds))
-        except ModelError:
-            # a load or an interface that this model cannot have
-            continue
+        return ReducedComponent(carry_masses(reduce(simple, properties, loads, sensors), sensors))
+
     price = sum(
         stage.estimated_seconds or 0.0 for stage in state.plan.stages if stage.component == name
     )
-    return [*candidates, _Candidate(part, state.reduced[name], price)]
+    candidates = []
+    for models in _simpler(part):
+        found = [_Candidate(one, partial(make, one), seconds) for one, seconds in models]
+        # what the best of a kind cannot have none of them can
+        with contextlib.suppress(ModelError):
+            _ = found[-1].reduced
+            candidates += found
+    return [*candidates, _Candidate(part, lambda: state.reduced[name], price)]
 
 
-def _simpler(part: Component) -> Iterator[tuple[Component, float]]:
-    yield dataclasses.replace(part, fidelity="rigid"), RIGID_SECONDS
+def _simpler(part: Component) -> Iterator[list[tuple[Component, float]]]:
+    """Yield models of a body by kind, in order of cost, with the processor time of each [s]."""
+    yield [(dataclasses.replace(part, fidelity="rigid"), RIGID_SECONDS)]
     try:
         prismatic_bar(part.solid, part.segments.along)
     except ValueError:
         return
-    for count in SEGMENT_COUNTS:
-        segments = dataclasses.replace(part.segments, count=count)
-        cut = dataclasses.replace(part, fidelity="segmented", segments=segments)
-        yield cut, STAGE_SECONDS["segment"]
+    rows = [dataclasses.replace(part.segments, count=count) for count in SEGMENT_COUNTS]
+    yield [
+        (dataclasses.replace(part, fidelity="segmented", segments=row), STAGE_SECONDS["segment"])
+        for row in rows
+    ]

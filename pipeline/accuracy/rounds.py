@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from headstock.geometry.parts.components import Component, MeshSettings
+from headstock.geometry.parts.components import Component, MeshSettings, ReductionSettings
 from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import MeshFile
 from headstock.pipeline.accuracy.mesh_sizes import mean_size, refine_sizes
@@ -247,8 +247,8 @@ def _refine(
             return Verdict(True, scene, reported, f"the {kind} of {name} cannot be refined")
         if parts[name].fidelity == "polynomial" and (meshed or ratio == 0.0):
             # a higher degree would cost more than finite elements
-            elastic = dataclasses.replace(part, fidelity="elastic")
-            finer[name] = start_component(elastic, accuracy, part.reduction.modes_to_hz)
+            elastic, kept = dataclasses.replace(part, fidelity="elastic"), part.reduction
+            finer[name] = start_component(elastic, accuracy, kept.modes_to_hz, modes=kept.modes)
         elif kind == LEFT_OUT:
             finer[name] = keep_details(part, ratio=ratio)
         elif meshed and follows_errors(parts[name]):
@@ -398,10 +398,10 @@ def describe_settings(component: Component) -> str:
         return "rigid"
     if component.fidelity == "segmented":
         return f"{component.segments.count} segments"
+    modes = _describe_modes(component.reduction)
     if component.fidelity == "polynomial":
-        modes = component.reduction.modes_to_hz
-        return "polynomials" if modes is None else f"polynomials, modes to {modes:.3g} Hz"
-    mesh, settings = component.mesh, component.reduction
+        return f"polynomials{modes}"
+    mesh = component.mesh
     if isinstance(component.solid, MeshFile):
         size = "mesh of the file"
     else:
@@ -417,6 +417,11 @@ def describe_settings(component: Component) -> str:
         growth = "" if mesh.growth is None else f", growth {mesh.growth:g}"
         finest = "" if mesh.sizes is None else f"{1e3 * mesh.sizes.sizes.min():.3g} to "
         size = f"{mesh.cells} {finest}{1e3 * (mesh.size or 0.0):.3g} mm{patches}{rims}{growth}"
-    return (
-        size if settings.modes_to_hz is None else f"{size}, modes to {settings.modes_to_hz:.3g} Hz"
-    )
+    return f"{size}{modes}"
+
+
+def _describe_modes(settings: ReductionSettings) -> str:
+    """Describe the modes that are kept, after a comma; nothing where the planner chooses them."""
+    if settings.modes_to_hz is not None:
+        return f", modes to {settings.modes_to_hz:.3g} Hz"
+    return "" if settings.modes is None else f", {settings.modes} modes"

@@ -58,7 +58,7 @@ from headstock.pipeline.answers.accuracy import (
     ResponseAccuracy,
 )
 from headstock.pipeline.numbers.estimates import show_share
-from headstock.pipeline.planning.analyses import EXACT_MARGIN, FRF_MARGIN
+from headstock.pipeline.planning.analyses import EXACT_MARGIN, FRF_MARGIN, list_reaches
 from headstock.pipeline.planning.budgets import BudgetError
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.planner import plan_scene
@@ -74,6 +74,7 @@ from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 
 MOST_ROUNDS = 9
+MORE_MODES = 4  # of a part than frequencies are requested: what they lack is estimated
 FOUND = "settings that an earlier run of this scene found"
 
 
@@ -155,6 +156,7 @@ def _start_scene(scene: Scene, accuracy: float) -> Scene:
             part,
             max(accuracy, START_ACCURACY if one else COARSE_ACCURACY),
             _modes_to(part, scene.analyses, goal),
+            modes=_count_modes(part, scene.analyses, goal),
             rough_for=goal if goal >= ROUGH_ACCURACY and not one else None,
         )
         if is_chosen(part)
@@ -552,6 +554,23 @@ def _modes_to(part: Component, analyses: Analyses, accuracy: float) -> float | N
     if frf is not None:
         reaches.append((FRF_MARGIN if part.interfaces else EXACT_MARGIN) * frf.to_hz)
     return max(reaches, default=None)
+
+
+def _count_modes(part: Component, analyses: Analyses, accuracy: float) -> int | None:
+    """Return how many modes of a part are kept at first where a number of frequencies is requested;
+    None where an analysis names a range, or the planner chooses the number.
+
+    So many reach beyond these: the k-th frequency of a machine is no higher than the k-th of its
+    parts with all interfaces fixed.
+
+    Source: Courant and Hilbert (1924), on frequencies under constraints.
+    """
+    modal = analyses.get(ModalRequest)
+    if modal is None or modal.count is None or accuracy < ROUGH_ACCURACY:
+        return None
+    if list_reaches(analyses) or not part.interfaces:
+        return None
+    return modal.count + MORE_MODES
 
 
 def _goal(scene: Scene) -> AccuracyGoal:

@@ -218,6 +218,8 @@ def _reduction_values(part: Component) -> TomlTable:
     values: TomlTable = {}
     if settings.modes_to_hz is not None:
         values["modes_to"] = f"{settings.modes_to_hz:.12g} Hz"
+    elif settings.modes is not None:
+        values["modes"] = settings.modes
     if settings.correct_mesh and part.fidelity == "elastic":
         values["correct_mesh"] = True
     return values

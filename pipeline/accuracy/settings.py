@@ -131,19 +131,20 @@ def start_component(
     accuracy: float,
     modes_to_hz: float | None,
     *,
+    modes: int | None = None,
     rough_for: float | None = None,
 ) -> Component:
     """Return a component with the cheapest settings that are likely to suffice.
 
     Args:
         accuracy: Relative error allowed.
-        modes_to_hz: Frequency up to which fixed-interface modes are kept; None for a number chosen
-            by the planner.
+        modes_to_hz: Frequency up to which fixed-interface modes are kept [Hz]; None for a number.
+        modes: That number; None for one chosen by the planner.
         rough_for: Accuracy of the machine for which an even grid along the edges of small patches
             suffices, too; None for none.
     """
     reduction = dataclasses.replace(
-        component.reduction, modes_to_hz=modes_to_hz, modes=None, correct_mesh=True
+        component.reduction, modes_to_hz=modes_to_hz, modes=modes, correct_mesh=True
     )
     if isinstance(component.solid, MeshFile):
         return dataclasses.replace(component, reduction=reduction)

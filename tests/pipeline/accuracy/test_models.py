@@ -2,18 +2,22 @@
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import scene_runs
 from fixture_machines import stored_scene, write_scene
+from headstock.geometry.parts.components import Component
+from headstock.pipeline.accuracy import models as models_of_bodies
 from headstock.pipeline.accuracy.models import _add_change
 from headstock.pipeline.answers.accuracy import AccuracyAnswer
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.numbers.estimates import MODEL
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
+from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
 from scene_runs import compute
@@ -66,7 +70,17 @@ def test_a_rough_accuracy_takes_lumped_bodies_and_is_true(folder: Path) -> None:
     assert entry["model"] == models["mast"].model and entry["why"]
 
 
-def test_a_short_column_stays_finite_elements(folder: Path) -> None:
+def test_a_short_column_stays_finite_elements(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counts: list[int] = []
+    reduce = models_of_bodies.reduce_segmented
+
+    def record(component: Component, *given: Any) -> Superelement:
+        counts.append(component.segments.count)
+        return reduce(component, *given)
+
+    monkeypatch.setattr(models_of_bodies, "reduce_segmented", record)
     stubby = (
         'components.mast.solid.box=["200 mm", "160 mm", "300 mm"]',
         'components.mast.at=["0 mm", "0 mm", "250 mm"]',
@@ -79,6 +93,8 @@ def test_a_short_column_stays_finite_elements(folder: Path) -> None:
     assert answer(results).met
     assert results.components["mast"].fidelity == "elastic"
     assert "segments it changes" in models["mast"].why
+    # fewer are not made where the most do not do
+    assert counts.count(16) == 2 and counts.count(4) <= 1
 
 
 def test_softer_models_lie_between_finite_elements_and_the_truth_stiffer_ones_do_not() -> None:

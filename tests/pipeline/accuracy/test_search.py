@@ -20,6 +20,7 @@ from headstock.geometry.parts.components import (
 from headstock.geometry.parts.solids import Box, HollowColumn
 from headstock.meshing.components.meshing import count_hexes
 from headstock.pipeline.accuracy.search import plan_first_round
+from headstock.pipeline.accuracy.search_records import list_values
 from headstock.pipeline.accuracy.settings import Trial, _observed_rate, refine_mesh, start_component
 from headstock.pipeline.answers.accuracy import AccuracyAnswer, AccuracyRound
 from headstock.pipeline.answers.answer import find_answers
@@ -237,6 +238,22 @@ def test_a_plan_shows_the_first_round_and_not_the_mesh_of_the_scene() -> None:
         "static",
         "modal",
     } and "accuracy = 1 %" in plan.warnings[-1]
+
+
+def test_few_modes_are_kept_at_first_where_frequencies_are_counted() -> None:
+    rough, fine = make_scene(AccuracyGoal(0.03)), make_scene(AccuracyGoal(0.002))
+    up_to = dataclasses.replace(
+        rough, analyses=Analyses(StaticRequest(("tcp",)), ModalRequest(count=4, up_to_hz=500.0))
+    )
+    kept = [
+        plan_first_round(scene).components["column"].reduction for scene in (rough, fine, up_to)
+    ]
+    assert [settings.modes for settings in kept] == [8, 20, None]
+    # what is chosen repeats the run without a search
+    assert list_values(plan_first_round(rough).components)["components.column.reduction"] == {
+        "modes": 8,
+        "correct_mesh": True,
+    }
 
 
 def test_without_a_mesh_nothing_is_said_to_be_met() -> None:
