@@ -12,6 +12,7 @@ from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
 STEPS = 30
 SETTLED = 1e-12  # of the pole
+ROUNDING = 1e-8  # of the pole: what steps may stop at that grow no smaller, with very stiff joints
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,19 +60,22 @@ def follow_damped_mode(system: SecondOrderSystem, omega: float, shape: FloatArra
     pole, motion = 1j * omega - 0.5 * loss, shape.astype(np.complex128)
     border = system.mass @ shape
     bordered = np.zeros((size + 1, size + 1), dtype=np.complex128)
+    before = np.inf
     for _ in range(STEPS):
         dynamic = system.dynamic_stiffness(pole)
-        change = 2.0 * pole * (system.mass @ motion) + damping @ motion
+        weighed = 2.0 * pole * (system.mass @ motion) + damping @ motion
         # unknowns of one scale: the pole in units of omega, the border in that of a stiffness
         scale = np.abs(dynamic.diagonal()).mean() / max(
             np.linalg.norm(border), np.finfo(float).tiny
         )
-        bordered[:size, :size], bordered[:size, size] = dynamic, omega * change
+        bordered[:size, :size], bordered[:size, size] = dynamic, omega * weighed
         bordered[size, :size] = scale * border
         step = np.linalg.solve(bordered, np.append(-dynamic @ motion, 0.0))
         motion, pole = motion + step[:size], pole + omega * complex(step[size])
-        if abs(omega * step[size]) <= SETTLED * abs(pole):
+        change = abs(omega * step[size]) / abs(pole)
+        if change <= SETTLED or before <= change <= ROUNDING:
             break
+        before = change
     else:
         raise ConvergenceError(
             f"the mode at {omega / (2.0 * np.pi):.6g} Hz cannot be followed to its damped form: it is damped too strongly; "
