@@ -43,7 +43,7 @@ from headstock.scene.building.joints import KINDS
 from headstock.scene.expansion.parameters import PARAMETERS
 from headstock.scene.reading.findings import KeyPath, show_key
 from headstock.scene.reading.keys import NUMBER, ReadValue, read_entries, replace_numbers
-from headstock.scene.reading.units import Quantity
+from headstock.scene.reading.units import RATIO, Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.components import ComponentTable, MaterialTable
 from headstock.studies.identification.key_laws import (
@@ -226,7 +226,7 @@ class _ParametricShape:
 
     def _entry(self, section: str, name: str, numbers: tuple[float, ...]) -> ReadValue:
         by_key: dict[KeyPath, float | Quantity] = {
-            law.key[2:]: number if law.dimension == NUMBER else Quantity(number, law.dimension)
+            law.key[2:]: number if law.dimension in (NUMBER, RATIO) else Quantity(number, law.dimension)
             for law, number in zip(self.laws, numbers, strict=True)
             if law.key[:2] == (section, name)
         }
