@@ -197,7 +197,8 @@ def _mean_motion_rows(layout: DofLayout, name: str) -> FloatArray:
     weighed = motions.T @ superelement.mass
     turn = rotate_dofs(placement.rotation)
     rows = np.zeros((6, layout.size))
-    local_rows = turn @ np.linalg.solve(weighed @ motions, weighed)
+    # a point mass without inertia does not turn
+    local_rows = turn @ np.linalg.pinv(weighed @ motions, hermitian=True) @ weighed
     rows[:, layout.offsets[name]] = local_rows @ turn_dofs(superelement, placement)
     return rows
 
