@@ -123,7 +123,9 @@ def list_machine(
         "sensors": {
             name: {
                 "component": scene.machine.sensors[name].component,
-                "measures": dict(zip(one.measured, one.directions.tolist(), strict=True)),
+                "measures": {
+                    dof: one.directions[row].tolist() for row, dof in enumerate(one.measured)
+                },
                 "mass_kg": scene.machine.sensors[name].mass,
                 "at_m": one.place.tolist(),
             }

@@ -80,6 +80,15 @@ class Sensor(Probe):
     reach: float = 1e-3
     is_loaded: bool = False
 
+    def turn_directions(self, rotation: FloatArray) -> FloatArray:
+        """Return the unit vectors ``(k, 3)`` of its dofs along machine axes.
+
+        Args:
+            rotation: ``(3, 3)`` of its component in the machine.
+        """
+        vectors: FloatArray = np.array(list(self.directions.values()), dtype=float).reshape(-1, 3)
+        return vectors if self.fixed_axes else vectors @ rotation.T
+
 
 @dataclass(frozen=True)
 class JointDisplacement:

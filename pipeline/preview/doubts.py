@@ -263,6 +263,7 @@ def _doubt_deflections(machine: Machine, parts: Parts, pose: Pose) -> list[str]:
         joints=joints | held,
         components={name: machine.components[name] for name in bodies},
         points={},
+        sensors={},
         loads={},
         displacements={},
         gravity_stiffening=False,
@@ -383,9 +384,8 @@ def _couple_rigid(scene: Scene) -> CoupledMachine | None:
         name: reduce_rigid(part, describe_solid(part, store))
         for name, part in machine.components.items()
     }
-    return couple(
-        bodies, dataclasses.replace(machine, loads={}), next(iter(choose_poses(scene).values()))
-    )
+    bare = dataclasses.replace(machine, loads={}, sensors={})
+    return couple(bodies, bare, next(iter(choose_poses(scene).values())))
 
 
 def _has_no_answer(coupled: CoupledMachine, point: str) -> bool:

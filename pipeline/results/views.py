@@ -191,11 +191,10 @@ def view_sensors(machine: Machine, placements: Mapping[str, Frame]) -> dict[str,
     views = {}
     for name, sensor in machine.sensors.items():
         frame = placements[sensor.component]
-        units = np.array(list(sensor.directions.values())).reshape(-1, 3)
         views[name] = SensorView(
             frame.origin + frame.rotation @ np.array(sensor.position),
             tuple(sensor.directions),
-            units if sensor.fixed_axes else units @ frame.rotation.T,
+            sensor.turn_directions(frame.rotation),
         )
     return views
 

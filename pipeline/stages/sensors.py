@@ -108,5 +108,4 @@ def _locate_place(state: RunState, error: SensorPlaceError) -> SceneError:
             frame = component.placement
             others[name] = skin, frame.rotation.T @ (place.origin - frame.origin)
     text = describe_distance(sensor.component, error.nearest, error.distance, others)
-    key = sensor_key(scene.raw.get("sensors", {}), sensor)
-    return SceneError([scene.findings.describe(key, f"{sensor.name} {text}")])
+    return SceneError([scene.findings.describe(sensor_key(sensor), f"{sensor.name} {text}")])

@@ -59,7 +59,7 @@ def observe_mesh(
     rows = {}
     for sensor in sensors:
         nodes, shares = _find_shares(mesh, material, sensor)
-        rows[sensor.name] = SensorRows(np.tensordot(shares, basis[nodes], axes=1))
+        rows[sensor.name] = SensorRows(np.einsum("i,ijk->jk", shares, basis[nodes]))
     return rows
 
 
@@ -104,21 +104,19 @@ def observe_points(element: Superelement, sensors: Iterable[Sensor]) -> dict[str
         SensorPlaceError: There is no such point within reach.
         ModelError: The superelement has no recovery basis.
     """
-    sensors = tuple(sensors)
-    if sensors and element.recovery is None:
+    recovery = element.recovery
+    if recovery is None:
         raise ModelError(
             f"component {element.name!r} is an imported superelement without recovery basis, so sensors cannot be placed on it; "
             "use a point at one of its interfaces"
         )
     rows = {}
-    for sensor in sensors if element.recovery is not None else ():
-        distances = np.linalg.norm(element.recovery.points - sensor.position, axis=1)
+    for sensor in sensors:
+        distances = np.linalg.norm(recovery.points - sensor.position, axis=1)
         nearest = int(np.argmin(distances))
         if distances[nearest] > sensor.reach:
-            raise SensorPlaceError(
-                sensor, element.recovery.points[nearest], float(distances[nearest])
-            )
-        rows[sensor.name] = SensorRows(element.recovery.basis[3 * nearest : 3 * nearest + 3])
+            raise SensorPlaceError(sensor, recovery.points[nearest], float(distances[nearest]))
+        rows[sensor.name] = SensorRows(recovery.basis[3 * nearest : 3 * nearest + 3])
     return rows
 
 

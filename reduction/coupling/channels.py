@@ -75,10 +75,8 @@ def sensor_rows(superelement: Superelement, placement: Frame, sensor: Sensor) ->
     """Return the rows ``(k, n_c)`` of the motion in each direction of a sensor per dof of its
     component, boundary dofs in machine axes.
     """
-    units = np.array(list(sensor.directions.values())).reshape(-1, 3)
-    if not sensor.fixed_axes:
-        units = units @ placement.rotation.T
-    return units @ place_rows(superelement, placement, sensor)
+    directions = sensor.turn_directions(placement.rotation)
+    return directions @ place_rows(superelement, placement, sensor)
 
 
 def place_rows(superelement: Superelement, placement: Frame, sensor: Sensor) -> FloatArray:

@@ -1,7 +1,7 @@
 """Sensors and point masses of a machine: built from their tables, and what may be wrong with them."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +52,7 @@ def build_sensors(scene: SceneTable, folder: Path, findings: Findings) -> dict[s
 
 def _build_places(name: str, table: MassTable, scene: SceneTable, folder: Path) -> Iterator[Sensor]:
     if table.file is None:
-        x, y, z = table.at or ()
+        x, y, z = table.at or (0.0, 0.0, 0.0)
         row = TableRow(0, name, table.component or "", (x, y, z), "", table.mass)
         yield _build_place(name, table, row, scene)
         return
@@ -135,7 +135,7 @@ def check_sensors(draft: Draft) -> None:
     something else as well.
     """
     for sensor in draft.sensors.values():
-        key = sensor_key(draft.table.sensors, sensor)
+        key = sensor_key(sensor)
         draft.check_name((*key, "component"), sensor.component, "components")
         if fault := _find_place_fault(sensor, draft):
             draft.add(key, f"{sensor.name} {fault}")
@@ -206,11 +206,6 @@ def load_places(machine: Machine, names: Iterable[str]) -> Machine:
     return dataclasses.replace(machine, sensors=machine.sensors | loaded)
 
 
-def sensor_key(sensors: Mapping[str, object], sensor: Sensor) -> KeyPath:
-    """Return where a sensor or point mass is written.
-
-    Args:
-        sensors: Entries of the section ``sensors``.
-    """
-    name = sensor.name.partition(".")[0]
-    return ("sensors" if name in sensors else "masses", name)
+def sensor_key(sensor: Sensor) -> KeyPath:
+    """Return where a sensor or point mass is written."""
+    return "sensors" if sensor.directions else "masses", sensor.name.partition(".")[0]

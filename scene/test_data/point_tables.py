@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.strangers import TEST_POINTS, read_apart
 from headstock.meshing.process.worker import Arrays
 from headstock.scene.reading.csv_files import CsvError
@@ -142,7 +143,7 @@ def _parse_rows(path: Path, unit: str) -> Arrays:
         names[name] = line
         entries.append(entry)
 
-    def read_numbers(columns: Sequence[str]) -> np.ndarray:
+    def read_numbers(columns: Sequence[str]) -> FloatArray:
         return np.array(
             [
                 [_read_number(path.name, line, entry[name], factors[name]) for name in columns]
