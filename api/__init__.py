@@ -17,7 +17,7 @@ _HOMES = {  # module to its public names
     "headstock.loading": ("load",),
     "headstock.previews": ("check", "plan"),
     "headstock.runs": ("open", "run"),
-    "headstock.repeated_runs": ("compare", "correlate", "identify", "study", "sweep"),
+    "headstock.repeated_runs": ("compare", "correlate", "fit_modes", "identify", "study", "sweep"),
     "headstock.machine": ("Machine",),
     "headstock.nouns": (
         *("Axis", "Box", "Column", "Component", "Interface", "Joint", "Load", "Material"),
@@ -28,6 +28,7 @@ _HOMES = {  # module to its public names
     "headstock.pipeline.results.files": ("read_mesh",),
     "headstock.studies.comparison": ("Comparison",),
     "headstock.studies.correlation.correlation": ("Correlation",),
+    "headstock.studies.correlation.modal_fit": ("ModalFit",),
     "headstock.studies.identification.identification": ("Identification",),
     "headstock.studies.parameters.tables": ("StudyTable",),
     "headstock.studies.sweeps.results": ("SweepResults",),

@@ -20,6 +20,7 @@ from headstock.previews import check as check
 from headstock.previews import plan as plan
 from headstock.repeated_runs import compare as compare
 from headstock.repeated_runs import correlate as correlate
+from headstock.repeated_runs import fit_modes as fit_modes
 from headstock.repeated_runs import identify as identify
 from headstock.repeated_runs import study as study
 from headstock.repeated_runs import sweep as sweep
@@ -28,6 +29,7 @@ from headstock.runs import run as run
 from headstock.scene.reading.findings import SceneError as SceneError
 from headstock.studies.comparison import Comparison as Comparison
 from headstock.studies.correlation.correlation import Correlation as Correlation
+from headstock.studies.correlation.modal_fit import ModalFit as ModalFit
 from headstock.studies.identification.identification import Identification as Identification
 from headstock.studies.parameters.tables import StudyTable as StudyTable
 from headstock.studies.sweeps.results import SweepResults as SweepResults

@@ -1,5 +1,5 @@
 """A machine many times over, or beside a measured one, in the same way as by the command of the same name:
-``study``, ``sweep``, ``compare``, ``correlate`` and ``identify``.
+``study``, ``sweep``, ``compare``, ``fit_modes``, ``correlate`` and ``identify``.
 
 All of it is collective under MPI: every rank calls it with the same arguments and gets the same
 answer. An error on one rank leaves the others waiting: start with ``mpirun python -m mpi4py``.
@@ -32,12 +32,14 @@ from headstock.scene.reading.findings import Findings, SceneError, suggest_names
 from headstock.scene.reading.watch_paths import MEASURED_NAMES
 from headstock.scene.scene import require_name
 from headstock.scene.studies import Study
+from headstock.scene.test_data.reading import read_test_data
 from headstock.solvers.errors import ModelError
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.studies.comparison import Comparison, compare_variants
 from headstock.studies.correlation.correlation import WITHIN, Correlation
 from headstock.studies.correlation.job import CorrelationJob, load_correlation, run_correlation
+from headstock.studies.correlation.modal_fit import LEAST_ORDER, ORDER, ModalFit, read_modes
 from headstock.studies.identification.descent import StartRecord
 from headstock.studies.identification.identification import (
     Identification,
@@ -300,6 +302,43 @@ def correlate(
         loaded, store = load_correlation(job), Store(default_store_root())
         found = run_correlation(loaded, store, comm, observer=progress)
         return share_from_root(comm, found)
+
+
+def fit_modes(
+    test: str | Path,
+    *,
+    band: tuple[float, float] | None = None,
+    order: int = ORDER,
+    references: Sequence[str] | str = (),
+    progress: Callable[[str], None] = lambda text: None,
+) -> ModalFit:
+    """Fit poles, damping and shapes to the frequency responses of a test.
+
+    Args:
+        test: Test file, such as ``.uff``.
+        band: Lowest and highest frequency that is used [Hz]; all lines by default.
+        order: Highest order of the stabilisation diagram.
+        references: Points or channels, such as ``3`` or ``3:+z``, that are used; all by default.
+        progress: Called with what is done.
+
+    Raises:
+        SceneError: An argument is none.
+        HeadstockError: The test file has problems, or nothing to fit.
+    """
+    check_call(progress, "fit_modes")
+    path = read_path_argument(test, "fit_modes", "test")
+    if band is not None and not (len(band) == 2 and 0.0 <= band[0] < band[1]):
+        raise refuse("fit_modes", "band", f"is {band!r}; write (low, high) in Hz")
+    if not isinstance(order, int) or order < LEAST_ORDER:
+        raise refuse("fit_modes", "order", f"is {order!r}; write a number from {LEAST_ORDER} on")
+    return read_modes(
+        read_test_data(path),
+        path.name,
+        band=band,
+        order=order,
+        references=read_names(references, "fit_modes", "references"),
+        progress=progress,
+    )
 
 
 def identify(

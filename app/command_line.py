@@ -36,6 +36,7 @@ COMMANDS: dict[str, type[CommandOptions]] = {
     "new": tool_commands.NewOptions,
     "export": scene_commands.ExportOptions,
     "validate": tool_commands.ValidateOptions,
+    "modes": tool_commands.ModesOptions,
     "correlate": batch_commands.CorrelateOptions,
     "identify": batch_commands.IdentifyOptions,
     "report": tool_commands.ReportOptions,

@@ -1,30 +1,41 @@
-"""``headstock correlate``: a measured machine beside its model, as tables, figures, a page and targets of a
-fit.
+"""``headstock correlate`` and ``headstock modes``: a measured machine beside its model, as tables, figures, a page
+and targets of a fit; and modes of a test alone.
 """
 
 from pathlib import Path
 
 from headstock.app.actions.running import claim_on_root, require_ranks, stage_progress
 from headstock.app.charts.correlation import draw_correlation
+from headstock.app.charts.stabilisation import draw_stabilisation
 from headstock.app.commands.batch_commands import CorrelateOptions
 from headstock.app.commands.options import read_percent
+from headstock.app.commands.tool_commands import ModesOptions
 from headstock.app.report.pages import render_correlation
 from headstock.app.tables.correlation import list_tables
+from headstock.app.tables.modal_fit import list_modes
 from headstock.app.tables.table import encode_csv
-from headstock.app.terminal.console import print_remarks
+from headstock.app.terminal.console import counted, make_console, print_remarks
 from headstock.app.terminal.correlation import print_correlation
 from headstock.app.terminal.guard import DONE
+from headstock.app.terminal.progress import show_progress
+from headstock.app.terminal.summary import print_part
 from headstock.pipeline.storage.json_texts import dump_summary
-from headstock.pipeline.storage.outputs import write_named_files, write_output
+from headstock.pipeline.storage.outputs import claim_output, write_named_files, write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
+from headstock.scene.test_data.reading import read_test_data
+from headstock.scene.test_data.uff_writing import render_modes
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.correlation.correlation import Correlation
 from headstock.studies.correlation.job import CorrelationJob, load_correlation, run_correlation
+from headstock.studies.correlation.modal_fit import ModalFit, read_modes
+from headstock.studies.correlation.modal_summary import summarise_fit
 from headstock.studies.correlation.summary import summarise_correlation
 
 PAGE_FILE, JSON_FILE = "correlate.html", "correlate.json"
+MODES_JSON, MODES_UFF, MODES_CSV = "modes.json", "modes.uff", "modes.csv"
+DIAGRAM = "stabilisation.svg"
 
 
 def correlate_command(options: CorrelateOptions, comm: MPI.Comm) -> int:
@@ -80,3 +91,61 @@ def _publish(
     options.write_json(text)
     print_correlation(found, folder, [PAGE_FILE, JSON_FILE, *tables, *pictures, *fit])
     print_remarks(remarks)
+
+
+def modes_command(options: ModesOptions) -> int:
+    """Fit modes to a test, print and write them.
+
+    Raises:
+        MeasurementError: Something is wrong in the file, or it has nothing to fit.
+        OutputError: The folder cannot be written.
+    """
+    folder = options.output or Path("results") / f"{options.test.stem}-modes"
+    data = read_test_data(options.test)
+    with claim_output(folder, (MODES_JSON, MODES_UFF, MODES_CSV, DIAGRAM)):
+        with show_progress() as progress:
+
+            def announce(text: str) -> None:
+                progress.end()
+                progress.begin(text)
+
+            fit = read_modes(
+                data,
+                options.test.name,
+                band=options.band_hz,
+                order=options.order,
+                references=options.names,
+                progress=announce,
+            )
+        text = dump_summary(summarise_fit(fit, options.test.name))
+        write_output(folder / MODES_JSON, text.encode())
+        write_output(folder / MODES_UFF, render_modes(fit.modes, data.points).encode())
+        listing = list_modes(fit)
+        write_output(folder / MODES_CSV, encode_csv(listing.tabulate()))
+        files = [MODES_JSON, MODES_UFF, MODES_CSV]
+        diagram = draw_stabilisation(fit)
+        if diagram:
+            write_output(folder / DIAGRAM, diagram.encode())
+            files.append(DIAGRAM)
+        options.write_json(text)
+        print_remarks([*data.remarks, *fit.remarks])
+        print_part(make_console(), listing)
+        _print_quality(fit, folder, files)
+    return DONE
+
+
+def _print_quality(fit: ModalFit, folder: Path, files: list[str]) -> None:
+    """Say how well the responses are met, and where the files are."""
+    console = make_console()
+    count = counted(len(fit.modes.frequencies_hz), "mode")
+    if fit.responses is None or fit.assurance is None:
+        console.print(f"{count}, as the file has them", markup=False)
+    else:
+        ends = f"{fit.responses.frequencies_hz[0]:.4g} to {fit.responses.frequencies_hz[-1]:.4g} Hz"
+        worst = float(fit.assurance[fit.assurance == fit.assurance].min())
+        console.print(
+            f"{count} from {ends}; of the pair that is met worst, FRAC is {worst:.3f}; ± from "
+            + ("noise that the test has" if fit.source == "noise" else "what the fit leaves over"),
+            markup=False,
+        )
+    console.print(f"results in {folder} ({', '.join(files)})", style="bold", markup=False)

@@ -135,6 +135,60 @@ class NumbersOptions(CommandOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ModesOptions(CommandOptions):
+    """Fit poles, damping and shapes to the frequency responses of a test."""
+
+    action = "correlating:modes_command"
+    test: Annotated[
+        Path, typer.Argument(metavar="TEST", help="Test file, such as .uff, with responses.")
+    ]
+    output: Annotated[
+        Path | None, output_option("DIR", "Folder of results [results/TEST-modes].")
+    ] = None
+    band: Annotated[
+        str | None, option("--band", "LOW..HIGH", "Frequencies used, as 20Hz..300Hz [all].")
+    ] = None
+    order: Annotated[
+        int, option("--order", "N", "Highest order of the stabilisation diagram.", min=4, max=200)
+    ] = 60
+    references: Annotated[
+        str | None,
+        option("--references", "NAME,...", "Use these points or channels, as 3,12:+x [all]."),
+    ] = None
+    json: JsonFile = None
+    debug: Debug = False
+
+    def __post_init__(self) -> None:
+        """Refuse a band that is none, before anything is read."""
+        _ = self.band_hz
+
+    @property
+    def band_hz(self) -> tuple[float, float] | None:
+        """Lowest and highest frequency [Hz]; None for all."""
+        if self.band is None:
+            return None
+        from headstock.scene.reading.units import FREQUENCY, UnitError, parse_quantity
+
+        try:
+            low, high = (parse_quantity(end, FREQUENCY).value for end in self.band.split(".."))
+        except (UnitError, ValueError) as error:
+            raise click.BadParameter(
+                f"{self.band!r} is no band: {error}; write it as 20Hz..300Hz",
+                param_hint="'--band'",
+            ) from error
+        if not 0.0 <= low < high:
+            raise click.BadParameter(
+                f"{self.band!r} is empty; write the lower frequency first", param_hint="'--band'"
+            )
+        return low, high
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """References that are used; empty for all."""
+        return tuple(filter(None, (name.strip() for name in (self.references or "").split(","))))
+
+
+@dataclass(frozen=True, kw_only=True)
 class DoctorOptions(CommandOptions):
     """Check the environment: libraries, MPI, memory, caches."""
 

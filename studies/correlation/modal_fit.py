@@ -1,20 +1,23 @@
 """Poles and shapes of a test: fitted to its frequency responses, or taken from its file."""
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray
+from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.records import (
     ComplexArray,
     MeasuredModes,
     MeasuredResponses,
+    TestChannel,
+    TestData,
 )
+from headstock.scene.test_data.responses import name_channel
 from headstock.solvers.modal_fitting.candidates import OrderPoles
 from headstock.solvers.modal_fitting.modal_model import ModalModel
 from headstock.solvers.modal_fitting.pole_fit import PoleFit, fit_poles
@@ -27,7 +30,7 @@ from headstock.solvers.modal_fitting.shape_scale import (
 from headstock.solvers.modal_fitting.stabilisation import MOST_DAMPING, damping_ratios
 from headstock.solvers.pairing.shape_agreement import response_assurance
 
-ORDER = 60
+ORDER, LEAST_ORDER = 60, 4
 LEAST_LINES = 20
 COVERAGE = 1.96  # standard deviations behind ±: 95 %
 SAME_DIRECTION = 0.999  # cosine from which motion and force at a point are along one line
@@ -71,6 +74,72 @@ class ModalFit:
     remarks: tuple[str, ...] = ()
 
 
+def read_modes(
+    data: TestData,
+    name: str,
+    *,
+    band: tuple[float, float] | None = None,
+    order: int = ORDER,
+    references: Sequence[str] = (),
+    progress: Callable[[str], None] = lambda _: None,
+) -> ModalFit:
+    """Fit modes to the frequency responses of a test, or take those of a file that has none.
+
+    Args:
+        name: Of the file, for messages.
+        band: Lowest and highest frequency that is used [Hz]; all lines by default.
+        order: Highest order of the stabilisation diagram.
+        references: Points or channels, such as ``3`` or ``3:+z``, that are used of the forces, or of the
+            motions where these are fewer; all by default.
+        progress: Receives what is done.
+
+    Raises:
+        MeasurementError: The test has neither, or no such reference, or too few lines.
+    """
+    try:
+        if data.responses is not None:
+            chosen = _choose_references(data.responses, references)
+            return fit_modes(chosen, band=band, order=order, progress=progress)
+    except MeasurementError as error:
+        raise MeasurementError(f"{name}:1: {error}") from error
+    if data.modes is None:
+        raise MeasurementError(
+            f"{name}:1: holds no modes and no frequency responses; export them as UFF 55 or 58"
+        )
+    return pass_modes(data.modes)
+
+
+def _choose_references(
+    responses: MeasuredResponses, references: Sequence[str]
+) -> MeasuredResponses:
+    """Return the responses of some references."""
+    if not references:
+        return responses
+    by_motion = len(responses.forces) > len(responses.motions)
+    channels = responses.motions if by_motion else responses.forces
+
+    def fits(channel: TestChannel, name: str) -> bool:
+        return name in (channel.point, name_channel(channel))
+
+    for name in references:
+        if not any(fits(channel, name) for channel in channels):
+            known = ", ".join(map(name_channel, channels))
+            raise MeasurementError(f"no reference {name}; choose of {known}")
+    kept = [
+        number
+        for number, channel in enumerate(channels)
+        if any(fits(channel, name) for name in references)
+    ]
+    some = tuple(channels[number] for number in kept)
+    axis, deviations = 1 if by_motion else 2, responses.deviations
+    return dataclasses.replace(
+        responses,
+        **({"motions": some} if by_motion else {"forces": some}),
+        values=responses.values.take(kept, axis),
+        deviations=None if deviations is None else deviations.take(kept, axis),
+    )
+
+
 def fit_modes(
     responses: MeasuredResponses,
     *,
@@ -89,14 +158,14 @@ def fit_modes(
         progress: Receives what is done.
 
     Raises:
-        HeadstockError: Fewer lines than a fit needs, or responses without a common reference.
+        MeasurementError: Fewer lines than a fit needs, or responses without a common reference.
     """
     used = _choose_lines(responses, band)
     turned = len(used.forces) > len(used.motions)
     given = _exchange(used) if turned else used
     if not np.isfinite(given.values[0]).all(axis=1).any():
-        names = ", ".join(force.point for force in given.forces)
-        raise HeadstockError(
+        names = ", ".join(map(name_channel, given.forces))
+        raise MeasurementError(
             f"no channel was measured together with all references ({names}); leave some out"
         )
     found = fit_poles(
@@ -171,7 +240,7 @@ def _choose_lines(
     lines = (hz > 0.0) & (hz >= low) & (hz <= high) & (measured | ~pairs).all(axis=(1, 2))
     if lines.sum() < LEAST_LINES:
         ends = f"from {hz[0]:g} to {hz[-1]:g} Hz" if len(hz) else "empty"
-        raise HeadstockError(
+        raise MeasurementError(
             f"{int(lines.sum())} lines from {low:g} to {high:g} Hz, and a fit needs {LEAST_LINES}; "
             f"the responses are {ends}: choose another band"
         )
