@@ -10,7 +10,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.solvers.modal_fitting.stabilisation import PoleLabel, label_poles
 from headstock.studies.correlation.modal_fit import ModalFit
 
-WIDTH, HEIGHT, LEFT, TOP, RIGHT, BOTTOM = 1040.0, 420.0, 46.0, 44.0, 16.0, 34.0
+WIDTH, HEIGHT, LEFT, TOP, RIGHT, BOTTOM = 1040.0, 420.0, 46.0, 44.0, 28.0, 34.0
 CHOSEN, RESPONSE = "#b5566e", "#94a3b8"
 DECADES = 5.0  # of the responses that are drawn
 # colour, size and meaning, the least first
@@ -22,7 +22,7 @@ MARKS = {
 }
 DOT = '<circle cx="{:.1f}" cy="{:.1f}" r="{}" fill="{}"/>'
 LEGEND_STEP = 150.0
-FILE = '<svg xmlns="http://www.w3.org/2000/svg" style="background:#fff;color:#1f2937" '
+FILE = '<svg xmlns="http://www.w3.org/2000/svg" style="background:#fff;color:#1f2937;font-family:sans-serif" '
 
 
 def draw_stabilisation(fit: ModalFit) -> str:
