@@ -438,7 +438,8 @@ def _find_touched(
         joints=tuple(links),
         springs_only=not parts
         and all(law.key[2] in SPRING_KEYS for law in itertools.chain(*links.values()))
-        and all(joints[name].written.screw is None for name in links),
+        # the stiffness of screws and layers is not in the six directions of a joint
+        and all(joints[name].written.screw is joints[name].written.layer is None for name in links),
         matrices=not all(map(moves, itertools.chain(*parts.values()))),
         meshed=tuple(name for name in elastic if any(map(_reshapes, parts[name]))),
     )
