@@ -2,12 +2,16 @@
 that the data leave open.
 """
 
+import dataclasses
+import functools
+import json
 import math
 import re
 import shlex
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import cast
 
 import click
 
@@ -15,37 +19,41 @@ from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.commands.batch_commands import IdentifyOptions
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.app.terminal.guard import DONE, FAILED
-from headstock.pipeline.storage.json_texts import dump_summary
+from headstock.pipeline.storage.json_texts import JsonTable, dump_summary
 from headstock.pipeline.storage.outputs import write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
+from headstock.scene.expansion.overrides import AS_WRITTEN
 from headstock.scene.reading.keys import write_number
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.identification.descent import StartRecord
+from headstock.studies.identification.evidence import Evidence, weigh_evidence
 from headstock.studies.identification.files import (
+    HELD_OUT_FILE,
     OVERRIDES_FILE,
     RECORD_FILE,
+    hide_held_out,
     render_overrides,
     summarise_identification,
 )
 from headstock.studies.identification.identification import (
+    FitEnds,
     FittedParameter,
     Identification,
-    TargetOutcome,
     assess_ends,
     fit_targets,
     prepare_problem,
 )
-from headstock.studies.identification.observations import KINDS
 from headstock.studies.identification.problem import FitProblem
-from headstock.studies.identification.target_files import load_targets
+from headstock.studies.identification.target_files import LoadedTask, load_targets
 from headstock.studies.identification.targets import IdentificationTask
 
 CORRELATION_SHOWN = 0.9
 SEEN_FAINTLY = 0.5
 UNIDENTIFIABLE_SHOWN = 6
+SPREADS = ("relative_spread_95", "relative_mesh_95", "relative_scatter_95")
 
 
 def _print_task(task: IdentificationTask) -> None:
@@ -82,8 +90,12 @@ def _print_start(record: StartRecord) -> None:
     make_console().print(line, markup=False, soft_wrap=True)
 
 
-def _print_identification(found: Identification, folder: Path) -> None:
-    """Everything a fit found."""
+def _print_identification(found: Identification, summary: JsonTable, folder: Path) -> None:
+    """Everything a fit found.
+
+    Args:
+        summary: What the files have of it.
+    """
     console = make_console()
     console.print()
     table = make_table("parameter", ">fitted", ">95 % from", ">to", ">data share", "note")
@@ -92,15 +104,7 @@ def _print_identification(found: Identification, folder: Path) -> None:
     print_table(
         console, "Parameters (data share: how much the data reduce the prior variance)", table
     )
-    table = make_table(
-        *("target", ">measured", ">model", ">± 95 %", ">scatter", ">deviation", ">in sigma"),
-        *(">MAC", ">mode", ""),
-    )
-    for outcome in found.outcomes:
-        add_row(table, *_outcome_cells(outcome))
-    print_table(
-        console, "Targets (±: of the fitted parameters; scatter: of a measurement, 95 %)", table
-    )
+    _print_targets(cast(list[JsonTable], summary["targets"]))
     for case, extra in found.extra_hz.items():
         if extra:
             shown = ", ".join(f"{value:.4g}" for value in extra)
@@ -135,25 +139,60 @@ def _parameter_cells(item: FittedParameter) -> tuple[str, ...]:
     )
 
 
-def _outcome_cells(item: TargetOutcome) -> tuple[str, ...]:
-    kind = KINDS[item.kind]
-    unit = kind.unit.replace("um", "µm")
-    wanted, model = (f"{kind.scale * value:.4g} {unit}" for value in (item.wanted, item.found))
-    mac = "" if item.mac is None else f"{item.mac:.2f}"
-    mode = str(item.mode) if item.mode else ""
-    note = "held out" if item.hold_out else ""
-    return (
-        item.name,
-        wanted,
-        model,
-        f"{100.0 * item.spread:.2g} %" if math.isfinite(item.spread) else "open",
-        f"{100.0 * item.scatter:.2g} %",
-        f"{100.0 * item.deviation:+.2f} %",
-        f"{item.residual:+.2f}",
-        mac,
-        mode,
-        note,
+def _print_targets(rows: Sequence[JsonTable]) -> None:
+    """Print targets and what the model gives."""
+    table = make_table(
+        *("target", ">measured", ">model", ">± fit", ">± mesh", ">scatter", ">deviation"),
+        *(">in sigma", ">MAC", ">mode", ""),
     )
+    for row in rows:
+        add_row(table, *_target_cells(row))
+    title = "Targets (±: of fitted parameters, and of meshes; scatter: of a measurement; 95 %)"
+    print_table(make_console(), title, table)
+
+
+def _target_cells(row: JsonTable) -> tuple[str, ...]:
+    unit = str(row["unit"]).replace("um", "µm")
+
+    def show(key: str, form: str, behind: str = "", factor: float = 1, lacking: str = "") -> str:
+        value = row[key]
+        return f"{factor * value:{form}}{behind}" if isinstance(value, int | float) else lacking
+
+    return (
+        str(row["name"]),
+        show("measured", ".4g", f" {unit}", lacking="hidden"),
+        show("model", ".4g", f" {unit}"),
+        show("relative_spread_95", ".2g", " %", 100, "open"),
+        show("relative_mesh_95", ".2g", " %", 100, "?" if row["kind"] == "frequency" else ""),
+        show("relative_scatter_95", ".2g", " %", 100),
+        show("deviation", "+.2f", " %", 100),
+        show("residual_sigma", "+.2f"),
+        show("mac", ".2f"),
+        show("mode", "d"),
+        "held out" if row["hold_out"] else "",
+    )
+
+
+def open_held_out(folder: Path) -> int:
+    """Print what was measured of the targets that a fit held out and hid, with its predictions.
+
+    Raises:
+        click.UsageError: The folder has none.
+    """
+    try:
+        rows = json.loads((folder / HELD_OUT_FILE).read_text())["targets"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise click.UsageError(
+            f"--open {folder}: there are no hidden targets; `identify --hide-held-out -o {folder}` writes them"
+        ) from error
+    _print_targets(rows)
+    reaches = [math.hypot(*(row[key] or 0.0 for key in SPREADS)) for row in rows]
+    deviations = [abs(row["deviation"]) for row in rows]
+    inside = sum(off <= reach for off, reach in zip(deviations, reaches, strict=True))
+    rms = 100.0 * math.sqrt(sum(off**2 for off in deviations) / max(1, len(rows)))
+    text = f"{inside} of {len(rows)} within ± and scatter; deviations {rms:.2f} % rms"
+    make_console().print(text, style="bold", markup=False)
+    return DONE
 
 
 def _print_doubts(found: Identification) -> None:
@@ -196,15 +235,7 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
     begin = time.perf_counter()
     origin = options.trace(comm.size)
     require_ranks(options.ranks, comm)
-    loaded = make_on_root(
-        comm,
-        lambda: load_targets(
-            options.targets,
-            options.scene,
-            overrides=options.chosen.overrides,
-            starts=options.starts,
-        ),
-    )
+    loaded = make_on_root(comm, lambda: _load(options))
     if options.write is not None:
         _require_free_name(options.scene, options.write)
     output = options.output or Path("results") / f"{options.scene.stem}-{options.targets.stem}"
@@ -215,18 +246,72 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
         if comm.rank == 0:
             _print_cost(problem)
         ends = fit_targets(problem, _print_start, comm=comm)
+        rivals = _fit_rivals(options, loaded.task.rivals, comm)
 
         def publish() -> int:
             found = assess_ends(ends, loaded.task.name)
             seconds = time.perf_counter() - begin
-            summary = {**summarise_identification(found), "seconds": seconds}
+            models = {AS_WRITTEN: weigh_evidence(found), **rivals} if rivals else {}
+            summary = {
+                **summarise_identification(found),
+                "models": {name: dataclasses.asdict(one) for name, one in models.items()},
+                "seconds": seconds,
+            }
+            if options.hide_held_out:
+                summary, hidden = hide_held_out(summary)
+                write_output(output / HELD_OUT_FILE, dump_summary({"targets": hidden}).encode())
             _publish(options, found, summary, output, origin)
-            _print_identification(found, output)
+            _print_identification(found, summary, output)
+            _print_models(models)
             if options.write is not None:
                 _print_include(options.scene, options.write)
             return DONE if found.converged else FAILED
 
         return make_on_root(comm, publish)
+
+
+def _load(options: IdentifyOptions, rival: str | None = None) -> LoadedTask:
+    """Load the target file for the scene, or for one of its other models."""
+    return load_targets(
+        options.targets,
+        options.scene,
+        overrides=options.chosen.overrides,
+        starts=options.starts,
+        rival=rival,
+    )
+
+
+def _fit_rivals(
+    options: IdentifyOptions, names: Sequence[str], comm: MPI.Comm
+) -> dict[str, Evidence]:
+    """Fit every other model and return its evidence; collective."""
+    found: dict[str, Evidence] = {}
+    for name in names:
+        loaded = make_on_root(comm, functools.partial(_load, options, name))
+        if comm.rank == 0:
+            make_console().print(f"model {name}", style="bold", markup=False)
+        problem = prepare_problem(loaded, Store(default_store_root()), comm)
+        ends = fit_targets(problem, _print_start, comm=comm)
+        found[name] = make_on_root(comm, functools.partial(_weigh_ends, ends, name))
+    return found
+
+
+def _weigh_ends(ends: FitEnds, name: str) -> Evidence:
+    return weigh_evidence(assess_ends(ends, name))
+
+
+def _print_models(models: Mapping[str, Evidence]) -> None:
+    """Rank the scene and the other models of the target file."""
+    if not models:
+        return
+    ranked = sorted(models.items(), key=lambda item: item[1].bic)
+    table = make_table("model", ">parameters", ">misfit", ">BIC", ">more", ">ln evidence")
+    for name, one in ranked:
+        log = "" if one.log_evidence is None else f"{one.log_evidence:.2f}"
+        more = f"{one.bic - ranked[0][1].bic:.2f}"
+        add_row(table, name, str(one.parameters), f"{one.misfit:.4g}", f"{one.bic:.4g}", more, log)
+    title = "Models by evidence (BIC: the least is best, 6 less is strong, 10 less very strong)"
+    print_table(make_console(), title, table)
 
 
 def _print_include(scene: Path, name: str) -> None:

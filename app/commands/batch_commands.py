@@ -25,6 +25,7 @@ from headstock.app.commands.options import (
     TimeLimit,
     Variant,
     flag,
+    load_action,
     option,
     output_option,
     read_percent,
@@ -251,6 +252,12 @@ class CorrelateOptions(SceneOptions):
         read_percent(self.within)
 
 
+def _open_held_out(folder: Path | None) -> None:
+    """Show what ``--hide-held-out`` hid; the command then needs no scene."""
+    if folder is not None:
+        raise typer.Exit(load_action("identifying:open_held_out")(folder))
+
+
 @dataclass(frozen=True, kw_only=True)
 class IdentifyOptions(SceneOptions):
     """Fit parameters of a scene to measured frequencies, shapes and compliances; the scene file is
@@ -271,6 +278,20 @@ class IdentifyOptions(SceneOptions):
     ] = None
     starts: Annotated[
         int | None, option("--starts", "N", "Number of starts [from the file].", min=1, max=4096)
+    ] = None
+    hide_held_out: Annotated[
+        bool,
+        flag("--hide-held-out", "Fit, and show nothing that was measured of held-out targets."),
+    ] = False
+    open_: Annotated[
+        Path | None,
+        option(
+            "--open",
+            "FOLDER",
+            "Compare the held-out targets of a folder of results with their predictions.",
+            is_eager=True,
+            callback=_open_held_out,
+        ),
     ] = None
     write: Annotated[
         str | None,

@@ -221,9 +221,9 @@ def make_command(kind: type[CommandOptions]) -> Callable[..., int]:
 
         def act(*comm: "MPI.Comm") -> int:
             if job.on is None:
-                return _load_action(kind.action)(options, *comm)
+                return load_action(kind.action)(options, *comm)
             described, words = job.describe_job(1, options.ranks), _command_words()
-            return _load_action(SUBMIT)(words, described, comm[0].size, wait=not job.no_wait)
+            return load_action(SUBMIT)(words, described, comm[0].size, wait=not job.no_wait)
 
         if kind.collective:
             return run_guarded(lambda comm: act(comm), debug=options.debug)
@@ -246,7 +246,8 @@ def make_command(kind: type[CommandOptions]) -> Callable[..., int]:
     return command
 
 
-def _load_action(place: str) -> Callable[..., int]:
+def load_action(place: str) -> Callable[..., int]:
+    """Load a function of ``app/actions``, ``MODULE:FUNCTION``, which returns an exit code."""
     module, _, name = place.partition(":")
     with without_collecting():
         loaded = importlib.import_module(f"headstock.app.actions.{module}")

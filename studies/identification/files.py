@@ -4,6 +4,7 @@ the scene.
 
 import math
 from collections.abc import Mapping
+from typing import cast
 
 import numpy as np
 
@@ -24,8 +25,25 @@ from headstock.studies.identification.targets import MachineKey
 
 OVERRIDES_FILE = "calibrated.toml"
 RECORD_FILE = "identification.json"
+HELD_OUT_FILE = "held_out.json"
 VARIANT = "calibrated"
 CORRELATION_SHOWN = 0.9
+
+
+def hide_held_out(summary: JsonTable) -> tuple[JsonTable, list[JsonTable]]:
+    """Return the content of ``identification.json`` without what was measured of held-out targets, and
+    these targets in full.
+    """
+    shown: list[JsonTable] = []
+    hidden: list[JsonTable] = []
+    for row in cast(list[JsonTable], summary["targets"]):
+        if row["hold_out"]:
+            name = row["label"] or f"held out {len(hidden) + 1}"
+            row = {**row, "name": f"{row['case']} {name}"}
+            hidden.append(row)
+            row = row | dict.fromkeys(("measured", "deviation", "residual_sigma", "mac"))
+        shown.append(row)
+    return {**summary, "targets": shown}, hidden
 
 
 def summarise_identification(found: Identification) -> JsonTable:
@@ -227,6 +245,7 @@ def _summarise_outcome(item: TargetOutcome) -> JsonTable:
     return {
         "case": item.case,
         "name": item.name,
+        "label": item.label,
         "kind": item.kind,
         "unit": kind.unit,
         "measured": item.wanted * kind.scale,
@@ -234,6 +253,7 @@ def _summarise_outcome(item: TargetOutcome) -> JsonTable:
         "deviation": item.deviation,
         "relative_spread_95": _finite(item.spread),
         "relative_scatter_95": item.scatter,
+        "relative_mesh_95": _finite(item.mesh),
         "residual_sigma": item.residual,
         "mac": item.mac,
         "mode": item.mode or None,

@@ -14,6 +14,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
+from headstock.pipeline.stages.estimates import estimate_mode_errors
 from headstock.pipeline.stages.shared_components import (
     load_elastic,
     make_superelements,
@@ -26,9 +27,10 @@ from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.keys import write_number
 from headstock.scene.scene import Analyses, Scene
+from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
-from headstock.studies.identification.cases import make_case
+from headstock.studies.identification.cases import CaseState, make_case
 from headstock.studies.identification.descent import StartRecord, fit
 from headstock.studies.identification.key_laws import ParameterValueError
 from headstock.studies.identification.observations import Observation
@@ -116,6 +118,8 @@ class TargetOutcome:
         spread: Half of the 95 % interval of the model's value, from the intervals of the parameters;
             relative; nan where a parameter is open.
         scatter: The same of a measurement, from its tolerance or from the residuals of its kind.
+        mesh: The same of the model by meshes and reductions, of frequencies; nan where unknown.
+        label: What the file calls the mode; empty without a name.
         mac: With the described or measured shape, or None.
         mode: Number of the mode above the floor, from 1; 0 without.
     """
@@ -129,6 +133,8 @@ class TargetOutcome:
     hold_out: bool
     spread: float
     scatter: float
+    mesh: float = np.nan
+    label: str = ""
     mac: float | None = None
     mode: int = 0
 
@@ -216,14 +222,15 @@ def _tie_scenes(loaded: LoadedTask, store: Store) -> FitProblem:
     for case in loaded.task.cases:
         if case.machine not in scenes:
             scene = _with_modes(loaded.scenes[case.machine], loaded.task.cases)
-            superelements = make_superelements(start_run(scene, comm, store))
-            scenes[case.machine] = make_parametric(
+            state = start_run(scene, comm, store)
+            parametric = make_parametric(
                 scene,
-                superelements,
+                make_superelements(state),
                 loaded.task.parameters,
                 scenes.values(),
                 reduce=functools.partial(_reduce, scene, comm, store),
             )
+            scenes[case.machine] = dataclasses.replace(parametric, parts=state.parts)
         poses = loaded.scenes[case.machine].poses
         pose = poses[case.pose] if case.pose is not None else next(iter(poses.values()))
         cases.append(make_case(case, scenes[case.machine], pose, loaded.task.parameters))
@@ -375,9 +382,7 @@ def assess_ends(ends: FitEnds, name: str) -> Identification:
         outcomes=tuple(
             outcome
             for state, observations in zip(point.states, point.observations, strict=True)
-            for outcome in _outcomes(
-                problem, point, state.model.case.name, observations, statistics
-            )
+            for outcome in _outcomes(problem, point, state, observations, statistics)
         ),
         extra_hz={
             state.model.case.name: _extra_modes(point, index)
@@ -449,12 +454,14 @@ def _at_bound(problem: FitProblem, coordinates: FloatArray, index: int) -> str:
 def _outcomes(
     problem: FitProblem,
     point: FitPoint,
-    case: str,
+    state: CaseState,
     observations: tuple[Observation, ...],
     statistics: FitStatistics,
 ) -> list[TargetOutcome]:
-    """Return what is shown of the targets of a case; a shape beside its frequency, no limits."""
+    """Return what is shown of the targets of a case; a shape with its frequency, no limits."""
     outcomes = list[TargetOutcome]()
+    labels = {target.name: target.label for target in state.model.case.modes}
+    mesh = _mesh_errors(state)
     for item in observations:
         if item.kind == "shape":
             outcomes[-1] = dataclasses.replace(outcomes[-1], mac=item.value)
@@ -464,7 +471,7 @@ def _outcomes(
             slopes = item.sigma * stack_slopes(problem, point, [item])
             outcomes.append(
                 TargetOutcome(
-                    case=case,
+                    case=state.model.case.name,
                     name=item.name,
                     kind=item.kind,
                     wanted=item.wanted,
@@ -473,10 +480,33 @@ def _outcomes(
                     hold_out=item.hold_out,
                     spread=statistics.spread(slopes),
                     scatter=float(norm.ppf(0.975)) * statistics.scatter(item.kind, item.sigma),
+                    mesh=mesh[item.mode]
+                    if item.kind == "frequency" and item.mode is not None
+                    else np.nan,
+                    label=labels.get(item.name, ""),
                     mode=0 if item.mode is None else item.mode + 1,
                 )
             )
     return outcomes
+
+
+def _mesh_errors(state: CaseState) -> list[float]:
+    """Return what meshes and reductions leave out of each frequency above the floor, relative; nan where
+    nobody knows.
+    """
+    parametric, count = state.model.parametric, len(state.eigenvalues)
+    components = parametric.scene.machine.components.values()
+    parts = None
+    if any(part.fidelity == "elastic" for part in components):
+        parts = parametric.reduce_to(state.values)
+    if parts is None or not count:
+        return [np.nan] * count
+    modes = solve_modal(state.coupled.system, count=state.below + count)
+    totals = [error.total for error in estimate_mode_errors(parts, state.coupled, modes)]
+    return [
+        np.nan if total is None else total / float(hz)
+        for total, hz in zip(totals[state.below :], state.frequencies_hz, strict=False)
+    ]
 
 
 def _extra_modes(point: FitPoint, index: int) -> tuple[float, ...]:

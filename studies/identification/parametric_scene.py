@@ -25,6 +25,7 @@ from headstock.geometry.parts.components import (
     with_loaded_areas,
 )
 from headstock.meshing.components.meshing import describe_component
+from headstock.pipeline.stages.run_state import MachineParts
 from headstock.reduction.components.polynomial import reduce_polynomial
 from headstock.reduction.components.rigid import reduce_rigid
 from headstock.reduction.components.segmented import reduce_segmented
@@ -336,6 +337,7 @@ class ParametricScene:
         laws: Of the keys that follow a parameter.
         components: Those that follow a parameter.
         joints: Those that follow a parameter.
+        parts: The machine as it was reduced, for what its meshes leave out; None where nobody asks.
     """
 
     scene: Scene
@@ -344,6 +346,23 @@ class ParametricScene:
     components: dict[str, _ParametricComponent]
     joints: dict[str, _ParametricJoint]
     touched: dict[str, _Touched]
+    parts: MachineParts | None = None
+
+    def reduce_to(self, values: Mapping[str, float]) -> MachineParts | None:
+        """Return the machine as reduced, for given parameter values."""
+        if self.parts is None:
+            return None
+        built, plan = self.build(values), self.parts.plan
+        reduced = {
+            name: dataclasses.replace(item, superelement=built.superelements[name])
+            for name, item in self.parts.reduced.items()
+        }
+        components = {name: built.machine.components[name] for name in plan.components}
+        return MachineParts(
+            dataclasses.replace(self.scene, machine=built.machine),
+            dataclasses.replace(plan, components=components),
+            reduced,
+        )
 
     def build(self, values: Mapping[str, float]) -> _BuiltScene:
         """The machine and its superelements for given parameter values.

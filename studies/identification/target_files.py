@@ -3,7 +3,8 @@ everything that is wrong.
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,7 +34,9 @@ from headstock.studies.identification.targets import (
     ModeTarget,
     ModeTargetTable,
     Parameter,
+    ParameterTable,
     ResponseTarget,
+    RivalTable,
     ShapeTarget,
     TargetCase,
     TargetsTable,
@@ -353,7 +356,12 @@ class LoadedTask:
 
 
 def load_targets(
-    path: Path, scene: Path, *, overrides: Sequence[str] = (), starts: int | None = None
+    path: Path,
+    scene: Path,
+    *,
+    overrides: Sequence[str] = (),
+    starts: int | None = None,
+    rival: str | None = None,
 ) -> LoadedTask:
     """Load a target file for a scene.
 
@@ -361,6 +369,7 @@ def load_targets(
         path: Target file (``.toml``).
         overrides: ``key=value`` settings of the scene.
         starts: How many starting points the fit has; None for what the file says.
+        rival: One of the file's other models; None for the scene with the file's own parameters.
 
     Raises:
         SceneError: Anything is wrong with either file; holds every problem with file, line, key and
@@ -368,15 +377,21 @@ def load_targets(
     """
     findings = Findings(str(path))
     table = validate_against(TargetsTable, read_scene(path, findings, "target"), findings)
-    written = load_scene(scene, overrides=overrides)
+    if table is None:
+        findings.raise_if_any()
+        raise AssertionError("the schema refused a target file without saying why")
+    other = table.rivals[rival] if rival is not None else None
+    if other is not None:
+        table = table.model_copy(update={"parameters": _change_parameters(table, other, findings)})
+    load = functools.partial(
+        load_scene, overrides=overrides, values={} if other is None else other.set
+    )
+    written = load(scene)
     if "orientation" in written.raw:  # its parts are not placed by their own keys alone
         findings.add_line(
             None,
             f"{written.path} sets the machine up with [orientation]; take it out for the fit, it changes no frequency",
         )
-    if table is None:
-        findings.raise_if_any()
-        raise AssertionError("the schema refused a target file without saying why")
     machines = {"": written}
     scenes: dict[MachineKey, Scene] = {}
     for name, entry in table.cases.items():
@@ -387,7 +402,7 @@ def load_targets(
                 findings.add(("cases", name, "scene"), str(error))
                 continue
             machines[entry.scene] = load_scene(file)
-        _load_variant(name, entry, machines, overrides, scenes, findings)
+        _load_variant(name, entry, machines, load_scene if entry.scene else load, scenes, findings)
     cases = [
         _read_case(name, entry, scenes[entry.machine], table.fit, findings)
         for name, entry in table.cases.items()
@@ -405,17 +420,33 @@ def load_targets(
     }
     settings = table.fit if starts is None else table.fit.model_copy(update={"starts": starts})
     return LoadedTask(
-        IdentificationTask(table.name or path.stem, tuple(cases), parameters, settings),
+        IdentificationTask(
+            table.name or path.stem, tuple(cases), parameters, settings, tuple(table.rivals)
+        ),
         loaded,
         findings,
     )
+
+
+def _change_parameters(
+    table: TargetsTable, rival: RivalTable, findings: Findings
+) -> dict[str, ParameterTable]:
+    """Return the parameters of another model."""
+    for name in rival.without or ():
+        if name not in table.parameters:
+            known = suggest_names(name, table.parameters, what="parameters")
+            findings.add(("rivals",), f"`without` names no parameter {name[:80]!r}; {known}")
+    kept = {
+        name: entry for name, entry in table.parameters.items() if name not in (rival.without or ())
+    }
+    return kept | rival.parameters
 
 
 def _load_variant(
     name: str,
     entry: CaseTable,
     machines: Mapping[str, Scene],
-    overrides: Sequence[str],
+    load: Callable[..., Scene],
     scenes: dict[MachineKey, Scene],
     findings: Findings,
 ) -> None:
@@ -427,15 +458,7 @@ def _load_variant(
         text = f"unknown variant {part[:80]!r}; {suggest_names(part, written.variants, what='variants')}"
         findings.add(("cases", name, "variant"), text)
     if not unknown:
-        scene = (
-            written
-            if entry.variant is None
-            else load_scene(
-                written.path,
-                variant=entry.variant,
-                overrides=() if entry.scene else overrides,
-            )
-        )
+        scene = written if entry.variant is None else load(written.path, variant=entry.variant)
         if scene.is_lumped:
             key = ("cases", name) if entry.variant is None else ("cases", name, "variant")
             findings.add(

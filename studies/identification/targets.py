@@ -5,7 +5,7 @@ fitted to it, and what is made of them, in SI units.
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -349,6 +349,17 @@ class FitTable(StrictTable):
     """maximum number of evaluations per descent"""
 
 
+class RivalTable(StrictTable):
+    """Another model of the same machine, fitted to the same measurements."""
+
+    set: Annotated[dict[Text, Any], Field(max_length=1000)] = {}
+    """keys of the scene with other values: `"joints.foot.loss_factor" = 0.1`"""
+    without: Names | None = None
+    """parameters that this model does not have"""
+    parameters: dict[Name, ParameterTable] = {}
+    """parameters that it has in addition, or with other keys or bounds"""
+
+
 class TargetsTable(StrictTable):
     """A target file."""
 
@@ -358,6 +369,8 @@ class TargetsTable(StrictTable):
     """measurements by name: one variant in one pose each"""
     parameters: Annotated[dict[Name, ParameterTable], Field(min_length=1)]
     """numbers of the scene that are fitted, by name"""
+    rivals: Annotated[dict[Name, RivalTable], Field(max_length=20)] = {}
+    """other models that are fitted too, and ranked by evidence"""
     fit: FitTable = FitTable()
     """settings of the fit"""
 
@@ -580,3 +593,4 @@ class IdentificationTask:
     cases: tuple[TargetCase, ...]
     parameters: tuple[Parameter, ...]
     settings: FitTable
+    rivals: tuple[str, ...] = ()

@@ -233,3 +233,54 @@ def test_a_fit_is_written_beside_the_scene_and_later_runs_carry_its_uncertainty(
     assert "fit" not in str(block.json("plain/summary.json")["modal"])
     block.change(add='[variants.mine]\n"joints.feet.stiffness.z" = "6 N/um"\n')
     assert "choose another" in block.refuses(f"{IDENTIFY} --write mine")
+
+
+def test_held_out_targets_are_hidden_until_they_are_opened(block: Shell) -> None:
+    held = mode(1.01 * SHIFTS[2], "z", ', name = "top", hold_out = true')
+    text = f"[cases.a]\nmodes = [{mode(SHIFTS[1], 'y')}, {held}]\n"
+    block.write(text + parameter("y"), name="targets")
+    printed = block.prints(f"{IDENTIFY} --hide-held-out")
+    (fitted, hidden) = block.json("out/identification.json")["targets"]
+    assert fitted["measured"] == approx(SHIFTS[1])
+    assert (hidden["name"], hidden["measured"], hidden["deviation"]) == ("a top", None, None)
+    assert hidden["model"] == approx(SHIFTS[2])
+    shown = f"{1.01 * SHIFTS[2]:.4g}"
+    assert "hidden" in printed and shown not in printed
+    opened = block.prints("identify --open out")
+    assert shown in opened and "-0.99 %" in opened
+    assert "1 of 1 within ± and scatter; deviations 0.99 % rms" in opened
+    assert "there are no hidden targets" in block.refuses("identify --open scene.toml")
+
+
+RIVALS = """
+[rivals.one_spring]
+without = ["y"]
+[rivals.one_spring.parameters.x]
+keys = ["joints.feet.stiffness.x", "joints.feet.stiffness.y"]
+bounds = ["1 N/um", "50 N/um"]
+[rivals.heavy]
+set = { "materials.iron.rho" = "4000 kg/m^3" }
+without = ["x", "y"]
+parameters = { z = { keys = ["joints.feet.stiffness.z"], bounds = ["1 N/um", "50 N/um"] } }
+"""
+
+
+def test_other_models_are_ranked_by_evidence(block: Shell) -> None:
+    along = [mode(SHIFTS[0], "x"), mode(1.02 * SHIFTS[1], "y"), mode(SHIFTS[2], "z")]
+    text = f"[cases.a]\nmodes = [{', '.join(along)}]\n"
+    block.write(text + parameter("x") + parameter("y") + RIVALS, name="targets")
+    printed = block.prints(IDENTIFY)
+    models = block.json("out/identification.json")["models"]
+    assert list(models) == ["as written", "one_spring", "heavy"]
+    written = models["as written"]
+    assert (written["parameters"], written["data"]) == (2, 6)
+    assert written["misfit"] == approx(0.0, abs=1e-6)
+    # two bell curves of 2 % within bounds of a factor of 50
+    assert written["log_evidence"] == approx(
+        np.log(2.0 * np.pi * 0.02**2) - 2 * np.log(np.log(50.0))
+    )
+    # one stiffness for two frequencies that differ by a factor of 1.53; their shapes are then anyhow
+    assert models["one_spring"]["misfit"] > 0.5 * np.log(1.53) ** 2 / 0.01**2
+    assert models["heavy"]["misfit"] > 1e4
+    order = [printed.rindex(f" {name} ") for name in models]
+    assert order == sorted(order)
