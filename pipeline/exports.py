@@ -110,11 +110,11 @@ def _encode_space(
     """Return a state space as a file of a form."""
     if form == "npz":
         image = io.BytesIO()
-        names = {"inputs": space.inputs, "outputs": space.outputs}
         np.savez(
             image,
             A=space.a, B=space.b, C=space.c, D=space.d, states=np.array(space.states),
-            **{key: np.array([name_channel(one) for one in value]) for key, value in names.items()},
+            inputs=np.array(list(map(name_channel, space.inputs))),
+            outputs=np.array(list(map(name_channel, space.outputs))),
         )  # fmt: skip
         return image.getvalue()
     if form in FMUS:

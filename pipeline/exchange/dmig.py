@@ -14,6 +14,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.files.nastran_cards import Card, read_cards
 from headstock.meshing.process.strangers import PART, read_apart
+from headstock.meshing.process.worker import Arrays
 from headstock.pipeline.exchange.matrices import (
     MOST_DOFS,
     BodyMatrices,
@@ -83,7 +84,7 @@ def read_dmig(path: Path) -> dict[str, tuple[IntArray, FloatArray]]:
     return {name: (arrays[f"nodes of {name}"], arrays[name]) for name in names}
 
 
-def parse_dmig(path: Path) -> dict[str, np.ndarray]:
+def parse_dmig(path: Path) -> Arrays:
     """Read the DMIG matrices of a bulk data file in this process: entries by name, and their dofs by
     ``nodes of NAME``.
     """
@@ -96,7 +97,7 @@ def parse_dmig(path: Path) -> dict[str, np.ndarray]:
         raise ExchangeError(
             f"{path.name} holds no DMIG card; name the file that holds the matrices"
         )
-    found: dict[str, np.ndarray] = {}
+    found: Arrays = {}
     for name, (head, *columns) in cards.items():
         _require_real(head)
         nodes, entries = _read_entries(columns)

@@ -193,7 +193,7 @@ def _join_dmig(path: Path) -> tuple[dict[str, FloatArray], IntArray]:
     read = _choose_named(path, read_dmig(path))
     dofs = sorted({(int(node), int(dof)) for nodes, _ in read.values() for node, dof in nodes})
     rows = {dof: row for row, dof in enumerate(dofs)}
-    matrices = {}
+    matrices: dict[str, FloatArray] = {}
     for letter, (nodes, matrix) in read.items():
         places = [rows[int(node), int(dof)] for node, dof in nodes]
         matrices[letter] = np.zeros((len(dofs),) * 2)

@@ -199,8 +199,8 @@ def _add_variables(root: ElementTree.Element, model: FmuModel, version: int) -> 
     for tag in ("Output", "InitialUnknown"):
         parent = structure if version == 3 else ElementTree.SubElement(structure, f"{tag}s")
         for reference in outputs:
-            name = {"valueReference": str(reference)} if version == 3 else {"index": str(reference)}
-            ElementTree.SubElement(parent, tag if version == 3 else "Unknown", name)
+            number = {"valueReference" if version == 3 else "index": str(reference)}
+            ElementTree.SubElement(parent, tag if version == 3 else "Unknown", number)
 
 
 def _encode_xml(root: ElementTree.Element) -> bytes:

@@ -2,6 +2,7 @@
 place.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +64,9 @@ def list_matrices(superelement: Superelement) -> BodyMatrices:
             f"component {superelement.name!r}: interfaces share nodes, which ties some of its dofs; "
             "leave a gap between their patches before it is exported"
         )
-    places = [(frame.origin, range(1, 7)) for frame in superelement.frames]
+    places: list[tuple[FloatArray, Sequence[int]]] = [
+        (frame.origin, range(1, 7)) for frame in superelement.frames
+    ]
     places += [
         (control.point, (1, 2, 3, 4 + control.axis)) for control in superelement.control_points
     ]

@@ -62,11 +62,11 @@ def hold_inputs(space: StateSpace, step_s: float) -> HeldSystem:
     for group in _split_states(space.a):
         blocks = list(_take_apart(space.a[np.ix_(group, group)]))
         if not blocks:
-            rest += group.tolist()
+            rest += map(int, group)
         for block, forwards, backwards in blocks:
             pairs.append((block, backwards @ space.b[group], space.c[:, group] @ forwards))
-    blocks = np.array([block for block, _, _ in pairs]).reshape(-1, 2, 2)
-    motion, drive = _integrate(blocks, step_s)
+    paired = np.array([block for block, _, _ in pairs]).reshape(-1, 2, 2)
+    motion, drive = _integrate(paired, step_s)
     dense, dense_drive = _integrate(space.a[np.ix_(rest, rest)], step_s)
     driven = [share @ rows for share, (_, rows, _) in zip(drive, pairs, strict=True)]
     return HeldSystem(

@@ -79,7 +79,7 @@ class Library:
             flags = (ctypes.c_bool(False),) * 4
             words = (b"it", token, b"", *flags, none, ctypes.c_size_t(0), none, none, none)
         create.restype = ctypes.c_void_p
-        return create(*words)  # type: ignore[no-any-return]
+        return create(*words)
 
     def exchange(self, name: str, references: list[int], values: list[float]) -> list[float]:
         """Get or set numbers."""
