@@ -19,6 +19,7 @@ from headstock.geometry.machine.machine import (
     Machine,
     MachinePath,
     Pose,
+    Sensor,
     free_axes,
     place_components,
 )
@@ -148,9 +149,12 @@ class BodyTrajectory(Trajectory):
 
     def _move_output(self, channel: Channel, moved: _DriveMotion) -> FloatArray:
         """Return the motion ``(n, d)`` at an output per travel of each motor: of a tool point
-        relative to its workpiece, or of an interface.
+        relative to its workpiece, of a sensor, or of an interface.
         """
         name, dof = channel
+        sensor = self.parts.scene.machine.sensors.get(name)
+        if sensor is not None:
+            return self._move_sensor(sensor, dof, moved)
         point = self.parts.scene.machine.points.get(name)
         ends = [(JointEnd(*name.split(".", 1)), 1.0, NO_OFFSET)]
         if point is not None:
@@ -166,6 +170,15 @@ class BodyTrajectory(Trajectory):
                 local = body.interface_position(end.interface) + offset
                 total += sign * moved.travel(end.component, local)
         return total[:, DOF_NAMES.index(dof)]
+
+    def _move_sensor(self, sensor: Sensor, dof: str, moved: _DriveMotion) -> FloatArray:
+        if sensor.component not in self.names:
+            return np.zeros(moved.positions.shape)
+        travel = moved.travel(sensor.component, np.array(sensor.position))
+        direction = np.tile(sensor.directions[dof], (len(travel), 1))
+        if not sensor.fixed_axes:
+            direction = np.einsum("nij,nj->ni", moved.rotation(sensor.component), direction)
+        return np.einsum("ni,nid->nd", direction, travel[:, :3])
 
 
 @dataclass(frozen=True, eq=False)

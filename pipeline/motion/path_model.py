@@ -75,12 +75,19 @@ def axis_shares(request: PathRequest) -> dict[str, float]:
 def travel_of_channel(
     machine: Machine, directions: Mapping[str, FloatArray], *, name: str, dof: str
 ) -> float:
-    """Return the rigid motion of a point per travel along a path, in one direction; zero in
+    """Return the rigid motion of a point or sensor per travel along a path, in one direction; zero in
     rotations, as linear axes do not rotate.
     """
     if dof not in DIRECTIONS:
         return 0.0
     rest = np.zeros(3)
+    if name in machine.sensors:
+        sensor = machine.sensors[name]
+        # linear axes leave a component turned as it is with all of them at zero
+        units = sensor.turn_directions(machine.components[sensor.component].placement.rotation)
+        return float(
+            units[list(sensor.directions).index(dof)] @ directions.get(sensor.component, rest)
+        )
     if name not in machine.points:
         return float(directions.get(name.partition(".")[0], rest)[DOF_NAMES.index(dof)])
     point = machine.points[name]

@@ -71,6 +71,25 @@ def machine_channels(
     return channels
 
 
+def channel_rows(layout: DofLayout, machine: Machine, name: str) -> FloatArray:
+    """Return the rows ``(6, n_all)`` of the motion at a point, a sensor or an interface
+    (``component.interface``) in stacked dofs; zero for what a sensor does not measure.
+    """
+    if name in machine.points:
+        return point_rows(layout, machine.points[name])
+    if name in machine.sensors:
+        sensor, rows = machine.sensors[name], np.zeros((6, layout.size))
+        measured = [AXES.index(dof) for dof in sensor.directions]
+        owner = sensor.component
+        rows[measured, layout.offsets[owner]] = sensor_rows(
+            layout.superelements[owner], layout.placements[owner], sensor
+        )
+        return rows
+    component, _, interface = name.partition(".")
+    end = JointEnd(component, interface)
+    return motion_rows(layout, end, locate_interface(layout, end))
+
+
 def sensor_rows(superelement: Superelement, placement: Frame, sensor: Sensor) -> FloatArray:
     """Return the rows ``(k, n_c)`` of the motion in each direction of a sensor per dof of its
     component, boundary dofs in machine axes.

@@ -16,14 +16,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from headstock.geometry.frames import FloatArray, rotate_dofs
-from headstock.geometry.machine.joints import JointEnd
-from headstock.geometry.machine.machine import Machine, Sensor
-from headstock.reduction.coupling.channels import point_rows, sensor_rows
+from headstock.geometry.machine.machine import Machine
+from headstock.reduction.coupling.channels import channel_rows
 from headstock.reduction.coupling.coupling import CoupledMachine, sum_rayleigh
 from headstock.reduction.coupling.dof_layout import (
     DofLayout,
-    locate_interface,
-    motion_rows,
     scale_dofs,
     split_constraints,
     turn_dofs,
@@ -159,25 +156,9 @@ def _observer_rows(layout: DofLayout, machine: Machine, name: str) -> FloatArray
     Raises:
         ModelError: There is nothing of that name.
     """
-    if name in machine.points:
-        return point_rows(layout, machine.points[name])
-    if name in machine.sensors:
-        return _sensor_rows(layout, machine.sensors[name])
     if name in layout.superelements:
         return _mean_motion_rows(layout, name)
-    component, _, interface = name.partition(".")
-    end = JointEnd(component, interface)
-    return motion_rows(layout, end, locate_interface(layout, end))
-
-
-def _sensor_rows(layout: DofLayout, sensor: Sensor) -> FloatArray:
-    """Return the rows of what a sensor measures; zero for what it does not."""
-    rows, name = np.zeros((6, layout.size)), sensor.component
-    measured = ["xyz".index(dof) for dof in sensor.directions]
-    rows[measured, layout.offsets[name]] = sensor_rows(
-        layout.superelements[name], layout.placements[name], sensor
-    )
-    return rows
+    return channel_rows(layout, machine, name)
 
 
 def _component_constraints(layout: DofLayout, name: str) -> FloatArray:

@@ -14,6 +14,7 @@ import scipy
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.geometry.machine.machine import Machine, MachinePath
+from headstock.reduction.coupling.channels import channel_rows
 from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.error_travel import (
     ErrorTravel,
@@ -28,7 +29,6 @@ from headstock.reduction.coupling.guide_errors import has_errors
 from headstock.reduction.coupling.joint_forces import SPRING, JointForces
 from headstock.reduction.coupling.probes import carry_probe
 from headstock.reduction.motions.body_motions import solve_machine_static
-from headstock.reduction.motions.tool_deviation import channel_rows
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.state_space import Feedthrough
 from headstock.solvers.motion.deviation import PathDeviation
@@ -147,7 +147,7 @@ def _move_outputs(
     if not motions.moved.any():
         return np.zeros((len(outputs), motions.moved.shape[1]))
     moved = {
-        name: move_rows(channel_rows(coupled, machine, name), motions.moved)
+        name: move_rows(channel_rows(coupled.layout, machine, name), motions.moved)
         for name in dict.fromkeys(name for name, _ in outputs)
     }
     return np.array([moved[name][DOF_NAMES.index(dof)] for name, dof in outputs])

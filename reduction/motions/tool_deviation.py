@@ -8,12 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
-from headstock.geometry.machine.joints import JointEnd
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.machine.tool_travel import Feed, find_feed
-from headstock.reduction.coupling.channels import GRAVITY, point_rows
+from headstock.reduction.coupling.channels import GRAVITY, channel_rows
 from headstock.reduction.coupling.coupling import CoupledMachine
-from headstock.reduction.coupling.dof_layout import locate_interface, motion_rows
 from headstock.reduction.coupling.guide_errors import GUIDE_ERRORS
 from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.reduction.motions.compliance_budget import (
@@ -71,7 +69,7 @@ def fixed_offsets(coupled: CoupledMachine, machine: Machine, name: str) -> dict[
     directions that it displaces, at zero free coordinates; no entry of a load that displaces none.
 
     Args:
-        name: A point, or ``component.interface``.
+        name: A point, a sensor, or ``component.interface``.
     """
     offsets: dict[str, FloatArray] = {}
     if coupled.errors is not None and coupled.errors.offsets:
@@ -80,17 +78,8 @@ def fixed_offsets(coupled: CoupledMachine, machine: Machine, name: str) -> dict[
         offsets |= coupled.displaced.offsets
     if not offsets:
         return {}
-    rows = channel_rows(coupled, machine, name)
+    rows = channel_rows(coupled.layout, machine, name)
     return {load: np.asarray(rows @ moved) for load, moved in offsets.items()}
-
-
-def channel_rows(coupled: CoupledMachine, machine: Machine, name: str) -> FloatArray:
-    """Return the rows ``(6, n_all)`` of the motion at a point or an interface in stacked dofs."""
-    if name in machine.points:
-        return point_rows(coupled.layout, machine.points[name])
-    component, _, interface = name.partition(".")
-    end = JointEnd(component, interface)
-    return motion_rows(coupled.layout, end, locate_interface(coupled.layout, end))
 
 
 def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> ToolDeviation:
@@ -122,7 +111,7 @@ def solve_deviation(coupled: CoupledMachine, machine: Machine, point: str) -> To
         motion = moved[:, number]
         if source == GEOMETRY and errors is not None:
             responses[source] = _SourceResponse(motion, errors.offset(len(still)))
-            carried = channel_rows(coupled, machine, point)
+            carried = channel_rows(coupled.layout, machine, point)
             parts[source] = {
                 name: influence.T @ load + carried @ errors.offsets.get(name, still)
                 for name, load in errors.loads.items()

@@ -14,6 +14,7 @@ from cases import cases
 from common import Shell, approx, run_once
 from fixture_machines import stored_scene, write_scene
 
+ROOT = Path(__file__).resolve().parents[2]
 SCENE = stored_scene("sensors")
 INPUTS, OUTPUTS = (
     next(line for line in SCENE.splitlines() if line.startswith(key))
@@ -308,3 +309,45 @@ def test_machines_in_python_have_sensors() -> None:
         analyses={"modal": {"count": 6}},
     )
     assert hs.run(machine).modes["reference"].sensors == ("s",)
+
+
+@pytest.mark.parametrize("model", ["frozen", "pose_dependent"])
+def test_along_a_path_a_sensor_moves_as_a_point_there(shell: Shell, model: str) -> None:
+    text = stored_scene("path_runs").replace(
+        "[analyses.path]",
+        '[points.far]\ntool = "slider.nose"\nwork = "ground"\noffset = ["50 mm", "20 mm", "-40 mm"]\n'
+        '[sensors.near]\ncomponent = "slider"\nat = ["50 mm", "20 mm", "260 mm"]\n'
+        f'[analyses.path]\noutputs = ["far", "near"]\npose_model = "{model}"',
+    )
+    shell.write(text, ("on_request = true", ""))
+    shell("run scene.toml -o out --no-figures")
+    outputs = shell.json("out/summary.json")["path"]["feeds"][1]["outputs"]
+    sizes = {tuple(one["dof"]): one["accelerating"]["peak_um"] for one in outputs}
+    for direction in "xyz":
+        assert sizes["near", direction] == approx(sizes["far", direction], rel=1e-6, abs=1e-6)
+
+
+def test_lumped_mechanisms_have_sensors_on_their_legs_and_tools() -> None:
+    sensors = {
+        "leg": {"component": "beam_2", "at": [0.06, 0.0, 0.9]},
+        "tool": {"component": "spindle", "at": [0.065, 0.0, 0.48]},
+    }
+    outputs = ["tcp", "far", "tool", "leg"]
+    keys: dict[str, object] = {
+        "sensors": sensors,
+        "points.far": {"tool": "spindle.tip", "work": "ground", "offset": [0.065, 0.0, 0.0]},
+        "analyses": {
+            "modal": {"poses": ["config_1"]},
+            "frf": {"inputs": [["tcp", "x"], ["tool", "y"]], "outputs": outputs, "up_to": 20.0}
+            | {"points": 5, "adaptive": False, "poses": ["config_1"]},
+        },
+    }
+    results = hs.run(hs.load(ROOT / "machines" / "tripteor.toml", set=keys))
+    curves = results.frf["config_1"].curves
+    moved = dict(zip(curves.outputs, curves.receptance.transpose(1, 0, 2), strict=True))
+    for direction in "xyz":
+        assert moved["tool", direction] == approx(moved["far", direction], rel=1e-9, abs=1e-18)
+    assert abs(moved["leg", "x"]).max() > 0.0
+    assert moved["tool", "y"][:, 0] == approx(moved["tcp", "x"][:, 1], rel=1e-9, abs=1e-18)
+    shapes = results.modes["config_1"].sensor_shapes
+    assert shapes is not None and shapes.shape[1:] == (2, 3)
