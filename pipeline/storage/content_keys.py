@@ -192,11 +192,15 @@ def superelement_key(
 
 
 def _sensor_content(component: Component, sensors: Sequence[Sensor]) -> dict[str, object]:
-    if component.fidelity != "elastic":
-        return {"sensors": {one.name: one.position for one in sensors}} if sensors else {}
-    loaded = sorted({one.position for one in sensors if one.is_loaded})
-    settings = component.reduction
-    return {"attached": (loaded, settings.modes, settings.modes_to_hz)} if loaded else {}
+    """Return what the superelement of a component knows of its sensors; without any the key is that
+    of before.
+    """
+    content: dict[str, object] = {}
+    if sensors and component.fidelity != "elastic":
+        content["sensors"] = {one.name: one.position for one in sensors}
+    if loaded := sorted({one.position for one in sensors if one.is_loaded}):
+        content["attached"] = loaded, component.reduction.modes, component.reduction.modes_to_hz
+    return content
 
 
 def search_key(scene: Scene) -> str:

@@ -120,28 +120,55 @@ def add_attachment_modes(
 
     Source: MacNeal (1971), Computers and Structures 1, 581-601; Craig and Chang (1977), NASA CR-2922.
     """
+    operators = solver.operators
     observed = solver.product(loads, modes.shapes)
     whole = solver.solve(loads)
-    flexibility = np.diagonal(solver.product(loads, whole))
     rest = whole - modes.shapes @ (observed / modes.eigenvalues).T
-    # what acts on fixed points moves nothing but rounding
-    least = ATTACHMENT_SHARE / solver.operators.stiffness_scale
-    scale = 1.0 / np.sqrt(np.where(flexibility > least, flexibility, np.inf))
-    stiffness = solver.product(rest, solver.forces(rest)) * scale * scale[:, None]
-    shares, combinations = np.linalg.eigh(0.5 * (stiffness + stiffness.T))
-    kept = shares > ATTACHMENT_SHARE
-    shapes = rest @ (scale[:, None] * combinations[:, kept] / np.sqrt(shares[kept]))
-    values = np.ones(shapes.shape[1])  # without mass they are normalised by stiffness
-    if solver.operators.scalar_mass is not None and len(values):
-        mass = solver.product(shapes, solver.operators.apply_mass(shapes))
-        softness, vectors = np.linalg.eigh(0.5 * (mass + mass.T))
-        values = 1.0 / softness[::-1]
-        shapes = shapes @ (vectors[:, ::-1] * np.sqrt(values))
+    mass = None
+    if operators.scalar_mass is not None:
+        mass = solver.product(rest, operators.apply_mass(rest))
+    combinations, values = combine_attachments(
+        solver.product(rest, solver.forces(rest)),
+        mass,
+        flexibility=np.diagonal(solver.product(loads, whole)),
+        stiffness_scale=operators.stiffness_scale,
+    )
     return dataclasses.replace(
         modes,
         eigenvalues=np.concatenate([modes.eigenvalues, values]),
-        shapes=np.hstack([modes.shapes, shapes]),
+        shapes=np.hstack([modes.shapes, rest @ combinations]),
     )
+
+
+def combine_attachments(
+    stiffness: FloatArray,
+    mass: FloatArray | None,
+    *,
+    flexibility: FloatArray,
+    stiffness_scale: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return combinations ``(k, a)`` of residual responses that are orthogonal in stiffness and mass,
+    and their eigenvalues ``(a,)`` [rad^2/s^2], rising; those that add nothing are left out.
+
+    Args:
+        stiffness: ``(k, k)`` energy products of the responses.
+        mass: ``(k, k)`` their products by mass; None where none was assembled.
+        flexibility: ``(k,)`` displacement of each load's own point in its whole response [m/N].
+        stiffness_scale: Largest entry of the whole stiffness [N/m].
+    """
+    # what acts on fixed points moves nothing but rounding
+    moved = flexibility > ATTACHMENT_SHARE / stiffness_scale
+    scale = np.where(moved, 1.0 / np.sqrt(np.where(moved, flexibility, 1.0)), 0.0)
+    scaled = stiffness * scale * scale[:, None]
+    shares, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    kept = shares > ATTACHMENT_SHARE
+    combinations: FloatArray = scale[:, None] * vectors[:, kept] / np.sqrt(shares[kept])
+    if mass is None or not kept.any():
+        return combinations, np.ones(combinations.shape[1])  # normalised by stiffness
+    products = combinations.T @ mass @ combinations
+    softness, turned = np.linalg.eigh(0.5 * (products + products.T))
+    values = 1.0 / softness[::-1]
+    return combinations @ (turned[:, ::-1] * np.sqrt(values)), values
 
 
 def verify_mode_count(solver: ConstrainedSolver, modes: FixedInterfaceModes) -> None:

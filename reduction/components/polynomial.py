@@ -19,6 +19,7 @@ from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.patches import Order, PlanarSolid, in_plane_axes, sample_patches
 from headstock.geometry.parts.prismatic_bars import PrismaticBar, prismatic_bar
 from headstock.geometry.parts.solids import Box, Plate, Tube
+from headstock.reduction.components.fixed_interface_modes import combine_attachments
 from headstock.reduction.components.interface_patches import MeshPatch
 from headstock.reduction.components.polynomial_space import (
     PolynomialSpace,
@@ -156,6 +157,8 @@ def reduce_polynomial(
     modes = _find_modes(whole, density, request.modes)
     limit = polynomial_limit(component.solid, component.material)
     modes = dataclasses.replace(modes, reach_hz=min(modes.reach_hz, limit))
+    if loaded := [sensor.position for sensor in sensors if sensor.is_loaded]:
+        modes = _attach(fine, whole, modes, density, np.array(loaded))
     fields = np.hstack([whole.psi, modes.shapes])
     stiffness = scipy.linalg.block_diag(whole.stiffness, np.diag(modes.squares))
     mass = density * fields.T @ fields
@@ -417,6 +420,29 @@ def _find_modes(whole: _Condensed, density: float, target: ModeTarget | None) ->
     reach, beyond = (frequencies[count], squares[count]) if count < total else (np.inf, np.inf)
     shapes = whole.free @ vectors[:, :count] / math.sqrt(density)
     return _Modes(squares[:count], shapes, float(reach), float(beyond))
+
+
+def _attach(
+    space: PolynomialSpace, whole: _Condensed, modes: _Modes, density: float, places: FloatArray
+) -> _Modes:
+    """Return the modes with residual-attachment modes of forces at places ``(s, 3)`` behind them, see
+    ``fixed_interface_modes.add_attachment_modes``.
+    """
+    forces = whole.free.T @ space.pull(places, np.eye(places.size))
+    kept = math.sqrt(density) * whole.free.T @ modes.shapes
+    responses = scipy.linalg.cho_solve(whole.factor, forces)
+    rest = responses - kept @ ((kept.T @ forces) / (density * modes.squares)[:, None])
+    combinations, squares = combine_attachments(
+        rest.T @ whole.inner @ rest,
+        density * rest.T @ rest,
+        flexibility=np.einsum("ij,ij->j", forces, responses),
+        stiffness_scale=float(whole.inner.diagonal().max()),
+    )
+    return dataclasses.replace(
+        modes,
+        squares=np.concatenate([modes.squares, squares]),
+        shapes=np.hstack([modes.shapes, whole.free @ rest @ combinations]),
+    )
 
 
 def _missing_energy(
