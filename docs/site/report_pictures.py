@@ -34,6 +34,7 @@ class Shot:
 
     Attributes:
         command: What makes the report's folder, without ``./headstock`` and ``-o``.
+        page: That it writes; a report without it.
         keep: CSS selectors of elements, and of the children that they keep.
         shape: Of the machine, by the name in its list; what the report shows first without it.
         click: CSS selectors of what is clicked then.
@@ -42,6 +43,7 @@ class Shot:
 
     command: str
     keep: tuple[tuple[str, str], ...]
+    page: str = ""
     shape: str = ""
     click: tuple[str, ...] = ()
     width: int = 1240
@@ -62,6 +64,9 @@ class Output:
     share: float = 1.0
 
 
+CORRELATE = (
+    "correlate machines/three_axis.toml machines/three_axis_test.uff --variant calibrated+segmented+YCE --pose measured"
+)
 PICTURES: dict[str, Shot | Output] = {
     "report": Shot(
         "run machines/three_axis.toml --analysis static --analysis modal",
@@ -92,6 +97,19 @@ PICTURES: dict[str, Shot | Output] = {
         ),
         width=700,
     ),
+    "correlation": Shot(
+        CORRELATE,
+        (
+            (".page", "#pairs, #machine"),
+            ("#pairs", "h2, .scroll"),
+            ("#machine", ".machine"),
+            (".machine > div", ".stage-frame, .side, .side *"),
+        ),
+        page="correlate.html",
+        shape="162",
+        click=("#show-joints",),
+    ),
+    "correlation_mac": Output(CORRELATE, "mac.png"),
     # from two of four sides
     "show": Output("show machines/three_axis.toml --pose measured", "machine.png", share=0.513),
     "axis_construction_kit": Output("validate axis_construction_kit", "axis_construction_kit.png"),
@@ -108,8 +126,10 @@ def main() -> None:
             folder = Path(made)
             if isinstance(wanted, Shot):
                 run_headstock(*shlex.split(wanted.command), "-o", str(folder / "results"))
-                run_headstock("report", str(folder / "results"))
-                picture, share = photograph(folder / "results" / "report.html", wanted), 1.0
+                if not wanted.page:
+                    run_headstock("report", str(folder / "results"))
+                page = folder / "results" / (wanted.page or "report.html")
+                picture, share = photograph(page, wanted), 1.0
             else:
                 picture, share = folder / wanted.file, wanted.share
                 target = picture if wanted.command.startswith("show ") else folder
