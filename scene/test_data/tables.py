@@ -114,7 +114,7 @@ def parse_text(path: Path) -> TestData:
     _require_rising(path.name, hertz, lines)
     where = f"{path.name}:{lines[0]}"
     return _join(
-        where, [Response(where, ONE, ONE, hertz, np.asarray(real + 1j * imaginary, complex))]
+        where, [Response(where, ONE, ONE, hertz, np.array(real + 1j * imaginary, dtype=complex))]
     )
 
 
