@@ -18,25 +18,36 @@ def find_nearest_place(skin: Skin, place: FloatArray) -> tuple[FloatArray, float
     Source: Ericson (2005), Real-Time Collision Detection, section 5.1.5: the foot on the plane where it
     lies in the triangle, else the nearest place of the three edges.
     """
-    corners = skin.points[skin.triangles]
+    candidates = find_nearest_in_triangles(skin.points[skin.triangles], place)
+    distances = np.linalg.norm(candidates - place, axis=1)
+    nearest = int(np.argmin(distances))
+    return candidates[nearest], float(distances[nearest])
+
+
+def find_nearest_in_triangles(corners: FloatArray, places: FloatArray) -> FloatArray:
+    """Find the place ``(t, 3)`` of each triangle that is nearest to a place.
+
+    Args:
+        corners: ``(t, 3, 3)`` corner by corner [m].
+        places: ``(t, 3)`` one for each triangle, or ``(3,)`` for all [m].
+    """
+    places = np.broadcast_to(places, (len(corners), 3))
     along = np.roll(corners, -1, axis=1) - corners
     lengths = np.einsum("ijk,ijk->ij", along, along)
-    shares = np.einsum("ijk,ijk->ij", place - corners, along) / np.where(
+    shares = np.einsum("ijk,ijk->ij", places[:, None] - corners, along) / np.where(
         lengths > 0.0, lengths, 1.0
     )
     on_edges = corners + np.clip(shares, 0.0, 1.0)[..., None] * along
     normals = np.cross(along[:, 0], along[:, 1])
     sizes = np.einsum("ij,ij->i", normals, normals)
-    heights = np.einsum("ij,ij->i", place - corners[:, 0], normals) / np.where(
+    heights = np.einsum("ij,ij->i", places - corners[:, 0], normals) / np.where(
         sizes > 0.0, sizes, 1.0
     )
-    feet = place - heights[:, None] * normals
+    feet = places - heights[:, None] * normals
     sides = np.einsum("ijk,ik->ij", np.cross(along, feet[:, None] - corners), normals)
     inside = (sides >= 0.0).all(axis=1) & (sizes > 0.0)
-    candidates = np.concatenate([on_edges.reshape(-1, 3), feet[inside]])
-    distances = np.linalg.norm(candidates - place, axis=1)
-    nearest = int(np.argmin(distances))
-    return candidates[nearest], float(distances[nearest])
+    nearest = np.argmin(np.linalg.norm(on_edges - places[:, None], axis=2), axis=1)
+    return np.where(inside[:, None], feet, on_edges[np.arange(len(corners)), nearest])
 
 
 def encloses(skin: Skin, place: FloatArray) -> bool:

@@ -1,0 +1,245 @@
+"""Points of a test on the surfaces of a machine: best fit by a rigid motion, nearest place, distance."""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.parts.skins import Skin
+from headstock.scene.test_data.errors import MeasurementError
+from headstock.scene.test_data.records import TestPoint
+from headstock.studies.correlation.surfaces import MachineSurface
+
+CLOSE = 0.005  # of the machine's size: points as near as this are taken where the file has them
+FAR = 0.03  # of its size: points that stay as far away are those of another machine
+TRIMMED = 0.8  # share of the points that a fit counts: some stand on what is not modelled
+OTHER_UNITS = {
+    1e-3: "mm read as m",
+    1e3: "m read as mm",
+    0.0254: "inches read as m",
+    1 / 0.0254: "m read as inches",
+}
+TRIES, ROUNDS = 12, 80  # steps of a fit from each start, and of the best ones
+KEPT = 4
+AS_GOOD = 1.1  # times the rms distance of the best fit: then it is a rival
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedPoint:
+    """A point of a test on a component.
+
+    Attributes:
+        position: ``(3,)`` nearest place of its surface in the frame of the component [m].
+        distance: Of the point from there [m].
+    """
+
+    component: str
+    position: FloatArray
+    distance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where a test stands in the axes of a machine: ``x = rotation @ test + translation``.
+
+    Attributes:
+        rotation: ``(3, 3)``.
+        translation: ``(3,)`` [m].
+        points: By name.
+        remarks: How it was found.
+    """
+
+    rotation: FloatArray
+    translation: FloatArray
+    points: dict[str, PlacedPoint]
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """A rigid motion, with the rms distance of most points from the surface [m]."""
+
+    rotation: FloatArray
+    translation: FloatArray
+    rms: float = np.inf
+
+    def move(self, places: FloatArray) -> FloatArray:
+        return places @ self.rotation.T + self.translation
+
+    def describe(self) -> str:
+        """Return angle, axis and translation."""
+        skew = self.rotation - self.rotation.T
+        sine = np.array([skew[2, 1], skew[0, 2], skew[1, 0]]) / 2.0
+        angle = np.degrees(np.arctan2(np.linalg.norm(sine), (np.trace(self.rotation) - 1.0) / 2.0))
+        # of half a revolution the axis is the eigenvector of the eigenvalue 1
+        values, vectors = np.linalg.eigh(self.rotation + self.rotation.T)
+        axis = vectors[:, np.argmax(values)]
+        axis = axis * (np.sign(axis @ sine) or 1.0) + 0.0
+        moved = ", ".join(f"{1e3 * value + 0.0:.4g}" for value in self.translation)
+        about = ", ".join(f"{value:.3g}" for value in axis)
+        return f"turned by {angle:.4g}° about ({about}) and moved by ({moved}) mm"
+
+
+def place_test(
+    points: Mapping[str, TestPoint],
+    skins: Mapping[str, Skin],
+    frames: Mapping[str, Frame],
+    matches: Mapping[str, FloatArray] | None = None,
+) -> Placement:
+    """Place the points of a test on the surfaces of a machine.
+
+    They stay where the file has them if they lie close to the surfaces there. Otherwise three points
+    or more whose place on the machine is known decide; without these the best fit from 25 starts.
+
+    Args:
+        points: With one at least [m].
+        skins: Surface of each component in its frame.
+        frames: Of these components in the machine.
+        matches: Places ``(3,)`` on the machine of points that are known [m].
+
+    Raises:
+        MeasurementError: The points have another unit, or lie on no placement near the surfaces.
+    """
+    surface = MachineSurface(skins, frames)
+    places = np.array([point.position for point in points.values()])
+    written = _measure(surface, places, _Motion(np.eye(3), np.zeros(3)))
+    common = [name for name in points if name in (matches or {})]
+    known = np.array([points[name].position for name in common]).reshape(-1, 3)
+    remarks = []
+    if matches and _spans_a_plane(known):
+        there = np.array([matches[name] for name in common])
+        motion = _measure(surface, places, _fit_motion(known, there))
+        left = np.linalg.norm(motion.move(known) - there, axis=1)
+        remarks.append(
+            f"points of the test are {motion.describe()}, by {len(common)} points that the scene places ({1e3 * left.max():.2g} mm at most"
+            " between both)"
+        )
+    elif written.rms <= CLOSE * surface.size:
+        motion = written
+        remarks.append(
+            "points of the test stand where the file has them, in the axes of the machine"
+        )
+    else:
+        _require_unit(places, surface)
+        motion, rivals = _search(surface, places, written)
+        remarks.append(
+            f"points of the test are {motion.describe()}: the best fit to the surfaces (as written they were {1e3 * written.rms:.3g} mm away,"
+            " rms of the nearest 80 %)"
+        )
+        if rivals:
+            remarks.append(
+                f"{rivals} other placements fit as well; give three sensors of the scene the names of their points to decide"
+            )
+    if motion.rms > FAR * surface.size:
+        raise MeasurementError(
+            f"the points of the test lie {1e3 * motion.rms:.3g} mm from the surfaces of the machine (rms of the nearest 80 %) wherever they are"
+            " turned and moved; check the scene and its pose, or give three sensors of the scene the names of their points"
+        )
+    nearest, distances, owners = surface.nearest(motion.move(places))
+    placed = {}
+    for name, place, distance, owner in zip(points, nearest, distances, owners, strict=True):
+        component = surface.names[owner]
+        frame = frames[component]
+        local = frame.rotation.T @ (place - frame.origin)
+        placed[name] = PlacedPoint(component, local, float(distance))
+    usual = max(3.0 * motion.rms, CLOSE * surface.size)
+    far = sorted(
+        (
+            (one.distance, name, one.component)
+            for name, one in placed.items()
+            if one.distance > usual
+        ),
+        reverse=True,
+    )
+    remarks += [
+        f"point {name} lies {1e3 * distance:.3g} mm from the nearest component, {component}"
+        for distance, name, component in far[:8]
+    ]
+    return Placement(motion.rotation, motion.translation, placed, tuple(remarks))
+
+
+def _measure(surface: MachineSurface, places: FloatArray, motion: _Motion) -> _Motion:
+    distances = np.sort(surface.nearest(motion.move(places))[1])
+    counted = distances[: max(1, round(TRIMMED * len(distances)))]
+    return _Motion(motion.rotation, motion.translation, float(np.sqrt((counted**2).mean())))
+
+
+def _require_unit(places: FloatArray, surface: MachineSurface) -> None:
+    """Refuse points that span what no machine does, and would fit in another unit."""
+    span = float(np.linalg.norm(np.ptp(places, axis=0)))
+    if 1 / 20 < span / surface.size < 20:
+        return
+    for factor, what in OTHER_UNITS.items():
+        if 0.2 < factor * span / surface.size < 1.5:
+            raise MeasurementError(
+                f"the points of the test span {span:.4g} m, the machine {surface.size:.4g} m: {what}? Correct set 164 of the file, or its positions"
+            )
+
+
+def _spans_a_plane(places: FloatArray) -> bool:
+    if len(places) < 3:
+        return False
+    sizes = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+    return bool(sizes[1] > 1e-3 * sizes[0])
+
+
+def _fit_motion(places: FloatArray, targets: FloatArray) -> _Motion:
+    """Find the rigid motion of places ``(n, 3)`` onto targets with the least squares.
+
+    Source: Kabsch (1976), Acta Crystallographica A 32, 922.
+    """
+    middle, target = places.mean(axis=0), targets.mean(axis=0)
+    u, _, vt = np.linalg.svd((places - middle).T @ (targets - target))
+    hand = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = (u @ hand @ vt).T
+    return _Motion(rotation, target - rotation @ middle)
+
+
+def _search(surface: MachineSurface, places: FloatArray, written: _Motion) -> tuple[_Motion, int]:
+    """Fit from the file's own axes, and from those of all directions of a cube with middles of boxes
+    at one place; and how many other motions fit as well.
+    """
+    starts = [written]
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            rotation = np.eye(3)[list(order)] * signs
+            if np.linalg.det(rotation) > 0.0:
+                turned = places @ rotation.T
+                middle = 0.5 * (turned.min(axis=0) + turned.max(axis=0))
+                starts.append(_Motion(rotation, surface.middle - middle))
+    tried = [_iterate(surface, places, start, TRIES) for start in starts]
+    best = sorted(tried, key=lambda motion: motion.rms)[:KEPT]
+    best = sorted(
+        (_iterate(surface, places, motion, ROUNDS) for motion in best),
+        key=lambda motion: motion.rms,
+    )
+    good = [motion for motion in best if motion.rms <= AS_GOOD * best[0].rms + 1e-9 * surface.size]
+    # of equal ones the one that turns least
+    chosen = max(good, key=lambda motion: float(np.trace(motion.rotation)))
+    others = [
+        motion
+        for motion in good
+        if np.linalg.norm(motion.move(places) - chosen.move(places), axis=1).max()
+        > 10.0 * CLOSE * surface.size
+    ]
+    return chosen, len(others)
+
+
+def _iterate(surface: MachineSurface, places: FloatArray, motion: _Motion, rounds: int) -> _Motion:
+    """Fit points to their nearest places again and again.
+
+    Source: Besl and McKay (1992), IEEE Trans. Pattern Analysis 14, 239; trimmed as Chetverikov and
+    others (2002).
+    """
+    count = max(3, round(TRIMMED * len(places)))
+    for _ in range(rounds):
+        nearest, distances, _ = surface.nearest(motion.move(places))
+        kept = np.argsort(distances)[:count]
+        fitted = _fit_motion(places[kept], nearest[kept])
+        step = np.abs(fitted.move(places) - motion.move(places)).max()
+        motion = fitted
+        if step < 1e-7 * surface.size:
+            break
+    return _measure(surface, places, motion)
