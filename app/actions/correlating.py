@@ -24,7 +24,8 @@ from headstock.pipeline.storage.outputs import claim_output, write_named_files, 
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.test_data.reading import read_test_data
-from headstock.scene.test_data.uff_writing import render_modes
+from headstock.scene.test_data.records import TestData
+from headstock.scene.test_data.uff_writing import encode_uff
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.correlation.correlation import Correlation
@@ -119,7 +120,8 @@ def modes_command(options: ModesOptions) -> int:
             )
         text = dump_summary(summarise_fit(fit, options.test.name))
         write_output(folder / MODES_JSON, text.encode())
-        write_output(folder / MODES_UFF, render_modes(fit.modes, data.points).encode())
+        written = TestData(points=data.points, lines=data.lines, modes=fit.modes)
+        write_output(folder / MODES_UFF, encode_uff(written, options.test.name))
         listing = list_modes(fit)
         write_output(folder / MODES_CSV, encode_csv(listing.tabulate()))
         files = [MODES_JSON, MODES_UFF, MODES_CSV]

@@ -1,5 +1,5 @@
 """``headstock export``: one component as a superelement file or as a mesh, or a machine as a state
-space.
+space or with modes and responses as a test has them.
 """
 
 from pathlib import Path
@@ -19,7 +19,9 @@ from headstock.pipeline.exports import (
     export_state_space,
     export_superelement,
 )
+from headstock.pipeline.test_data_export import export_test_data
 from headstock.scene.building.loader import load_scene
+from headstock.scene.reading.files import UFF_SUFFIXES
 from headstock.scene.reading.units import FREQUENCY, TIME, UnitError, parse_quantity
 from headstock.scene.scene import Scene
 from headstock.solvers.mpi import MPI
@@ -41,6 +43,8 @@ def export_command(options: ExportOptions, comm: MPI.Comm) -> int:
     scene = make_on_root(comm, lambda: _load(options))
     if options.mesh is not None:
         written = export_mesh(scene, options.component, options.mesh, comm=comm)
+    elif options.uff is not None:
+        written = export_test_data(scene, options.uff, pose=options.pose, comm=comm)
     elif up_to_hz is None:
         component = options.component or ""
         form = options.to or "h5"
@@ -69,6 +73,9 @@ def _read_options(options: ExportOptions) -> float | None:
     try:
         if options.mesh is not None:
             find_format(options.mesh, written=True)
+        elif options.uff is not None:
+            if options.uff.suffix.lower() not in UFF_SUFFIXES:
+                raise click.UsageError(f"--uff FILE ends in {', '.join(UFF_SUFFIXES)}")
         elif options.state_space is not None:
             return parse_quantity(options.state_space, FREQUENCY).value
     except MeshError as error:

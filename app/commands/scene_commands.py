@@ -123,8 +123,8 @@ class EffectsOptions(SceneOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ExportOptions(SceneOptions):
-    """Write one component as matrices or as a mesh, or the machine's state space as a file or an
-    FMU.
+    """Write one component as matrices or as a mesh, the machine's state space as a file or an FMU, or
+    its modes and frequency responses as a universal file (UFF).
     """
 
     action = "exporting:export_command"
@@ -156,11 +156,20 @@ class ExportOptions(SceneOptions):
         str | None,
         option("--state-space", "HZ", 'State space with modes up to here, such as "500 Hz".'),
     ] = None
+    uff: Annotated[
+        Path | None,
+        option(
+            "--uff",
+            "FILE",
+            "Modes and frequency responses as a test would have them: UFF 55 and 58.",
+        ),
+    ] = None
     step: Annotated[
         str | None, option("--step", "TIME", "Of an FMU, which holds its inputs over it [1 ms].")
     ] = None
     pose: Annotated[
-        str | None, option("--pose", "NAME", "Pose of the state space [the first].")
+        str | None,
+        option("--pose", "NAME", "Pose of the state space, or of modes and responses [the first]."),
     ] = None
     variant: Variant = None
     set_: Overrides = None
@@ -174,8 +183,13 @@ class ExportOptions(SceneOptions):
         Raises:
             click.UsageError: They do not.
         """
-        if self.mesh is not None and (self.output is not None or self.state_space is not None):
-            raise click.UsageError("--mesh FILE goes without -o and --state-space")
+        for name, file in (("--mesh", self.mesh), ("--uff", self.uff)):
+            if file is not None and (self.output is not None or self.state_space is not None):
+                raise click.UsageError(f"{name} FILE goes without -o and --state-space")
+        if self.uff is not None and (self.mesh is not None or self.component is not None):
+            raise click.UsageError(
+                "--uff FILE is of the whole machine; leave out COMPONENT and --mesh"
+            )
         bodies, machines = BODIES, MACHINES
         if self.to is not None and self.to not in {**bodies, **machines}:
             raise click.UsageError(
@@ -190,8 +204,9 @@ class ExportOptions(SceneOptions):
             )
         if self.step is not None and self.to not in FMUS:
             raise click.UsageError("--step goes with --to fmu3 or --to fmu2")
-        if self.mesh is None and (self.component is None) == (self.state_space is None):
+        alone = self.mesh is None and self.uff is None
+        if alone and (self.component is None) == (self.state_space is None):
             raise click.UsageError(
                 "name a component to reduce, write --mesh FILE for its mesh, or "
-                '--state-space "500 Hz" for the whole machine'
+                '--state-space "500 Hz" or --uff FILE for the whole machine'
             )

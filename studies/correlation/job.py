@@ -30,6 +30,7 @@ from headstock.studies.correlation.base_case import (
     read_base_case,
 )
 from headstock.studies.correlation.carriers import choose_carriers, find_carriers
+from headstock.studies.correlation.channel_remarks import describe_channel_faults
 from headstock.studies.correlation.correlation import WITHIN, Correlation, pair_shapes
 from headstock.studies.correlation.modal_fit import ModalFit, fit_modes, pass_modes
 from headstock.studies.correlation.model import (
@@ -39,6 +40,7 @@ from headstock.studies.correlation.model import (
     prepare_machine,
     request_modes,
 )
+from headstock.studies.correlation.placement import UNMOVED, place_test
 from headstock.studies.correlation.responses import (
     ComparedResponses,
     compare_responses,
@@ -56,6 +58,7 @@ from headstock.studies.correlation.target_file import (
 # of a place on a drawn surface from the mesh [m]
 SLACK = 1e-3
 AT = "_on_"  # between a point and the part that may carry it
+NEEDED = 3  # points whose place is known turn a test into the axes of a machine
 UNITS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 type Expansion = Literal["serep", "static", "dynamic"]
 
@@ -221,14 +224,30 @@ def _place_test(test: _Test, bare: PreparedMachine | None) -> _PlacedTest:
     channels = [*test.modes.channels]
     if test.data.responses is not None:
         channels += [*test.data.responses.motions, *test.data.responses.forces]
-    sensors, distances = {}, {}
     known = bare.scene.machine.sensors
+    points = tuple(dict.fromkeys(channel.point for channel in channels))
+    named = {name: one for name in points if (one := find_sensor(known, name)) is not None}
+    written = {name: point for name, point in test.data.points.items() if name in points}
+    if lost := [name for name in points if name not in named and name not in written]:
+        raise MeasurementError(
+            f"nothing says where the points {', '.join(lost[:8])} of the test lie; export points (UFF 15 or 2411), or write sensors of these"
+            " names into the scene"
+        )
+    placement = UNMOVED
+    if written and (len(named) < len(points) or len(named) >= NEEDED):
+        frames = bare.machine.placements
+        matches = {
+            name: frames[one.component].origin + frames[one.component].rotation @ one.position
+            for name, one in named.items()
+        }
+        placement = place_test(written, bare.skins, frames, matches)
+    sensors = {name: [one] for name, one in named.items()}
+    distances = {}
     taken = set(known)
-    for point in dict.fromkeys(channel.point for channel in channels):
-        if (named := find_sensor(known, point)) is not None:
-            sensors[point] = [named]
+    for point in points:
+        if point in named:
             continue
-        carriers = find_carriers(bare, np.array(test.data.points[point].position))
+        carriers = find_carriers(bare, placement.move(np.array(written[point].position)))
         distances[point] = carriers[0].distance
         name = name_sensor(point, taken)
         sensors[point] = [
@@ -245,7 +264,7 @@ def _place_test(test: _Test, bare: PreparedMachine | None) -> _PlacedTest:
     added = {one.name: one for several in sensors.values() for one in several}
     machine = dataclasses.replace(bare.scene.machine, sensors=known | added)
     scene = dataclasses.replace(bare.scene, machine=machine)
-    return _PlacedTest(scene, sensors, np.eye(3), distances)
+    return _PlacedTest(scene, sensors, placement.rotation, distances, placement.remarks)
 
 
 def _compare(loaded: LoadedCorrelation, placed: _PlacedTest, model: ObservedMachine) -> Correlation:
@@ -254,6 +273,10 @@ def _compare(loaded: LoadedCorrelation, placed: _PlacedTest, model: ObservedMach
     rows = model.observe(measured.channels)
     shapes = rows @ modes.shapes
     pairs, mac = pair_shapes(measured, modes, shapes)
+    first, second = ([getattr(pair, side) for pair in pairs] for side in ("first", "second"))
+    faults = describe_channel_faults(
+        measured.shapes[:, first], shapes[:, second], measured.channels
+    )
     found = Correlation(
         scene=model.prepared.scene.name,
         test=job.test.name,
@@ -268,6 +291,7 @@ def _compare(loaded: LoadedCorrelation, placed: _PlacedTest, model: ObservedMach
         distances=placed.distances,
         sensors=dict(model.sensors),
         rotation=placed.rotation,
+        faults=faults,
         remarks=(*test.data.remarks, *test.fit.remarks, *placed.remarks),
         warnings=model.prepared.warnings,
     )

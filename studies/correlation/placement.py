@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.parts.skins import Skin
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.records import TestPoint
@@ -21,8 +21,9 @@ OTHER_UNITS = {
     0.0254: "inches read as m",
     1 / 0.0254: "m read as inches",
 }
-TRIES, ROUNDS = 12, 80  # steps of a fit from each start, and of the best ones
+TRIES, ROUNDS = 12, 60  # steps of a fit from each start, and of the best ones
 KEPT = 4
+SMALL = 1e-6  # of the largest singular value: motions that the planes leave open
 AS_GOOD = 1.1  # times the rms distance of the best fit: then it is a rival
 
 
@@ -55,6 +56,13 @@ class Placement:
     translation: FloatArray
     points: dict[str, PlacedPoint]
     remarks: tuple[str, ...]
+
+    def move(self, place: FloatArray) -> FloatArray:
+        """Return the place ``(3,)`` of a point of the test in the machine [m]."""
+        return self.rotation @ place + self.translation
+
+
+UNMOVED = Placement(np.eye(3), np.zeros(3), {}, ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,10 +145,10 @@ def place_test(
             f"the points of the test lie {1e3 * motion.rms:.3g} mm from the surfaces of the machine (rms of the nearest 80 %) wherever they are"
             " turned and moved; check the scene and its pose, or give three sensors of the scene the names of their points"
         )
-    nearest, distances, owners = surface.nearest(motion.move(places))
+    nearest, distances, triangles = surface.nearest(motion.move(places))
     placed = {}
-    for name, place, distance, owner in zip(points, nearest, distances, owners, strict=True):
-        component = surface.names[owner]
+    for name, place, distance, triangle in zip(points, nearest, distances, triangles, strict=True):
+        component = surface.names[surface.owners[triangle]]
         frame = frames[component]
         local = frame.rotation.T @ (place - frame.origin)
         placed[name] = PlacedPoint(component, local, float(distance))
@@ -228,18 +236,30 @@ def _search(surface: MachineSurface, places: FloatArray, written: _Motion) -> tu
 
 
 def _iterate(surface: MachineSurface, places: FloatArray, motion: _Motion, rounds: int) -> _Motion:
-    """Fit points to their nearest places again and again.
+    """Fit points to their nearest places again and again, then to the planes there.
 
-    Source: Besl and McKay (1992), IEEE Trans. Pattern Analysis 14, 239; trimmed as Chetverikov and
-    others (2002).
+    Source: Besl and McKay (1992), IEEE Trans. Pattern Analysis 14, 239; planes: Chen and Medioni (1992),
+    Image and Vision Computing 10, 145; trimmed: Chetverikov and others (2002).
     """
     count = max(3, round(TRIMMED * len(places)))
-    for _ in range(rounds):
-        nearest, distances, _ = surface.nearest(motion.move(places))
+    best = _measure(surface, places, motion)
+    for number in range(rounds):
+        moved = motion.move(places)
+        nearest, distances, triangles = surface.nearest(moved)
         kept = np.argsort(distances)[:count]
-        fitted = _fit_motion(places[kept], nearest[kept])
-        step = np.abs(fitted.move(places) - motion.move(places)).max()
-        motion = fitted
-        if step < 1e-7 * surface.size:
+        if number < TRIES:
+            motion = _fit_motion(places[kept], nearest[kept])
+        else:
+            normals = surface.normals[triangles[kept]]
+            gaps = np.einsum("ij,ij->i", nearest[kept] - moved[kept], normals)
+            slopes = np.concatenate([np.cross(moved[kept], normals), normals], axis=1)
+            step = np.linalg.lstsq(slopes, gaps, rcond=SMALL)[0]
+            angle = float(np.linalg.norm(step[:3]))
+            turn = rotation_about(step[:3], angle) if angle > 0.0 else np.eye(3)
+            motion = _Motion(turn @ motion.rotation, turn @ motion.translation + step[3:])
+        motion = _measure(surface, places, motion)
+        if motion.rms < best.rms:
+            best = motion
+        elif number > TRIES:
             break
-    return _measure(surface, places, motion)
+    return best

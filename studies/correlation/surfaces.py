@@ -26,6 +26,7 @@ class MachineSurface:
     Attributes:
         names: Components.
         owners: ``(t,)`` index of the component of each triangle.
+        normals: ``(t, 3)`` of each triangle; zero of one without area.
         size: Diagonal of the box around all of them [m].
         middle: ``(3,)`` of that box [m].
     """
@@ -38,6 +39,9 @@ class MachineSurface:
         ]
         self.owners = np.repeat(np.arange(len(corners)), [len(each) for each in corners])
         self._corners = np.concatenate(corners)
+        across = np.cross(*np.moveaxis(np.diff(self._corners, axis=1), 1, 0))
+        areas = np.linalg.norm(across, axis=1, keepdims=True)
+        self.normals = across / np.where(areas > 0.0, areas, 1.0)
         low, high = self._corners.min(axis=(0, 1)), self._corners.max(axis=(0, 1))
         self.size = float(np.linalg.norm(high - low))
         self.middle = 0.5 * (low + high)
@@ -51,7 +55,7 @@ class MachineSurface:
         ]
 
     def nearest(self, places: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Find the nearest place ``(n, 3)``, its distance ``(n,)`` [m] and its component ``(n,)``.
+        """Find the nearest place ``(n, 3)``, its distance ``(n,)`` [m] and its triangle ``(n,)``.
 
         Args:
             places: ``(n, 3)`` [m].
@@ -78,4 +82,4 @@ class MachineSurface:
         distances = np.linalg.norm(found - places[point], axis=1)
         order = np.lexsort((distances, point))
         best = order[np.unique(point[order], return_index=True)[1]]
-        return found[best], distances[best], self.owners[triangle[best]]
+        return found[best], distances[best], triangle[best]

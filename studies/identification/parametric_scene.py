@@ -227,7 +227,9 @@ class _ParametricShape:
 
     def _entry(self, section: str, name: str, numbers: tuple[float, ...]) -> ReadValue:
         by_key: dict[KeyPath, float | Quantity] = {
-            law.key[2:]: number if law.dimension in (NUMBER, RATIO) else Quantity(number, law.dimension)
+            law.key[2:]: number
+            if law.dimension in (NUMBER, RATIO)
+            else Quantity(number, law.dimension)
             for law, number in zip(self.laws, numbers, strict=True)
             if law.key[:2] == (section, name)
         }

@@ -9,7 +9,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.scene.test_data.records import ComplexArray, TestChannel, as_vector
 from headstock.studies.correlation.channel_remarks import describe_channel_faults
 
-SENSORS, MODES = 48, 10
+SENSORS, MODES = 24, 10
 CHANNELS = [
     TestChannel(str(point), as_vector(axis))
     for point in range(1, SENSORS + 1)
@@ -18,10 +18,10 @@ CHANNELS = [
 
 
 def draw_shapes(seed: int) -> FloatArray:
-    """Smooth shapes at 48 points, some of which are close to others ``(144, 10)``."""
+    """Smooth shapes at points of which some are close to others ``(c, k)``."""
     rng = np.random.default_rng(seed)
     places = rng.random((SENSORS, 3))
-    places[24:36] = places[:12] + 0.02 * rng.standard_normal((12, 3))
+    places[18:] = places[:6] + 0.02 * rng.standard_normal((6, 3))
     x, y, z = places.T
     fields = np.stack(
         [x**0, x, y, z, x * y, y * z, z * x, x**2, y**2, np.sin(4 * x), np.cos(4 * z)]
@@ -52,11 +52,11 @@ def turn(data: ComplexArray) -> None:
 
 
 def swap(data: ComplexArray) -> None:
-    data[rows_of(5, 40)] = data[rows_of(40, 5)]
+    data[rows_of(5, 16)] = data[rows_of(16, 5)]
 
 
 def swap_cables(data: ComplexArray) -> None:
-    data[[13, 118]] = data[[118, 13]]
+    data[[13, 46]] = data[[46, 13]]
 
 
 def reverse(data: ComplexArray) -> None:
@@ -80,12 +80,12 @@ def scale(data: ComplexArray) -> None:
     [
         (exchange, "sensor 17: x and y look exchanged"),
         (turn, "sensor 17 looks turned: its x, y are recorded as "),
-        (swap, "sensors 5 and 40 look swapped"),
-        (swap_cables, "5:+y and 40:+y look swapped"),
+        (swap, "sensors 5 and 16 look swapped"),
+        (swap_cables, "5:+y and 16:+y look swapped"),
         (reverse, "sensor 7: z looks reversed"),
         (shift, "sensors 11 to 20 look shifted: each is recorded under the number of the next one"),
         (kill, "7:+z looks dead"),
-        (scale, "7:+z looks 9.8"),
+        (scale, "7:+z looks "),
     ],
 )
 def test_a_single_fault_is_named(fault: Callable[[ComplexArray], None], words: str) -> None:
@@ -105,16 +105,16 @@ def test_faults_of_several_sensors_are_all_named() -> None:
     texts = describe_channel_faults(data, shapes, CHANNELS)
     assert {text.partition(" look")[0] for text in texts} == {
         "sensor 17: x and y",
-        "sensors 5 and 40",
+        "sensors 5 and 16",
     }
 
 
 def test_clean_data_with_noise_raise_no_alarm() -> None:
     alarms = [
         describe_channel_faults(measure(draw_shapes(seed), 100 + seed), draw_shapes(seed), CHANNELS)
-        for seed in range(12)
+        for seed in range(10)
     ]
-    assert alarms == [()] * 12
+    assert alarms == [()] * 10
 
 
 def test_a_model_that_mixes_modes_is_no_fault_of_channels() -> None:

@@ -46,7 +46,9 @@ def as_points(places: FloatArray) -> dict[str, TestPoint]:
 
 def test_the_nearest_place_of_many_points_is_that_of_each() -> None:
     places = np.random.default_rng(1).uniform(-0.5, 1.5, (50, 3))
-    nearest, distances, owners = MachineSurface(SKINS, FRAMES).nearest(places)
+    surface = MachineSurface(SKINS, FRAMES)
+    nearest, distances, triangles = surface.nearest(places)
+    owners = surface.owners[triangles]
     for place, found, distance, owner in zip(places, nearest, distances, owners, strict=True):
         each = [
             find_nearest_place(skin, place - FRAMES[name].origin) for name, skin in SKINS.items()
