@@ -96,11 +96,11 @@ def parse_text(path: Path) -> TestData:
         for line, text in enumerate(stream, 1):
             fields = re.split(r"[,;\s]+", text.strip())
             try:
-                values = [float(field) for field in fields if field]
+                row = [float(field) for field in fields if field]
             except ValueError:
-                values = []
-            if len(values) == 3 and np.isfinite(values).all():
-                numbers.extend(values)
+                row = []
+            if len(row) == 3 and np.isfinite(row).all():
+                numbers.extend(row)
                 lines.append(line)
             elif lines and text.strip():
                 raise MeasurementError(
@@ -111,11 +111,10 @@ def parse_text(path: Path) -> TestData:
             f"{path.name}:1: holds {len(lines)} lines of three numbers, frequency [Hz], real and imaginary part [m/N]; at least two are needed"
         )
     hertz, real, imaginary = np.array(numbers).reshape(-1, 3).T
+    values = np.array(real + 1j * imaginary, dtype=complex)
     _require_rising(path.name, hertz, lines)
     where = f"{path.name}:{lines[0]}"
-    return _join(
-        where, [Response(where, ONE, ONE, hertz, np.array(real + 1j * imaginary, dtype=complex))]
-    )
+    return _join(where, [Response(where, ONE, ONE, hertz, values)])
 
 
 def parse_mat(path: Path) -> TestData:
@@ -161,10 +160,11 @@ def parse_mat(path: Path) -> TestData:
         )
     _require_rising(path.name, hertz, [1] * len(hertz))
     order, factor = _unit(where, _texts(content.get("unit", ""))[0])
+    values = np.asarray(factor * values, dtype=complex)
     return _join(
         where,
         [
-            Response(f"{where}: H", motion, force, hertz, factor * values[:, i, j], order)
+            Response(f"{where}: H", motion, force, hertz, values[:, i, j], order)
             for i, motion in enumerate(motions)
             for j, force in enumerate(forces)
             if not np.isnan(values[:, i, j]).all()

@@ -6,7 +6,7 @@ misfit is that of orthogonal residuals, each over its expected noise; what a hyp
 more than noise can give, and most of the misfit of the rows it touches.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
 from typing import Literal
@@ -29,6 +29,9 @@ Kind = Literal[
     "dead",
     "scaled",
 ]
+
+type _Sensors = list[list[int]]
+type _Moves = Iterator[tuple[list[int], list[int], list[int]]]  # rows, sources, signs
 
 LEAST_NOISE = 0.05  # of a motion: models agree no better with channels
 LEAST_GAIN = 40.0  # in variances of the noise
@@ -265,7 +268,7 @@ class _Fit:
         )
 
 
-def _reversed(sensors: list[list[int]]) -> Iterator[tuple[list[int], list[int], list[int]]]:
+def _reversed(sensors: _Sensors) -> _Moves:
     for sensor in sensors:
         for row in sensor:
             yield [row], [row], [-1]
@@ -275,13 +278,13 @@ def _reversed(sensors: list[list[int]]) -> Iterator[tuple[list[int], list[int], 
                 yield list(rows), list(rows), [-1] * count
 
 
-def _exchanged(sensors: list[list[int]]) -> Iterator[tuple[list[int], list[int], list[int]]]:
+def _exchanged(sensors: _Sensors) -> _Moves:
     for sensor in sensors:
         for first, second in combinations(sensor, 2):
             yield [first, second], [second, first], [1, 1]
 
 
-def _turned(sensors: list[list[int]]) -> Iterator[tuple[list[int], list[int], list[int]]]:
+def _turned(sensors: _Sensors) -> _Moves:
     """Axes in another order and with other signs: turned by a quarter or third of a revolution, or
     against a hand.
     """
@@ -294,19 +297,19 @@ def _turned(sensors: list[list[int]]) -> Iterator[tuple[list[int], list[int], li
                     yield sensor, [sensor[source] for source in order], list(signs)
 
 
-def _swapped_sensors(sensors: list[list[int]]) -> Iterator[tuple[list[int], list[int], list[int]]]:
+def _swapped_sensors(sensors: _Sensors) -> _Moves:
     for one, other in combinations(sensors, 2):
         if len(one) == len(other) > 1:
             yield [*one, *other], [*other, *one], [1] * (2 * len(one))
 
 
-def _swapped_channels(sensors: list[list[int]]) -> Iterator[tuple[list[int], list[int], list[int]]]:
+def _swapped_channels(sensors: _Sensors) -> _Moves:
     for one, other in combinations(sensors, 2):
         for first, second in zip(one, other, strict=False):
             yield [first, second], [second, first], [1, 1]
 
 
-def _shifted(sensors: list[list[int]]) -> Iterator[tuple[list[int], list[int], list[int]]]:
+def _shifted(sensors: _Sensors) -> _Moves:
     """Sensors of a range of numbers, each under the number of the next or of the one before."""
     for start, stop in combinations(range(len(sensors) + 1), 2):
         among = sensors[start:stop]
@@ -318,7 +321,7 @@ def _shifted(sensors: list[list[int]]) -> Iterator[tuple[list[int], list[int], l
             yield rows, [row for sensor in turned for row in sensor], [1] * len(rows)
 
 
-_KINDS = {
+_KINDS: dict[Kind, Callable[[_Sensors], _Moves]] = {
     "reversed": _reversed,
     "exchanged": _exchanged,
     "turned": _turned,
@@ -328,7 +331,7 @@ _KINDS = {
 }
 
 
-def _hypotheses(sensors: list[list[int]], kind: Kind) -> _Hypotheses:
+def _hypotheses(sensors: _Sensors, kind: Kind) -> _Hypotheses:
     """All hypotheses of a kind; shorter ones are filled with rows that stay."""
     every = list(_KINDS[kind](sensors))
     width = max((len(rows) for rows, _, _ in every), default=1)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import scipy.io
 
-from headstock.geometry.frames import FloatArray
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.reading import read_test_data
 from headstock.scene.test_data.records import ComplexArray, TestChannel
@@ -16,8 +15,8 @@ ONE = np.array([1 + 2j, -3 + 4j, 0.5 - 1j])
 OTHER = np.array([-2j, 1.0, 3 + 3j])
 
 
-def write_csv(path: Path, heading: str, *columns: FloatArray) -> None:
-    rows = np.stack([HZ, *columns], axis=1)
+def write_csv(path: Path, heading: str, *columns: object) -> None:
+    rows = np.array([HZ, *columns], dtype=float).T
     path.write_text("\n".join([heading, *(",".join(map(repr, row)) for row in rows.tolist())]))
 
 
@@ -33,7 +32,7 @@ def test_columns_of_csv_are_parts_of_pairs_with_units(tmp_path: Path) -> None:
     write_csv(
         path,
         "frequency [Hz],12:+x/3:-z re [um/N],12:+x/3:-z im [um/N],a1:y/3:-z mag [m/s^2/N],a1:y/3:-z phase [deg]",
-        *(ONE.real, ONE.imag, abs(OTHER), np.degrees(np.angle(OTHER)).astype(float)),
+        *(ONE.real, ONE.imag, abs(OTHER), np.degrees(np.angle(OTHER))),
     )
     np.testing.assert_allclose(values_of(path), 1e-6 * ONE)
     np.testing.assert_allclose(values_of(path, 1), OTHER / (2j * np.pi * HZ) ** 2)

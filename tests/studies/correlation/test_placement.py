@@ -17,7 +17,8 @@ from headstock.studies.correlation.surfaces import MachineSurface
 
 def box(size: tuple[float, float, float], steps: int = 1) -> Skin:
     """A box from the origin, its faces in squares of two triangles."""
-    points, triangles = [], []
+    points: list[FloatArray] = []
+    triangles: list[list[int]] = []
     grid = np.linspace(0.0, 1.0, steps + 1)
     for axis, side in itertools.product(range(3), (0.0, 1.0)):
         base = len(points)
