@@ -328,8 +328,9 @@ def _smooth_probes(
         mesh, component.material, places, fields[:, : fields.shape[1] - probes]
     )
     size, strained = len(element.stiffness), _strained_motions(element)
+    projector = strained @ strained.T
     return {
-        name: np.concatenate([rows[..., :size] @ strained, rows[..., size:]], axis=-1)
+        name: np.concatenate([rows[..., :size] @ projector, rows[..., size:]], axis=-1)
         for name, rows in smoothing.items()
     }
 
@@ -348,20 +349,28 @@ def _estimate_errors(
     if fields is None:
         return ErrorEstimates(missing_energy=np.zeros(element.stiffness.shape)), None
 
-    comm, weights, bounds = operators.comm, None, (0.0, (0.0, 0.0))
+    comm, weights, facts = operators.comm, None, (0.0, (0.0, 0.0), False)
     if mesh is not None:
         surface = extract_surface(mesh.cells, mesh.kind)
         weights, safety = _rim_weights(component, mesh, surface), mesh_safety(mesh, surface)
-        bounds = safety, locate_truth(mesh, safety)
+        exact = mesh.gaps is None and mesh.missing is None
+        facts = safety, locate_truth(mesh, safety), exact
+    safety, truth, exact = comm.bcast(facts)
+    # a mesh misses no energy of rigid motions, and no mass either where it fills the part
+    strained, size = _strained_motions(element), len(element.stiffness)
+    if exact:
+        rows = [fields.rows[..., :size] @ strained, fields.rows[..., size:]]
+        fields = dataclasses.replace(fields, rows=np.concatenate(rows, axis=-1))
+    else:
+        strained = strained @ strained.T
     material = make_of_mesh(comm, mesh, functools.partial(scaled_material, component))
     estimates = estimate_split_errors(mesh, material, operators, fields, weights)
-    safety, truth = comm.bcast(bounds)
-    strained, size = _strained_motions(element), len(element.stiffness)
-    extra = estimates.missing_energy[size:].copy()
-    extra[:, :size] = extra[:, :size] @ strained
+    count = strained.shape[1]
+    extra = estimates.missing_energy[count:]
+    extra = np.hstack([extra[:, :count] @ strained.T, extra[:, count:]])
 
     def of_dofs(change: FloatArray) -> FloatArray:
-        return strained @ change[:size, :size] @ strained
+        return strained @ change[:count, :count] @ strained.T
 
     return ErrorEstimates(
         missing_energy=of_dofs(estimates.missing_energy),
@@ -377,14 +386,13 @@ def _estimate_errors(
 
 
 def _strained_motions(element: Superelement) -> FloatArray:
-    """Return the projector ``(n, n)`` to motions of the dofs without rigid ones, which miss no
-    energy: what rounding leaves of it would look large compared with that of a soft mount.
+    """Return an orthonormal basis ``(n, m)`` of motions of the dofs without rigid ones, which miss
+    no energy: what rounding leaves of it would look large compared with that of a soft mount.
     """
-    strained = np.eye(len(element.stiffness))
-    if not element.supported:
-        rigid = np.linalg.qr(rigid_motions(element, element.center_of_mass))[0]
-        strained -= rigid @ rigid.T
-    return strained
+    if element.supported:
+        return np.eye(len(element.stiffness))
+    rigid = rigid_motions(element, element.center_of_mass)
+    return np.linalg.qr(rigid, mode="complete")[0][:, rigid.shape[1] :]
 
 
 def find_cell_errors(

@@ -24,7 +24,6 @@ from headstock.meshing.elements.topology import (
 )
 from headstock.solvers.recovery.free_sides import FreeSides, find_free_sides
 from headstock.solvers.recovery.patch_recovery import (
-    BLOCK_VALUES,
     COMPONENTS,
     StressArray,
     corner_patches,
@@ -35,6 +34,7 @@ from headstock.solvers.recovery.patch_recovery import (
 )
 from headstock.solvers.stresses import pack_tensor, true_stresses
 
+BLOCK_VALUES = 500_000  # of stresses and displacements at a time: they stay in the cache
 # places where stresses are better than elsewhere in a cell, and rules for the square of what
 # recovery changes
 SAMPLE_DEGREES = {("tet", 1): 1, ("tet", 2): 2, ("hex", 1): 1, ("hex", 2): 3}
