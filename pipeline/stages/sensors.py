@@ -3,6 +3,7 @@ elastic component does not depend on them.
 """
 
 import dataclasses
+import importlib
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -18,7 +19,6 @@ from headstock.pipeline.stages.run_state import PoseModel, RunState, component_s
 from headstock.reduction.components.sensors import (
     SensorPlaceError,
     carry_masses,
-    observe_mesh,
     observe_points,
 )
 from headstock.reduction.coupling.channels import place_rows
@@ -27,6 +27,8 @@ from headstock.scene.building.sensors import sensor_key
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene
 
+# loads finite elements, which runs whose sensors are on other bodies do without
+MESH_MODULE = "headstock.reduction.components.sensor_places"
 UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
@@ -92,7 +94,9 @@ def _observe(
     if isinstance(component.solid, SuperelementFile):
         return observe_points(element, sensors)
     mesh, _ = load_or_make_mesh(state, component)
-    return observe_mesh(element, mesh, component.material, sensors)
+    places = importlib.import_module(MESH_MODULE)
+    rows: dict[str, SensorRows] = places.observe_mesh(element, mesh, component.material, sensors)
+    return rows
 
 
 def _locate_place(state: RunState, error: SensorPlaceError) -> SceneError:

@@ -51,7 +51,7 @@ from headstock.reduction.components.probes import (
     read_smoothing,
     watch_dofs,
 )
-from headstock.reduction.components.sensors import load_sensors
+from headstock.reduction.components.sensor_places import load_sensors
 from headstock.reduction.components.solver_choice import choose_method, predict_factor_entries
 from headstock.reduction.components.subspace import ReductionSpace, project_component
 from headstock.reduction.requests import ReductionRequest, mode_target, needs_mass

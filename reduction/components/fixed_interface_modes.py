@@ -12,6 +12,7 @@ import scipy.linalg
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import DEFAULT_EIGENSOLVER, Eigensolver
 from headstock.meshing.component_mesh import IntArray
+from headstock.reduction.components.sensors import combine_attachments
 from headstock.reduction.superelement import Truncation, lowest_participating
 from headstock.solvers.elastic.constrained_modes import lowest_modes
 from headstock.solvers.elastic.constrained_solver import ConstrainedSolver
@@ -31,8 +32,6 @@ ROUNDOFF_LIMIT = 0.3
 MANY_MODES = 40
 START_SEED, SIGN_SEED = 20101, 7
 SPLIT_MIX = np.array([0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB], dtype=np.uint64)
-# of the static response to a load: attachment modes that would add less are left out
-ATTACHMENT_SHARE = 1e-9
 COLUMNS = 48  # at a time: what products take besides the solution
 
 
@@ -138,37 +137,6 @@ def add_attachment_modes(
         eigenvalues=np.concatenate([modes.eigenvalues, values]),
         shapes=np.hstack([modes.shapes, rest @ combinations]),
     )
-
-
-def combine_attachments(
-    stiffness: FloatArray,
-    mass: FloatArray | None,
-    *,
-    flexibility: FloatArray,
-    stiffness_scale: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Return combinations ``(k, a)`` of residual responses that are orthogonal in stiffness and mass,
-    and their eigenvalues ``(a,)`` [rad^2/s^2], rising; those that add nothing are left out.
-
-    Args:
-        stiffness: ``(k, k)`` energy products of the responses.
-        mass: ``(k, k)`` their products by mass; None where none was assembled.
-        flexibility: ``(k,)`` displacement of each load's own point in its whole response [m/N].
-        stiffness_scale: Largest entry of the whole stiffness [N/m].
-    """
-    # what acts on fixed points moves nothing but rounding
-    moved = flexibility > ATTACHMENT_SHARE / stiffness_scale
-    scale = np.where(moved, 1.0 / np.sqrt(np.where(moved, flexibility, 1.0)), 0.0)
-    scaled = stiffness * scale * scale[:, None]
-    shares, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
-    kept = shares > ATTACHMENT_SHARE
-    combinations: FloatArray = scale[:, None] * vectors[:, kept] / np.sqrt(shares[kept])
-    if mass is None or not kept.any():
-        return combinations, np.ones(combinations.shape[1])  # normalised by stiffness
-    products = combinations.T @ mass @ combinations
-    softness, turned = np.linalg.eigh(0.5 * (products + products.T))
-    values = 1.0 / softness[::-1]
-    return combinations @ (turned[:, ::-1] * np.sqrt(values)), values
 
 
 def verify_mode_count(solver: ConstrainedSolver, modes: FixedInterfaceModes) -> None:

@@ -19,7 +19,6 @@ from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.patches import Order, PlanarSolid, in_plane_axes, sample_patches
 from headstock.geometry.parts.prismatic_bars import PrismaticBar, prismatic_bar
 from headstock.geometry.parts.solids import Box, Plate, Tube
-from headstock.reduction.components.fixed_interface_modes import combine_attachments
 from headstock.reduction.components.interface_patches import MeshPatch
 from headstock.reduction.components.polynomial_space import (
     PolynomialSpace,
@@ -28,6 +27,7 @@ from headstock.reduction.components.polynomial_space import (
 )
 from headstock.reduction.components.rail_fits import RailFit, fit_rail, free_rails
 from headstock.reduction.components.segmented import segment_skin
+from headstock.reduction.components.sensors import combine_attachments
 from headstock.reduction.rails import CONTROL_POINT_DOFS, ControlPoint, control_point_motion
 from headstock.reduction.requests import GRAVITY, ReductionRequest
 from headstock.reduction.superelement import (

@@ -1,28 +1,22 @@
-"""Sensors and point masses on a reduced component: the motion at their places per dof, and what
-their masses add to its matrices.
+"""Sensors and point masses on a reduced component: the motion at their places per dof, what their
+masses add to its matrices, and the residual-attachment modes of forces there.
 
 A sensor is no boundary dof: the motion at its place is a row of the recovery basis.
 """
 
-import contextlib
 import dataclasses
-import importlib
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Sensor
-from headstock.geometry.parts.components import Material
-from headstock.geometry.parts.nearest_places import describe_distance, find_nearest_place
-from headstock.meshing.component_mesh import ComponentMesh, IntArray
-from headstock.meshing.components.skins import mesh_surface
+from headstock.geometry.parts.nearest_places import describe_distance
 from headstock.reduction.superelement import SensorRows, StaticLoad, Superelement
 from headstock.solvers.errors import ModelError
 
-RECOVERY = "headstock.solvers.elastic.stress_recovery"  # loads PETSc
-# flat triangles of curved facets pass beside their cells by less than this share of a cell
-FACET_SLACK = 0.2
+# of the static response to a load: attachment modes that would add less are left out
+ATTACHMENT_SHARE = 1e-9
 
 
 class SensorPlaceError(ModelError):
@@ -39,62 +33,6 @@ class SensorPlaceError(ModelError):
         super().__init__(
             f"{sensor.name} {describe_distance(sensor.component, nearest, distance, {})}"
         )
-
-
-def observe_mesh(
-    element: Superelement, mesh: ComponentMesh, material: Material, sensors: Iterable[Sensor]
-) -> dict[str, SensorRows]:
-    """Return the motion at sensors on a meshed component, by name.
-
-    Args:
-        element: With recovery of the motion of the mesh.
-
-    Raises:
-        SensorPlaceError: A sensor lies farther from the component than it may.
-        ModelError: The superelement has no recovery basis.
-    """
-    if element.recovery is None:
-        raise ModelError(f"component {element.name!r} was reduced without recovery")
-    basis = element.recovery.basis.reshape(len(mesh.points), 3, -1)
-    rows = {}
-    for sensor in sensors:
-        nodes, shares = _find_shares(mesh, material, sensor)
-        rows[sensor.name] = SensorRows(np.einsum("i,ijk->jk", shares, basis[nodes]))
-    return rows
-
-
-def _find_shares(
-    mesh: ComponentMesh, material: Material, sensor: Sensor
-) -> tuple[IntArray, FloatArray]:
-    """Return the mesh points around a sensor and their shares in its motion."""
-    place = np.array(sensor.position)
-    find_point_rows = importlib.import_module(RECOVERY).find_point_rows
-    try:
-        found = find_point_rows(mesh, material, place)
-    except ModelError:
-        nearest, distance = find_nearest_place(mesh_surface(mesh), place)
-        if distance > sensor.reach:
-            raise SensorPlaceError(sensor, nearest, distance) from None
-        found = find_point_rows(mesh, material, nearest, slack=FACET_SLACK)
-    return found.nodes, found.shares
-
-
-def load_sensors(
-    mesh: ComponentMesh, material: Material, sensors: Iterable[Sensor]
-) -> tuple[IntArray, FloatArray]:
-    """Return the mesh points ``(n,)`` around sensors and nodal forces ``(n, 3, 3 s)`` of a unit force
-    along each component axis at each; sensors beside the component are left out.
-    """
-    shares = []
-    for sensor in sensors:
-        with contextlib.suppress(SensorPlaceError):  # reported where the sensor is observed
-            shares.append(_find_shares(mesh, material, sensor))
-    nodes = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(one for one, _ in shares)]))
-    forces = np.zeros((len(nodes), 3, len(shares), 3))
-    for column, (own, parts) in enumerate(shares):
-        rows = np.searchsorted(nodes, own)
-        forces[rows, :, column] = parts[:, None, None] * np.eye(3)
-    return nodes, forces.reshape(len(nodes), 3, -1)
 
 
 def observe_points(element: Superelement, sensors: Iterable[Sensor]) -> dict[str, SensorRows]:
@@ -167,3 +105,34 @@ def _sum_mass_properties(
     squares = np.einsum("ij,ij->i", arms, arms)
     inertia = element.inertia + (masses @ squares) * np.eye(3) - (masses * arms.T) @ arms
     return dataclasses.replace(element, mass_kg=total, center_of_mass=center, inertia=inertia)
+
+
+def combine_attachments(
+    stiffness: FloatArray,
+    mass: FloatArray | None,
+    *,
+    flexibility: FloatArray,
+    stiffness_scale: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return combinations ``(k, a)`` of residual responses that are orthogonal in stiffness and mass,
+    and their eigenvalues ``(a,)`` [rad^2/s^2], rising; those that add nothing are left out.
+
+    Args:
+        stiffness: ``(k, k)`` energy products of the responses.
+        mass: ``(k, k)`` their products by mass; None where none was assembled.
+        flexibility: ``(k,)`` displacement of each load's own point in its whole response [m/N].
+        stiffness_scale: Largest entry of the whole stiffness [N/m].
+    """
+    # what acts on fixed points moves nothing but rounding
+    moved = flexibility > ATTACHMENT_SHARE / stiffness_scale
+    scale = np.where(moved, 1.0 / np.sqrt(np.where(moved, flexibility, 1.0)), 0.0)
+    scaled = stiffness * scale * scale[:, None]
+    shares, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    kept = shares > ATTACHMENT_SHARE
+    combinations: FloatArray = scale[:, None] * vectors[:, kept] / np.sqrt(shares[kept])
+    if mass is None or not kept.any():
+        return combinations, np.ones(combinations.shape[1])  # normalised by stiffness
+    products = combinations.T @ mass @ combinations
+    softness, turned = np.linalg.eigh(0.5 * (products + products.T))
+    values = 1.0 / softness[::-1]
+    return combinations @ (turned[:, ::-1] * np.sqrt(values)), values
