@@ -97,7 +97,7 @@ def parse_dmig(path: Path) -> Arrays:
         raise ExchangeError(
             f"{path.name} holds no DMIG card; name the file that holds the matrices"
         )
-    found: Arrays = {}
+    found: dict[str, FloatArray | IntArray] = {}
     for name, (head, *columns) in cards.items():
         _require_real(head)
         nodes, entries = _read_entries(columns)
