@@ -83,3 +83,26 @@ def follow_damped_mode(system: SecondOrderSystem, omega: float, shape: FloatArra
         )
     weight = motion @ (2.0 * pole * (system.mass @ motion) + damping @ motion)
     return DampedMode(pole, motion / np.sqrt(weight))
+
+
+def slope_damped_shape(
+    system: SecondOrderSystem, mode: DampedMode, forces: ComplexArray
+) -> ComplexArray:
+    """Return the derivatives ``(n, p)`` of a damped mode, up to a multiple of the mode itself.
+
+    Args:
+        system: Symmetric.
+        mode: Of it.
+        forces: ``(n, p)`` derivatives of ``(s^2 M + s C + K + i H)`` times the mode, ``s`` as it is.
+    """
+    size = len(mode.shape)
+    damping = 0.0 if system.damping is None else system.damping @ mode.shape
+    weighed = 2.0 * mode.pole * (system.mass @ mode.shape) + damping
+    dynamic = system.dynamic_stiffness(mode.pole)
+    scale = np.abs(dynamic.diagonal()).mean()
+    bordered = np.zeros((size + 1, size + 1), dtype=np.complex128)
+    bordered[:size, :size] = dynamic
+    bordered[:size, size] = scale * weighed / np.linalg.norm(weighed)
+    bordered[size, :size] = scale * mode.shape.conj() / np.linalg.norm(mode.shape)
+    loads = np.vstack([-forces, np.zeros((1, forces.shape[1]))])
+    return np.asarray(np.linalg.solve(bordered, loads)[:size])

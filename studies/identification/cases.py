@@ -28,7 +28,11 @@ from headstock.reduction.coupling.slopes import (
 )
 from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.damped_mode import DampedMode, follow_damped_mode
+from headstock.solvers.linear.damped_mode import (
+    DampedMode,
+    follow_damped_mode,
+    slope_damped_shape,
+)
 from headstock.solvers.linear.modal_analysis import slope_shape, slope_squares
 from headstock.solvers.linear.symmetric_modes import solve_symmetric_modes
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
@@ -121,6 +125,25 @@ class CaseState:
             omega = float(np.sqrt(self.eigenvalues[mode]))
             self._damped[mode] = follow_damped_mode(self.system, omega, self.shapes[:, mode])
         return self._damped[mode]
+
+    def motion(self, mode: int, shape: ShapeTarget) -> FloatArray | ComplexArray:
+        """Return a mode in stacked dofs ``(n_all,)``: damped where a shape asks for it."""
+        if not self._is_damped_for(shape):
+            return self.motions[:, mode]
+        return self.coupled.basis @ self.damped_mode(mode).shape
+
+    def slope_motions(
+        self, mode: int, shape: ShapeTarget, slopes: list[CaseSlope]
+    ) -> FloatArray | ComplexArray:
+        """Return the derivatives ``(n_all, p)`` of what ``motion`` returns, up to a factor of it."""
+        if not self._is_damped_for(shape):
+            return slope_motions(self, mode, slopes)
+        return slope_damped_motions(self, mode, slopes)
+
+    def _is_damped_for(self, shape: ShapeTarget) -> bool:
+        system = self.system
+        damped = system.damping is not None or system.hysteretic is not None
+        return shape.is_complex and damped
 
     def slope_damping(self, mode: int, slope: CaseSlope) -> float:
         """Return the derivative of the damping ratio of a mode."""
@@ -283,6 +306,26 @@ def slope_motions(state: CaseState, index: int, slopes: list[CaseSlope]) -> Floa
     return state.coupled.basis @ turned + np.column_stack(
         [slope.modes.carried[:, index] for slope in slopes]
     )
+
+
+def slope_damped_motions(state: CaseState, mode: int, slopes: list[CaseSlope]) -> ComplexArray:
+    """Return the derivatives ``(n_all, p)`` of one damped mode in stacked dofs, up to a multiple of the
+    mode itself.
+    """
+    machine, damped, basis = state.slopes, state.damped_mode(mode), state.coupled.basis
+    poles, motion = np.array([damped.pole]), (basis @ damped.shape)[:, None]
+    forces = np.zeros((basis.shape[1], len(slopes)), dtype=np.complex128)
+    total = np.zeros((len(basis), len(slopes)), dtype=np.complex128)
+    for column, slope in enumerate(slopes):
+        stacked = machine.dynamic_changes(slope.pieces, motion, poles)
+        carried = machine.carried_motions(slope.pieces, motion)
+        if carried is not None:
+            total[:, column] = carried[:, 0]
+            stacked = stacked + machine.dynamic_times(carried, poles)
+            reactions = machine.dynamic_times(motion, poles)
+            forces[:, column] = machine.carried_forces(slope.pieces, reactions)[:, 0]
+        forces[:, column] += basis.T @ stacked[:, 0]
+    return total + basis @ slope_damped_shape(state.system, damped, forces)
 
 
 def _solve_modes(model: CaseModel, coupled: CoupledMachine) -> tuple[FloatArray, FloatArray, int]:

@@ -10,14 +10,14 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.static import UM_PER_KN
+from headstock.solvers.second_order import ComplexArray
 from headstock.studies.identification.cases import (
     AT_REST,
     CaseSlope,
     CaseState,
     shape_rows,
-    slope_motions,
 )
-from headstock.studies.identification.pairings import Pairing, compare_shape
+from headstock.studies.identification.pairings import Pairing
 from headstock.studies.identification.targets import (
     ComplianceTarget,
     MeasuredDamping,
@@ -123,18 +123,19 @@ def _observe_frequency(state: CaseState, target: ModeTarget, mode: int) -> Obser
 def _observe_shape(
     state: CaseState, target: ModeTarget, shape: ShapeTarget, mode: int
 ) -> Observation:
-    """The distances are the part of the target at right angles to the mode: their squares sum up to
-    ``1 - MAC``.
+    """The distances are the part of the target at right angles to the mode, of a complex target to the
+    damped mode: their squares sum up to ``1 - MAC``.
     """
-    observed, wanted = shape_rows(state, shape) @ state.motions[:, mode], shape.direction
+    observed, wanted = shape_rows(state, shape) @ state.motion(mode, shape), shape.direction
     unit = observed / max(float(np.linalg.norm(observed)), np.finfo(float).tiny)
+    gap = wanted - (unit.conj() @ wanted) * unit
     return Observation(
         kind="shape",
         name=target.name,
         wanted=1.0,
-        value=float(compare_shape(state, shape)[mode]),
+        value=float(np.abs(unit.conj() @ wanted) ** 2),
         sigma=shape.tolerance,
-        residuals=(wanted - (wanted @ unit) * unit) / shape.tolerance,
+        residuals=split_parts(gap, shape) / shape.tolerance,
         find_slopes=partial(_slope_shape_gap, state, shape, mode),
         hold_out=target.hold_out,
         mode=mode,
@@ -250,20 +251,30 @@ def _spread_slopes(
     return rows
 
 
+def split_parts(values: ComplexArray, shape: ShapeTarget) -> FloatArray:
+    """Return real parts, and behind them imaginary ones of a complex shape."""
+    return np.concatenate([values.real, values.imag]) if shape.is_complex else values.real
+
+
 def _slope_shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
     slopes, wanted = state.by_parameter, shape.direction
-    motion = state.motions[:, mode]
-    observed = shape_rows(state, shape) @ motion
+    motion = state.motion(mode, shape)
+    rows = shape_rows(state, shape)
+    observed = rows @ motion
     size = max(float(np.linalg.norm(observed)), np.finfo(float).tiny)
     unit = observed / size
-    result = np.zeros((len(wanted), len(state.model.parameters)))
-    changes = shape_rows(state, shape) @ slope_motions(state, mode, list(slopes.values()))
+    share = unit.conj() @ wanted
+    count = len(wanted) * (1 + shape.is_complex)
+    result = np.zeros((count, len(state.model.parameters)))
+    changes = rows @ state.slope_motions(mode, shape, list(slopes.values()))
     length = state.coupled.layout.length
     for column, (index, slope) in enumerate(slopes.items()):
         change, moved = changes[:, column], slope.pieces.observers
         for row, (name, dof, _) in enumerate(shape.entries):
             if name in moved:
                 change[row] += (length if dof > 2 else 1.0) * (moved[name][dof] @ motion)
-        turn = (change - (unit @ change) * unit) / size
-        result[:, index] = -((wanted @ turn) * unit + (wanted @ unit) * turn) / shape.tolerance
+        turn = (change - (unit.conj() @ change) * unit) / size
+        result[:, index] = (
+            -split_parts((turn.conj() @ wanted) * unit + share * turn, shape) / shape.tolerance
+        )
     return result

@@ -55,13 +55,13 @@ def shape_costs(state: CaseState) -> FloatArray:
 
 
 def compare_shape(state: CaseState, shape: ShapeTarget) -> FloatArray:
-    """Return the MAC ``(m,)`` of a target shape with every mode.
+    """Return the MAC ``(m,)`` of a target shape with every undamped mode.
 
     Source: Allemang and Brown (1982).
     """
     observed, wanted = shape_rows(state, shape) @ state.motions, shape.direction
     sizes = np.maximum(np.einsum("ij,ij->j", observed, observed), np.finfo(float).tiny)
-    return (wanted @ observed) ** 2 / sizes
+    return np.asarray(np.abs(wanted.conj() @ observed) ** 2 / sizes)
 
 
 def follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairing:

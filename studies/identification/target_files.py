@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.numbers.numbers import Key, parse_key
 from headstock.reduction.coupling.slopes import ObservedDof
@@ -247,15 +245,12 @@ def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
             for dof, value in enumerate(vector)
             if value is not None
         ]
-        # a complex shape is turned to the phase in which its imaginary part is smallest
-        turn = np.exp(-0.5j * np.angle(sum(value**2 for *_, value in motions)))
-        entries = [(observer, dof, float((turn * value).real)) for observer, dof, value in motions]
         return ShapeTarget(
-            tuple(entries), table.shape_tolerance or VECTOR_TOLERANCE, described=False
+            tuple(motions), table.shape_tolerance or VECTOR_TOLERANCE, described=False
         )
     if table.moves is None:
         return None
-    entries_moved: list[tuple[str, int, float]] = []
+    entries_moved: list[tuple[str, int, complex]] = []
     for move in table.moves:
         letter = move.rotation or move.translation or ""
         dof = "xyz".index(letter[-1]) + (3 if move.rotation else 0)

@@ -10,7 +10,6 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from headstock.geometry.frames import FloatArray
 from headstock.reduction.coupling.slopes import ObservedDof
 from headstock.scene.reading import units
 from headstock.scene.reading.findings import KeyPath
@@ -35,6 +34,7 @@ from headstock.scene.schema.types import (
     problem,
     read_quantity,
 )
+from headstock.solvers.second_order import ComplexArray
 
 MAX_STARTS = 4096
 Measured = Annotated[Quantity, QuantityOf((units.FREQUENCY, COMPLIANCE))]
@@ -381,23 +381,28 @@ class ShapeTarget:
 
     Attributes:
         entries: ``(observer, dof, value)``; observers are points, interfaces
-            (``component.interface``) or components.
+            (``component.interface``) or components. Complex values are compared with the damped mode.
         tolerance: Standard deviation of ``sqrt(1 - MAC)``.
         described: It comes from a description in words (which bodies turn), not from measured
             vectors.
         insist: It is fitted even where no mode is like it.
     """
 
-    entries: tuple[tuple[str, int, float], ...]
+    entries: tuple[tuple[str, int, complex], ...]
     tolerance: float
     described: bool
     insist: bool = False
 
     @cached_property
-    def direction(self) -> FloatArray:
+    def direction(self) -> ComplexArray:
         """Its values ``(k,)`` with length one."""
-        values = np.array([value for _, _, value in self.entries])
-        return values / np.linalg.norm(values)
+        values = np.array([value for _, _, value in self.entries], dtype=np.complex128)
+        return np.asarray(values / np.linalg.norm(values))
+
+    @property
+    def is_complex(self) -> bool:
+        """Its motions are not in phase."""
+        return bool(np.any(self.direction.imag))
 
 
 @dataclass(frozen=True)

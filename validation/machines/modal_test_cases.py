@@ -67,7 +67,7 @@ SPRINGS = {
     "z_carriage_lateral": ("joints.z_carriage", "lateral", 100.0),
     "z_drive": ("joints.z_drive", "axial", 24.2),
 }
-DAMPING_RATIO, DAMPING_HZ = 0.01, 200.0
+DAMPING_RATIO, DAMPING_HZ = 0.03, 200.0
 KINDS = {"stiffness": 0.05, "damping": 0.15}  # the largest error of a fitted one
 MAC_LIMIT = 0.99
 TURNED, SWAPPED = "y_base_3", ("x_slider_2", "column_left_5")
