@@ -28,6 +28,7 @@ from headstock.scene.expansion.overrides import AS_WRITTEN
 from headstock.scene.reading.keys import write_number
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
+from headstock.studies.identification.candidates import Candidate, suggest_measurements
 from headstock.studies.identification.descent import StartRecord
 from headstock.studies.identification.evidence import Evidence, weigh_evidence
 from headstock.studies.identification.files import (
@@ -251,10 +252,13 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
         def publish() -> int:
             found = assess_ends(ends, loaded.task.name)
             seconds = time.perf_counter() - begin
+            weak = found.statistics.unidentifiable
+            suggested = suggest_measurements(found) if weak else ()
             models = {AS_WRITTEN: weigh_evidence(found), **rivals} if rivals else {}
             summary = {
                 **summarise_identification(found),
                 "models": {name: dataclasses.asdict(one) for name, one in models.items()},
+                "suggested": [dataclasses.asdict(one) for one in suggested],
                 "seconds": seconds,
             }
             if options.hide_held_out:
@@ -263,6 +267,7 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
             _publish(options, found, summary, output, origin)
             _print_identification(found, summary, output)
             _print_models(models)
+            _print_suggested(suggested)
             if options.write is not None:
                 _print_include(options.scene, options.write)
             return DONE if found.converged else FAILED
@@ -312,6 +317,16 @@ def _print_models(models: Mapping[str, Evidence]) -> None:
         add_row(table, name, str(one.parameters), f"{one.misfit:.4g}", f"{one.bic:.4g}", more, log)
     title = "Models by evidence (BIC: the least is best, 6 less is strong, 10 less very strong)"
     print_table(make_console(), title, table)
+
+
+def _print_suggested(suggested: Sequence[Candidate]) -> None:
+    """Name the measurements that would tell what the data do not."""
+    if suggested:
+        table = make_table("further measurement", ">gain", ">weakest combination")
+        for one in suggested:
+            add_row(table, one.name, f"{one.bits:.1f} bit", f"{100.0 * one.spread:.0f} %")
+        title = "What would tell more (weakest combination: its spread over that of now)"
+        print_table(make_console(), title, table)
 
 
 def _print_include(scene: Path, name: str) -> None:

@@ -74,6 +74,9 @@ class FitStatistics:
             ``(p,)``.
         correlations: ``(p, p)``.
         unidentifiable: Directions the data do not see.
+        bounded_covariance: The same where parameters without a prior spread evenly between their
+            bounds, none at its bound fixed ``(p, p)``.
+        allowed: Standard deviations before the data ``(p,)``: of priors, or between bounds.
         noise: Of all measurements together; degrees of freedom count in part for parameters that
             priors hold.
         noise_by_kind: The same of each kind.
@@ -85,6 +88,8 @@ class FitStatistics:
     data_share: FloatArray
     correlations: FloatArray
     unidentifiable: tuple[_UnidentifiableDirection, ...]
+    bounded_covariance: FloatArray
+    allowed: FloatArray
     noise: Noise
     noise_by_kind: dict[str, Noise]
     used_factors: dict[str, float]
@@ -195,6 +200,8 @@ def assess(
             for i, value in enumerate(values)
             if value**2 / (1.0 + value**2) < SEEN_SHARE
         ),
+        bounded_covariance=proper * np.outer(allowed, allowed),
+        allowed=allowed,
         noise=noise,
         noise_by_kind=by_kind,
         used_factors=used,

@@ -284,3 +284,34 @@ def test_other_models_are_ranked_by_evidence(block: Shell) -> None:
     assert 50.0 < models["heavy"]["misfit"] < models["one_spring"]["misfit"]
     order = [printed.rindex(f" {name} ") for name in ("as written", "heavy", "one_spring")]
     assert order == sorted(order)
+
+
+def test_measurements_are_suggested_that_tell_what_the_data_leave_open(block: Shell) -> None:
+    """Two springs along z of which the frequency shows the sum: what presses on one alone tells."""
+    block.change(
+        ("[joints.feet]", BOLTED),
+        ('z = "16 N/um"', 'z = "8 N/um"'),
+    )
+    free = (
+        parameter("z")
+        + '[parameters.pad]\nkeys = ["joints.pad.stiffness.z"]\nbounds = ["1 N/um", "50 N/um"]\n'
+    )
+    block.write(
+        f"[cases.a]\nmodes = [{mode(SHIFTS[2], 'z')}]\nnumbers = {{ 'compliance(point=tcp,direction=z)' = '62.5 um/kN' }}\n"
+        + free,
+        name="targets",
+    )
+    printed = block.prints(IDENTIFY)
+    suggested = block.json("out/identification.json")["suggested"]
+    assert suggested[0]["name"].startswith("a: ")
+    assert suggested[0]["spread"] < 0.5 and suggested[0]["bits"] > 1.0
+    assert "What would tell more" in printed
+
+
+# beside the feet, half a metre off the middle: it resists rotation too
+BOLTED = """[joints.pad]
+between = ["ground", "block.foot"]
+kind = "spring"
+at = ["0 mm", "400 mm", "500 mm"]
+stiffness = { z = "8 N/um" }
+[joints.feet]"""
