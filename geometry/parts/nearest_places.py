@@ -82,7 +82,7 @@ def describe_distance(
         distance: To it [m].
         others: Component to its surface and the place ``(3,)`` in its own frame [m].
     """
-    at = ", ".join(f'"{1e3 * value + 0.0:.4g} mm"' for value in nearest)
+    at = ", ".join(f'"{round(1e3 * float(value), 2) + 0.0:g} mm"' for value in nearest)
     text = f'lies {1e3 * distance:.3g} mm outside "{component}"; nearest place of its surface: at = [{at}]'
     gap, name = min(
         (

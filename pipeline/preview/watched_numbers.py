@@ -36,7 +36,9 @@ def find_name_fault(pattern: str, scenes: Sequence[Scene]) -> str:
         return f"{kind} is no result and no kind of numbers; {suggest_names(kind, KINDS, what='kinds of numbers')}"
     known: Mapping[str, set[str]] = {
         "pose": {pose for scene in scenes for pose in scene.poses},
-        "point": {point for scene in scenes for point in scene.machine.points},
+        "point": {
+            name for scene in scenes for name in (*scene.machine.points, *scene.machine.sensors)
+        },
     }
     roles = KINDS[kind].roles
     for role, value in _WHOLE_PAIR.findall(f"({at}"):

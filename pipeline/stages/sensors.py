@@ -11,25 +11,27 @@ import numpy as np
 from headstock.geometry.frames import FloatArray, Frame, compose_frames
 from headstock.geometry.machine.machine import Sensor
 from headstock.geometry.parts.components import Component
-from headstock.geometry.parts.nearest_places import describe_distance
-from headstock.geometry.parts.skins import solid_skin
+from headstock.geometry.parts.nearest_places import (
+    describe_distance,
+    encloses,
+    find_nearest_place,
+)
+from headstock.geometry.parts.skins import Skin, solid_skin
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.stages.components import load_or_make_mesh
 from headstock.pipeline.stages.run_state import PoseModel, RunState, component_sensors
 from headstock.reduction.components.sensors import (
     SensorPlaceError,
     carry_masses,
-    observe_points,
+    observe_recovered,
 )
 from headstock.reduction.coupling.channels import place_rows
 from headstock.reduction.superelement import SensorRows, Superelement
 from headstock.scene.building.sensors import sensor_key
 from headstock.scene.reading.findings import SceneError
-from headstock.scene.scene import Scene
 
 # loads finite elements, which runs whose sensors are on other bodies do without
 MESH_MODULE = "headstock.reduction.components.sensor_places"
-UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def place_sensors(state: RunState, names: Iterable[str]) -> None:
@@ -47,6 +49,8 @@ def place_sensors(state: RunState, names: Iterable[str]) -> None:
         element = reduced.superelement
         missing = [sensor for sensor in sensors if sensor.name not in element.sensors]
         try:
+            if component.fidelity == "rigid":
+                _check_surface(reduced.skin, sensors)
             rows = _observe(state, component, element, missing)
         except SensorPlaceError as error:
             raise _locate_place(state, error) from error
@@ -69,21 +73,17 @@ def sensor_motions(model: PoseModel, motions: FloatArray) -> FloatArray:
     return np.array(moved).reshape(len(sensors), 3, motions.shape[1]).transpose(2, 0, 1)
 
 
-def add_places(
-    scene: Scene, places: Sequence[tuple[str, FloatArray]], *, reach: float = 1e-3
-) -> Scene:
-    """Return a scene with further sensors, called ``place.1``, ``place.2`` and so on.
-
-    Args:
-        places: Component and position ``(3,)`` in its frame [m].
-        reach: Largest distance of a position from its component's surface [m].
+def _check_surface(skin: Skin | None, sensors: Sequence[Sensor]) -> None:
+    """Raise SensorPlaceError for a sensor that is not on a rigid part from a file; of other solids the
+    scene has been checked.
     """
-    sensors = dict(scene.machine.sensors)
-    for number, (component, position) in enumerate(places, 1):
-        x, y, z = (float(value) for value in position)
-        name, directions = f"place.{number}", dict(zip("xyz", UNITS, strict=True))
-        sensors[name] = Sensor(name, component, (x, y, z), directions, reach=reach)
-    return dataclasses.replace(scene, machine=dataclasses.replace(scene.machine, sensors=sensors))
+    if skin is None:
+        return
+    for sensor in sensors:
+        position = np.array(sensor.position)
+        nearest, distance = find_nearest_place(skin, position)
+        if distance > sensor.reach and not encloses(skin, position):
+            raise SensorPlaceError(sensor, nearest, distance)
 
 
 def _observe(
@@ -92,7 +92,7 @@ def _observe(
     if not sensors:
         return {}
     if isinstance(component.solid, SuperelementFile):
-        return observe_points(element, sensors)
+        return observe_recovered(element, sensors)
     mesh, _ = load_or_make_mesh(state, component)
     places = importlib.import_module(MESH_MODULE)
     rows: dict[str, SensorRows] = places.observe_mesh(element, mesh, component.material, sensors)

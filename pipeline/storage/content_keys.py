@@ -68,7 +68,7 @@ FILE_KEYS = [
     split_key(key)
     for key in (
         *(f"components.*.solid.{kind}" for kind in ("step", "mesh", "superelement")),
-        "components.*.mesh.sizes",
+        *("components.*.mesh.sizes", "sensors.*.file", "masses.*.file"),
         *(f"analyses.contouring.{name}" for name in ("forces", "polyline_file", "traces")),
     )
 ]

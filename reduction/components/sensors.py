@@ -35,7 +35,7 @@ class SensorPlaceError(ModelError):
         )
 
 
-def observe_points(element: Superelement, sensors: Iterable[Sensor]) -> dict[str, SensorRows]:
+def observe_recovered(element: Superelement, sensors: Iterable[Sensor]) -> dict[str, SensorRows]:
     """Return the motion at sensors that lie at points whose motion an imported superelement recovers.
 
     Raises:

@@ -111,7 +111,7 @@ class Draft:
             self.findings.check_name(key, name, names, "point", "points", more)
 
     def _check_sensor(self, key: KeyPath, name: str, direction: str) -> None:
-        named = select_sensors(self.sensors, name)
+        named = _select_sensors(self.sensors, name)
         entry, dot, _ = name.partition(".")
         if not named and dot and entry in self.table.sensors:
             names = [one for one in self.sensors if one.startswith(f"{entry}.")]
@@ -148,7 +148,7 @@ class Draft:
         """
         every: list[Channel] = []
         for name, direction in channels:
-            sensors = select_sensors(self.sensors, name)
+            sensors = _select_sensors(self.sensors, name)
             measured = [(one.name, dof) for one in sensors for dof in one.directions]
             wanted = [direction] if direction else DIRECTIONS
             every += [
@@ -246,7 +246,7 @@ def is_known_end(end: JointEnd, scene: SceneTable) -> bool:
     )
 
 
-def select_sensors(sensors: Mapping[str, Sensor], name: str) -> tuple[Sensor, ...]:
+def _select_sensors(sensors: Mapping[str, Sensor], name: str) -> tuple[Sensor, ...]:
     """Return the sensor of a name, or all of the table of that name; none where there is neither."""
     if name in sensors:
         return (sensors[name],) if sensors[name].directions else ()

@@ -55,7 +55,10 @@ _REFERENCES = {
     ("drives", "joint"): "joints",
     ("drives", "scale"): "points",
 }
-_FILES = tuple(("components", "solid", kind) for kind in ("step", "mesh", "superelement"))
+_FILES = (
+    *(("components", "solid", kind) for kind in ("step", "mesh", "superelement")),
+    *(("sensors", "file"), ("masses", "file")),
+)
 _NUMBER = re.compile(r"\{n\}|\{rail\}")
 
 

@@ -54,13 +54,13 @@ def read_places(path: Path, unit: str) -> tuple[TableRow, ...]:
     """Read a CSV table, or the points of a file of test data with what was measured at each.
 
     Args:
-        unit: See ``read_point_table``; files of test data name theirs.
+        unit: See ``_read_point_table``; files of test data name theirs.
 
     Raises:
         CsvError, MeasurementError: The file cannot be used; says where.
     """
     if path.suffix.lower() == ".csv":
-        return read_point_table(path, unit)
+        return _read_point_table(path, unit)
     data = read_test_data(path)
     channels = [*(data.modes.channels if data.modes is not None else ())]
     if data.responses is not None:
@@ -88,7 +88,7 @@ def _list_directions(vectors: Iterable[Vector]) -> tuple[Vector, ...]:
     return tuple(listed)
 
 
-def read_point_table(path: Path, unit: str) -> tuple[TableRow, ...]:
+def _read_point_table(path: Path, unit: str) -> tuple[TableRow, ...]:
     """Read a CSV file with the columns ``x``, ``y``, ``z`` and, as wanted, ``name``, ``component``,
     ``directions`` and ``mass``, whatever their order.
 

@@ -356,3 +356,25 @@ def test_lumped_mechanisms_have_sensors_on_their_legs_and_tools() -> None:
     assert moved["tool", "y"][:, 0] == approx(moved["tcp", "x"][:, 1], rel=1e-9, abs=1e-18)
     shapes = results.modes["config_1"].sensor_shapes
     assert shapes is not None and shapes.shape[1:] == (2, 3)
+
+
+def test_an_included_file_brings_its_table(shell: Shell) -> None:
+    (shell.folder / "probe").mkdir()
+    (shell.folder / "probe" / "points.csv").write_text("x [mm],y [mm],z [mm]\n30,0,100\n")
+    (shell.folder / "probe" / "grid.toml").write_text(
+        '[sensors.grid]\nfile = "points.csv"\ncomponent = "beam"\n'
+    )
+    shell.write('include = "probe/grid.toml"\n' + BARE)
+    assert "1 sensor" in shell.prints("check scene.toml")
+
+
+def test_a_sensor_beside_a_rigid_part_from_a_file_is_refused(shell: Shell) -> None:
+    step = (ROOT / "tests" / "data" / "support.step").read_bytes()
+    (shell.folder / "part.step").write_bytes(step)
+    shell.write(
+        '[components.part]\nsolid = { step = "part.step" }\nfidelity = "rigid"\nmass = "3 kg"\nfree = true\n'
+        'material = "steel"\n[materials.steel]\nE = "210 GPa"\nnu = 0.3\nrho = "7850 kg/m^3"\n'
+        '[sensors.far]\ncomponent = "part"\nat = ["9 m", "0 m", "0 m"]\n[analyses.modal]\n'
+    )
+    error = shell.refuses("run scene.toml -o out --no-figures")
+    assert re.search(r'scene.toml:\d+: sensors.far .*outside "part"; nearest place', error)
