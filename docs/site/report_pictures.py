@@ -64,9 +64,7 @@ class Output:
     share: float = 1.0
 
 
-CORRELATE = (
-    "correlate machines/three_axis.toml machines/three_axis_test.uff --variant calibrated+segmented+YCE --pose measured"
-)
+CORRELATE = "correlate machines/three_axis.toml machines/three_axis_test.uff --variant calibrated+segmented+YCE --pose measured"
 PICTURES: dict[str, Shot | Output] = {
     "report": Shot(
         "run machines/three_axis.toml --analysis static --analysis modal",

@@ -23,14 +23,14 @@ _SIMPLER = str.maketrans({"²": "2", "µ": "u", "μ": "u"} | dict.fromkeys("^*()
 
 
 def read_motion(unit: str) -> tuple[int, float] | None:
-    """How often a motion in a unit such as ``m/s^2`` is differentiated, and what one is in SI; None
-    where the unit is not known.
+    """Return how often a motion in a unit such as ``m/s^2`` is differentiated, and what one is in SI;
+    None where the unit is not known.
     """
     return _MOTIONS.get(unit.translate(_SIMPLER))
 
 
 def read_force(unit: str) -> float | None:
-    """What one of a unit of force is in newtons; None where the unit is not known."""
+    """Return what one of a unit of force is in newtons; None where the unit is not known."""
     return _FORCES.get(unit.translate(_SIMPLER))
 
 
@@ -87,7 +87,7 @@ def join_responses(
         _check(response, responses[0], frequencies)
         place = motions.index(response.motion), forces.index(response.force)
         if filled[place]:
-            repeated.append(name_pair(response))
+            repeated.append(_name_pair(response))
             continue
         filled[place] = True
         orders[response.order] += 1
@@ -128,12 +128,12 @@ def _check(response: Response, reference: Response, frequencies: FloatArray) -> 
         )
 
 
-def name_pair(response: Response) -> str:
+def _name_pair(response: Response) -> str:
     """Return ``12:+x/3:-z`` for the response of point 12 along x to a force at point 3 against z."""
-    return f"{name_channel(response.motion)}/{name_channel(response.force)}"
+    return f"{label_channel(response.motion)}/{label_channel(response.force)}"
 
 
-def name_channel(channel: TestChannel) -> str:
+def label_channel(channel: TestChannel) -> str:
     """Return ``12:+x`` for a channel along an axis, ``12:(0.6,0,0.8)`` for others."""
     vector = np.array(channel.direction)
     axis = int(np.argmax(np.abs(vector)))

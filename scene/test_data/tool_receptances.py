@@ -7,7 +7,7 @@ import numpy as np
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.reading import read_test_data
 from headstock.scene.test_data.records import ComplexArray, MeasuredResponses
-from headstock.scene.test_data.responses import name_channel
+from headstock.scene.test_data.responses import label_channel
 from headstock.solvers.milling.tool_dynamics import MeasuredAssembly, across_axis
 
 
@@ -39,7 +39,7 @@ def read_tool(path: Path, axis: tuple[float, float, float]) -> MeasuredAssembly:
     cross = parts.get((base, tip), parts.get((tip, base)))
     ends = parts.get((tip, tip)), parts.get((base, base))
     if len(axes) > 1 or cross is None or ends[0] is None or ends[1] is None:
-        pairs = ", ".join(map(name_channel, channels[:6]))
+        pairs = ", ".join(map(label_channel, channels[:6]))
         raise MeasurementError(
             f"{path.name}:1: a tool has receptances at its tip, at its base and between them, all in one direction, or one alone at its"
             f" mounted tip; here are the channels {pairs}: export only these"

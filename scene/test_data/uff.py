@@ -14,6 +14,7 @@ from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.loading import load_library
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.records import (
+    ComplexArray,
     MeasuredModes,
     MeasuredResponses,
     TestChannel,
@@ -56,6 +57,8 @@ FORCES = (9, 13)
 UNKNOWN = (0, 1)
 FREQUENCY = 18
 NORMAL_MODE, COMPLEX_MODES = 2, (3, 7)
+# tens of the types of elements that are drawn
+LINES, SURFACES = (1, 2), (4, 5, 6, 7, 8, 9)
 type _Record = Mapping[str, Any]
 
 
@@ -269,28 +272,7 @@ class _File:
     def read_lines(self, points: Mapping[str, TestPoint]) -> Iterator[tuple[str, ...]]:
         """Lines of set 82, and edges of beams, triangles and quadrilaterals of set 2412."""
         strange: set[str] = set()
-        skipped: Counter[int] = Counter()
-        chains: list[list[str]] = []
-        for _, record in self.of(82):
-            chains.append([])
-            for number in record["nodes"]:
-                if number == 0:
-                    chains.append([])
-                else:
-                    chains[-1].append(str(int(number)))
-        for _, record in self.of(2412):
-            for kind, elements in record.items():
-                if not str(kind).isdecimal():
-                    continue
-                for element in elements:
-                    names = list(map(str, element["nodes_nums"]))
-                    if int(kind) // 10 in (4, 5, 6, 7, 8, 9):  # of surfaces
-                        names.append(names[0])
-                    elif int(kind) // 10 not in (1, 2):
-                        skipped[int(kind)] += 1
-                        continue
-                    chains.append(names)
-        for chain in chains:
+        for chain in (*self._traces(), *self._edges()):
             strange.update(unknown := {name for name in chain if name not in points})
             if len(chain) > 1 and not unknown:
                 yield tuple(chain)
@@ -298,6 +280,29 @@ class _File:
             self.remarks.append(
                 f"lines through points that the file does not place are left out: {_list(strange)}"
             )
+
+    def _traces(self) -> Iterator[list[str]]:
+        for _, record in self.of(82):
+            chain: list[str] = []
+            for number in record["nodes"]:
+                if number:
+                    chain.append(str(int(number)))
+                else:  # the pen goes up
+                    yield chain
+                    chain = []
+            yield chain
+
+    def _edges(self) -> Iterator[list[str]]:
+        skipped: Counter[int] = Counter()
+        for _, record in self.of(2412):
+            for kind, elements in record.items():
+                family = int(kind) // 10 if str(kind).isdecimal() else None
+                if family in SURFACES or family in LINES:
+                    for element in elements:
+                        names = list(map(str, element["nodes_nums"]))
+                        yield [*names, names[0]] if family in SURFACES else names
+                elif family is not None:
+                    skipped[int(kind)] += len(elements)
         for number, count in skipped.items():
             self.remarks.append(f"{count} elements of type {number} are not drawn")
 
@@ -379,27 +384,23 @@ class _File:
         """Poles and shapes of sets 55."""
         poles: list[complex] = []
         scales: list[complex] = []
-        shapes: list[dict[str, FloatArray]] = []
+        shapes: list[dict[str, ComplexArray]] = []
         skipped: Counter[str] = Counter()
         for made, record in self.of(55):
-            kind, order = record["analysis_type"], ORDERS.get(record["spec_data_type"])
-            if kind not in (NORMAL_MODE, *COMPLEX_MODES):
-                skipped[f"analysis type {kind}"] += 1
-                continue
-            if order is None and record["spec_data_type"] in UNKNOWN:
-                order = 0
-            if order is None or record["data_ch"] not in (2, 3):
-                skipped["no displacements, velocities or accelerations in x, y and z"] += 1
+            if reason := _why_no_mode(record):
+                skipped[reason] += 1
                 continue
             pole, scale = self._pole(made, record)
-            shape = np.stack([record[f"r{axis}"] for axis in (1, 2, 3)], axis=1)
+            order = ORDERS.get(record["spec_data_type"], 0)
+            shape = np.stack([record[f"r{axis}"] + 0j for axis in (1, 2, 3)], axis=1)
             shape = shape / pole**order if pole else shape
             names = [str(int(number)) for number in record["node_nums"]]
             if len(set(names)) < len(names):
                 raise self.fail(made, "has a point twice; keep one")
-            poles.append(pole if pole.imag >= 0.0 else pole.conjugate())
-            scales.append(scale if pole.imag >= 0.0 else scale.conjugate())
-            shape = shape if pole.imag >= 0.0 else shape.conj()
+            if pole.imag < 0.0:
+                pole, scale, shape = pole.conjugate(), scale.conjugate(), shape.conj()
+            poles.append(pole)
+            scales.append(scale)
             shapes.append(dict(zip(names, shape, strict=True)))
         self.remarks += [f"{count} sets 55 skipped: {why}" for why, count in skipped.items()]
         return self._join_modes(np.array(poles), np.array(scales), shapes) if poles else None
@@ -428,7 +429,7 @@ class _File:
         self,
         poles: Any,
         scales: Any,
-        shapes: list[dict[str, Any]],
+        shapes: list[dict[str, ComplexArray]],
     ) -> MeasuredModes:
         order = np.argsort(np.abs(poles), kind="stable")
         names = list(dict.fromkeys(name for shape in shapes for name in shape))
@@ -462,6 +463,15 @@ class _File:
         )
         damping[damping == 0.0] = np.nan
         return MeasuredModes(hz, damping, channels, values[measured], scaled)
+
+
+def _why_no_mode(record: _Record) -> str:
+    """Why a set 55 is no mode of vibration; empty where it is one."""
+    if record["analysis_type"] not in (NORMAL_MODE, *COMPLEX_MODES):
+        return f"analysis type {record['analysis_type']}"
+    if record["spec_data_type"] not in (*UNKNOWN, *ORDERS) or record["data_ch"] not in (2, 3):
+        return "no displacements, velocities or accelerations in x, y and z"
+    return ""
 
 
 def _list(names: Iterable[str], most: int = 8) -> str:

@@ -309,7 +309,7 @@ def _rewrite_shape(made: UffSet) -> list[str]:
 def _rewrite_points_15(made: UffSet) -> list[str]:
     widths = (10, 10, 10, 10, 13, 13, 13)
     ends = list(accumulate(widths))
-    require_count(made, len(made.lines))
+    _require_count(made, len(made.lines))
     rows = []
     for index, line in enumerate(made.lines):
         cells = [line[end - width : end] for end, width in zip(ends, widths, strict=True)]
@@ -319,7 +319,7 @@ def _rewrite_points_15(made: UffSet) -> list[str]:
 
 
 def _rewrite_points_2411(made: UffSet) -> list[str]:
-    require_count(made, len(made.lines) // 2)
+    _require_count(made, len(made.lines) // 2)
     if len(made.lines) % 2:
         raise _LineError(len(made.lines) - 1, f"a point has no coordinates; {AGAIN}")
     return [
@@ -328,7 +328,7 @@ def _rewrite_points_2411(made: UffSet) -> list[str]:
     ]
 
 
-def require_count(made: UffSet, points: int) -> None:
+def _require_count(made: UffSet, points: int) -> None:
     """Refuse a set with more points than a test has."""
     if points > MOST_POINTS:
         raise _LineError(0, f"{points} points; {MOST_POINTS} are read at most: export fewer")

@@ -34,7 +34,7 @@ def encode_uff(data: TestData, title: str) -> bytes:
     channels = [*(data.modes.channels if data.modes else ())]
     if data.responses is not None:
         channels += [*data.responses.motions, *data.responses.forces]
-    numbers = number_points([*data.points, *(channel.point for channel in channels)])
+    numbers = _number_points([*data.points, *(channel.point for channel in channels)])
     sets = [
         _text_set(151, [title, *["NONE"] * 2, "", "", "Headstock", ""]),
         _text_set(
@@ -59,7 +59,7 @@ def encode_uff(data: TestData, title: str) -> bytes:
     return b"".join(sets)
 
 
-def number_points(names: Sequence[str]) -> dict[str, int]:
+def _number_points(names: Sequence[str]) -> dict[str, int]:
     """Numbers of points: a name that is one keeps it, others get those that are free."""
     names = list(dict.fromkeys(names))
     numbers = {name: int(name) for name in names if name.isdecimal() and 0 < int(name) < 10**9}

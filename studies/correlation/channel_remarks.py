@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 
 from headstock.scene.test_data.records import TestChannel
-from headstock.scene.test_data.responses import name_channel
+from headstock.scene.test_data.responses import label_channel
 from headstock.solvers.pairing.channel_faults import ChannelFault, find_channel_faults
 from headstock.solvers.pairing.mode_pairing import Field
 
@@ -41,11 +41,11 @@ def _describe(fault: ChannelFault, channels: Sequence[TestChannel], columns: int
 
 def _name(fault: ChannelFault, channels: Sequence[TestChannel]) -> str:
     rows = [channels[row] for row in fault.rows]
-    names = [name_channel(row).partition(":")[2].removeprefix("+") for row in rows]
+    names = [label_channel(row).partition(":")[2].removeprefix("+") for row in rows]
     points = list(dict.fromkeys(row.point for row in rows))
     sources = [
         ("-" if sign < 0 else "")
-        + name_channel(channels[source]).partition(":")[2].removeprefix("+")
+        + label_channel(channels[source]).partition(":")[2].removeprefix("+")
         for source, sign in zip(fault.sources, fault.signs, strict=True)
     ]
     first, last = points[0], points[-1]
@@ -61,16 +61,16 @@ def _name(fault: ChannelFault, channels: Sequence[TestChannel]) -> str:
         case "swapped sensors":
             return f"sensors {first} and {last} look swapped"
         case "swapped channels":
-            return f"{' and '.join(map(name_channel, rows))} look swapped"
+            return f"{' and '.join(map(label_channel, rows))} look swapped"
         case "shifted":
             onward = channels[fault.sources[0]].point == points[1]
             neighbour = "next one" if onward else "one before"
             return f"sensors {first} to {last} look shifted: each is recorded under the number of the {neighbour}"
         case "dead":
-            return f"{name_channel(rows[0])} looks dead"
+            return f"{label_channel(rows[0])} looks dead"
         case "scaled":
             return (
-                f"{name_channel(rows[0])} looks {fault.factor:.3g} times too large"
+                f"{label_channel(rows[0])} looks {fault.factor:.3g} times too large"
                 if fault.factor > 1
-                else (f"{name_channel(rows[0])} looks {1 / fault.factor:.3g} times too small")
+                else (f"{label_channel(rows[0])} looks {1 / fault.factor:.3g} times too small")
             )

@@ -17,7 +17,7 @@ from headstock.scene.test_data.records import (
     TestChannel,
     TestData,
 )
-from headstock.scene.test_data.responses import name_channel
+from headstock.scene.test_data.responses import label_channel
 from headstock.solvers.modal_fitting.candidates import OrderPoles
 from headstock.solvers.modal_fitting.modal_model import ModalModel
 from headstock.solvers.modal_fitting.pole_fit import PoleFit, fit_poles
@@ -119,11 +119,11 @@ def _choose_references(
     channels = responses.motions if by_motion else responses.forces
 
     def fits(channel: TestChannel, name: str) -> bool:
-        return name in (channel.point, name_channel(channel))
+        return name in (channel.point, label_channel(channel))
 
     for name in references:
         if not any(fits(channel, name) for channel in channels):
-            known = ", ".join(map(name_channel, channels))
+            known = ", ".join(map(label_channel, channels))
             raise MeasurementError(f"no reference {name}; choose of {known}")
     kept = [
         number
@@ -164,7 +164,7 @@ def fit_modes(
     turned = len(used.forces) > len(used.motions)
     given = _exchange(used) if turned else used
     if not np.isfinite(given.values[0]).all(axis=1).any():
-        names = ", ".join(map(name_channel, given.forces))
+        names = ", ".join(map(label_channel, given.forces))
         raise MeasurementError(
             f"no channel was measured together with all references ({names}); leave some out"
         )

@@ -3,7 +3,7 @@
 import math
 
 from headstock.pipeline.storage.json_texts import JsonTable, JsonValue
-from headstock.scene.test_data.responses import name_channel
+from headstock.scene.test_data.responses import label_channel
 from headstock.studies.correlation.modal_fit import ModalFit
 
 
@@ -18,7 +18,7 @@ def summarise_fit(fit: ModalFit, test: str) -> JsonTable:
         "test": test,
         "errors_from": fit.source,
         "scaled": modes.scaled,
-        "channels": [name_channel(channel) for channel in modes.channels],
+        "channels": [label_channel(channel) for channel in modes.channels],
         "modes": [_summarise_mode(fit, number) for number in range(len(modes.frequencies_hz))],
         "band_hz": None
         if responses is None
@@ -26,8 +26,8 @@ def summarise_fit(fit: ModalFit, test: str) -> JsonTable:
         "responses": None
         if responses is None or fit.assurance is None
         else {
-            "motions": [name_channel(channel) for channel in responses.motions],
-            "forces": [name_channel(channel) for channel in responses.forces],
+            "motions": [label_channel(channel) for channel in responses.motions],
+            "forces": [label_channel(channel) for channel in responses.forces],
             "frac": [[_known(value) for value in row] for row in fit.assurance],
         },
         "remarks": list(fit.remarks),

@@ -259,3 +259,12 @@ def test_a_large_file_is_read_in_a_process_apart_with_the_same_numbers(tmp_path:
     np.testing.assert_array_equal(many.responses.values[:, :1], data.responses.values)
     with pytest.raises(MeasurementError, match=r"test.uff:\d+: set 3"):
         read(tmp_path, (tmp_path / "test.uff").read_bytes()[:-20])
+
+
+def test_without_pyuff_the_remedy_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(name: str) -> None:
+        raise ModuleNotFoundError(name)
+
+    monkeypatch.setattr("headstock.scene.test_data.uff.load_library", missing)
+    with pytest.raises(MeasurementError, match=r"test.uff:1: .*pip install pyuff==2\.5\.8"):
+        read(tmp_path, text_58())
