@@ -2,6 +2,7 @@
 poles (LSFD), and poles refined together with them.
 """
 
+import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -31,6 +32,7 @@ class ModalModel:
         shapes: ``(m, k)``.
         lower: ``(m, f)`` R, what stands for modes below the band.
         upper: ``(m, f)`` D, what stands for modes above it.
+        shape_deviations: ``(m, k)`` standard deviations of the parts of the shapes, for known poles.
     """
 
     poles: ComplexArray
@@ -38,6 +40,7 @@ class ModalModel:
     shapes: ComplexArray
     lower: ComplexArray
     upper: ComplexArray
+    shape_deviations: FloatArray
 
     def evaluate(self, frequencies_hz: FloatArray) -> ComplexArray:
         """Return the responses ``(l, m, f)``."""
@@ -262,12 +265,14 @@ def build_model(data: WeightedResponses, fit: ModalFit) -> ModalModel:
     """Return the modal model with its shapes and residual terms in the units of the responses."""
     motions, forces = data.measured.shape
     shapes = np.zeros((motions, len(fit.poles)), dtype=np.complex128)
+    deviations = np.full((motions, len(fit.poles)), np.nan)
     state = _solve(data, fit.poles, fit.participations)
     for block, solved in zip(data.blocks, state.blocks, strict=True):
-        factors = solved.factors[::2] + 1j * solved.factors[1::2]
-        shapes[block.motions] = (factors / data.motions[block.motions]).T
+        weights = data.motions[block.motions, None]
+        shapes[block.motions] = (solved.factors[::2] + 1j * solved.factors[1::2]).T / weights
+        deviations[block.motions] = np.sqrt(solved.inverse.diagonal()[::2]) / weights
     empty = np.zeros((motions, forces), dtype=np.complex128)
-    modal = ModalModel(fit.poles, fit.participations, shapes, empty, empty)
+    modal = ModalModel(fit.poles, fit.participations, shapes, empty, empty, deviations)
     rest = np.nan_to_num(data.values - modal.evaluate(data.frequencies_hz))
     squares = -((2.0 * np.pi * data.frequencies_hz) ** 2)
     terms = data.lines[:, None] * np.stack([np.ones_like(squares), 1.0 / squares], axis=1)
@@ -275,7 +280,7 @@ def build_model(data: WeightedResponses, fit: ModalFit) -> ModalModel:
     weighted = data.lines[:, None] * rest.reshape(len(squares), -1)
     solved_terms = np.linalg.lstsq(terms / sizes, weighted)[0] / sizes[:, None]
     upper, lower = solved_terms.reshape(2, motions, forces)
-    return ModalModel(fit.poles, fit.participations, shapes, lower, upper)
+    return dataclasses.replace(modal, lower=lower, upper=upper)
 
 
 def _solve(data: WeightedResponses, poles: ComplexArray, participations: ComplexArray) -> _State:

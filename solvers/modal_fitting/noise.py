@@ -21,29 +21,34 @@ def noise_from_neighbours(values: ComplexArray) -> FloatArray:
     lines: a smooth response has hardly any.
     """
     squares = np.abs(np.diff(values, n=3, axis=0)) ** 2 / THIRD_DIFFERENCE
-    return _level_by_line(np.concatenate([squares[:1], squares[:1], squares, squares[-1:]]))
+    padded = np.concatenate([squares[:1], squares[:1], squares, squares[-1:]])
+    return _level_by_line(padded, np.abs(values) ** 2)
 
 
 def noise_from_residuals(residuals: ComplexArray, model: ComplexArray) -> FloatArray:
-    """Return the noise of responses ``(l, m, f)`` in squares, from what a model leaves of them: one level
-    for a range of lines, and a share of the response, which is seen at resonances.
-    """
-    squares, sizes = np.abs(residuals) ** 2, np.abs(model) ** 2
-    tall = (sizes > TALL**2 * np.mean(sizes, axis=0)) & np.isfinite(squares)
-    share = float(np.median(squares[tall] / sizes[tall])) / MEDIAN if tall.any() else 0.0
-    return _level_by_line(squares) + share * sizes
+    """Return the noise of responses ``(l, m, f)`` in squares, from what a model leaves of them."""
+    return _level_by_line(np.abs(residuals) ** 2, np.abs(model) ** 2)
 
 
-def _level_by_line(squares: FloatArray) -> FloatArray:
-    """Return squares of noise as a level per line times one per pair.
+def _level_by_line(squares: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Return squares of noise as a level per line times one per pair, and a share of the size of a
+    response, which shows at resonances.
 
     A running median over lines leaves out resonances that the squares still have.
+
+    Args:
+        sizes: ``(l, m, f)`` squares of the responses.
     """
-    pairs = np.nanmedian(squares, axis=0) / MEDIAN
-    relative = squares / np.where(pairs > 0.0, pairs, 1.0)
-    middle = np.nanmedian(relative.reshape(len(squares), -1), axis=1) / MEDIAN
+    measured = np.isfinite(squares[0])
+    known, size = squares[:, measured], sizes[:, measured]
+    pairs = np.median(known, axis=0) / MEDIAN
+    middle = np.median(known / np.where(pairs > 0.0, pairs, 1.0), axis=1) / MEDIAN
     lines = scipy.ndimage.median_filter(middle, min(WINDOW, len(middle)), mode="nearest")
-    return np.asarray(lines[:, None, None] * pairs)
+    tall = size > TALL**2 * np.mean(size, axis=0)
+    share = float(np.median(known[tall] / size[tall])) / MEDIAN if tall.any() else 0.0
+    level = np.full(squares.shape, np.nan)
+    level[:, measured] = lines[:, None] * pairs + share * size
+    return level
 
 
 def separate_deviations(
@@ -56,13 +61,14 @@ def separate_deviations(
         squares: ``(l, m, f)`` mean squares of noise; nan where not measured.
         values: ``(l, m, f)`` responses, a small share of which is noise in any case.
     """
-    power = np.abs(values) ** 2
-    sizes = np.nanmean(power, axis=0)
-    relative = np.nanmean(power / np.where(sizes > 0.0, sizes, 1.0), axis=(1, 2))
-    squares = squares + LEAST_NOISE**2 * relative[:, None, None] * sizes
-    measured = np.isfinite(squares)
-    known = np.where(measured, squares, 0.0)
-    factors = [np.ones(size) for size in squares.shape]
+    measured = np.isfinite(squares) & np.isfinite(values)
+    power = np.where(measured, np.abs(values), 0.0) ** 2
+    sizes = power.mean(axis=0)
+    relative = power / np.where(sizes > 0.0, sizes, 1.0)
+    relative = relative.sum(axis=(1, 2)) / np.maximum(measured.sum(axis=(1, 2)), 1)
+    least = LEAST_NOISE**2 * relative[:, None, None] * sizes
+    known = np.where(measured, squares + least, 0.0)
+    factors: list[FloatArray] = [np.ones(size) for size in squares.shape]
     names = ("l", "m", "f")
     for _ in range(SWEEPS):
         for axis, name in enumerate(names):
@@ -72,5 +78,5 @@ def separate_deviations(
             sums = np.einsum(f"lmf,{left},{right}->{name}", known, *given, optimize=True)
             mean = sums / np.maximum(measured.sum(axis=tuple(others)), 1)
             factors[axis] = np.where(mean > 0.0, mean, 1.0)
-    lines, motions, forces = (np.sqrt(factor) for factor in factors)
+    lines, motions, forces = (np.asarray(np.sqrt(each), dtype=np.float64) for each in factors)
     return lines * np.sqrt(0.5), motions, forces

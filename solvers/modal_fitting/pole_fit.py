@@ -104,11 +104,11 @@ def fit_poles(
             candidates = _simplify(data, _Chosen(fit, candidates.clusters))
         if len(candidates.clusters) > count:
             chosen = candidates
-            data = _reweigh(data, chosen.fit, known=deviations is not None)
+            data = _reweigh(data, chosen.fit, squares, known=deviations is not None)
         elif number >= SEARCHES:
             break
     for _ in range(REWEIGHTED):
-        data = _reweigh(data, chosen.fit, known=deviations is not None)
+        data = _reweigh(data, chosen.fit, squares, known=deviations is not None)
         fit = refine(data, chosen.fit.poles, chosen.fit.participations)
         chosen = _simplify(data, _Chosen(fit, chosen.clusters))
     chosen = chosen.pick(np.argsort(np.abs(chosen.fit.poles)))
@@ -185,13 +185,20 @@ def _join(data: WeightedResponses, chosen: _Chosen, clusters: Sequence[PoleClust
     return _Chosen(fit, (*chosen.clusters, *clusters))
 
 
-def _reweigh(data: WeightedResponses, fit: ModalFit, *, known: bool) -> WeightedResponses:
-    """Return responses with weights from what a fit leaves of them, unless noise is known."""
+def _reweigh(
+    data: WeightedResponses, fit: ModalFit, squares: FloatArray, *, known: bool
+) -> WeightedResponses:
+    """Return responses with weights from what a fit leaves of them, unless noise is known.
+
+    Args:
+        squares: ``(l, m, f)`` of noise as neighbouring lines have it. A mode that is missing makes the
+            one estimate too large, a mode that is narrow the other: the smaller counts.
+    """
     if known:
         return data
     model = build_model(data, fit).evaluate(data.frequencies_hz)
-    squares = noise_from_residuals(data.values - model, model)
-    return _weigh(data.frequencies_hz, data.values, squares)
+    rest = noise_from_residuals(data.values - model, model)
+    return _weigh(data.frequencies_hz, data.values, np.minimum(rest, squares))
 
 
 def _weigh(

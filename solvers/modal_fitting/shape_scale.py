@@ -42,15 +42,29 @@ def scale_shapes(
     motions, forces, signs = (np.array(each) for each in zip(*driving_points, strict=True))
     moved = signs[:, None] * model.shapes[motions]
     excited = model.participations[forces]
-    products = np.sum(moved.conj() * excited, axis=0)
-    sizes = np.sum(np.abs(moved) ** 2, axis=0)
-    squares = 2j * model.poles.imag * products / np.where(sizes > 0.0, sizes, 1.0)
-    scaled = model.shapes * np.sqrt(squares)
-    both = sizes * np.sum(np.abs(excited) ** 2, axis=0)
+    # participations come from all motions, the shape at a driving point from one response: it has
+    # the noise, and is what is regressed
+    products = np.sum(excited.conj() * moved, axis=0)
+    sizes = np.sum(np.abs(excited) ** 2, axis=0)
+    ratios = np.where(products == 0.0, np.inf, products)
+    scaled = model.shapes * np.sqrt(2j * model.poles.imag * sizes / ratios)
+    both = sizes * np.sum(np.abs(moved) ** 2, axis=0)
     agreement = np.abs(products) ** 2 / np.where(both > 0.0, both, 1.0)
     if len(driving_points) == 1:
         agreement = np.full(len(model.poles), np.nan)
     return _turn_up(scaled), agreement
+
+
+def scale_deviations(
+    model: ModalModel, driving_points: Sequence[tuple[int, int, float]]
+) -> FloatArray:
+    """Return relative standard deviations ``(k,)`` of the scales of ``scale_shapes``, from noise at
+    driving points.
+    """
+    motions, forces, _ = (np.array(each) for each in zip(*driving_points, strict=True))
+    excited, moved = np.abs(model.participations[forces]), np.abs(model.shapes[motions])
+    noise = np.linalg.norm(excited * model.shape_deviations[motions], axis=0)
+    return np.asarray(0.5 * noise / np.maximum(np.sum(excited * moved, axis=0), 1e-300))
 
 
 def unit_shapes(shapes: ComplexArray) -> ComplexArray:

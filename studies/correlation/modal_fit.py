@@ -24,6 +24,7 @@ from headstock.solvers.modal_fitting.pole_fit import PoleFit, fit_poles
 from headstock.solvers.modal_fitting.shape_scale import (
     one_shape_shares,
     phase_collinearity,
+    scale_deviations,
     scale_shapes,
     unit_shapes,
 )
@@ -34,6 +35,7 @@ ORDER, LEAST_ORDER = 60, 4
 LEAST_LINES = 20
 COVERAGE = 1.96  # standard deviations behind ±: 95 %
 SAME_DIRECTION = 0.999  # cosine from which motion and force at a point are along one line
+DOUBTFUL_SCALE = 0.1  # ± of the scale of a mode from where it is said
 AGREEING = 0.8  # share of residues at driving points that one scale explains
 IntArray = NDArray[np.int64]
 Source = Literal["file", "noise", "residuals"]
@@ -181,11 +183,13 @@ def fit_modes(
         poles=found.model.poles[kept],
         participations=found.model.participations[:, kept],
         shapes=found.model.shapes[:, kept],
+        shape_deviations=found.model.shape_deviations[:, kept],
     )
     pairs = _driving_points(given)
-    agreement = np.full(len(kept), np.nan)
+    agreement = scale_errors = np.full(len(kept), np.nan)
     if pairs:
         shapes, agreement = scale_shapes(model, pairs)
+        scale_errors = COVERAGE * scale_deviations(model, pairs)
     else:
         shapes = unit_shapes(model.shapes)
     modes = MeasuredModes(
@@ -210,7 +214,7 @@ def fit_modes(
         responses=used,
         synthesised=synthesised,
         assurance=response_assurance(used.values, synthesised),
-        remarks=tuple(_remarks(modes, given, agreement, turned=turned)),
+        remarks=tuple(_remarks(modes, given, agreement, scale_errors, turned=turned)),
     )
 
 
@@ -305,19 +309,24 @@ def _pole_errors(found: PoleFit, kept: IntArray) -> tuple[FloatArray, FloatArray
 
 
 def _remarks(
-    modes: MeasuredModes, responses: MeasuredResponses, agreement: FloatArray, *, turned: bool
+    modes: MeasuredModes,
+    responses: MeasuredResponses,
+    agreement: FloatArray,
+    scale_errors: FloatArray,
+    *,
+    turned: bool,
 ) -> Iterator[str]:
     """Say what a reader of the modes must know."""
     if turned:
         yield "fewer motions than forces: by reciprocity, shapes are those at the forces"
     if not modes.scaled:
         yield "no driving point: shapes have no scale, their largest motion is 1"
-    for number, share in enumerate(agreement):
+    for number, (share, error) in enumerate(zip(agreement, scale_errors, strict=True)):
+        head = f"mode {number + 1} at {modes.frequencies_hz[number]:.4g} Hz"
         if share < AGREEING:
-            yield (
-                f"mode {number + 1} at {modes.frequencies_hz[number]:.4g} Hz: driving points agree to "
-                f"{100.0 * share:.0f} % only, its scale is doubtful"
-            )
+            yield f"{head}: driving points agree to {100.0 * share:.0f} %, its scale is doubtful"
+        elif error > DOUBTFUL_SCALE:
+            yield f"{head} hardly moves the driving points: its scale is known to ± {error:.0%}"
     spacing = float(np.median(np.diff(responses.frequencies_hz)))
     for number, hz in enumerate(modes.frequencies_hz):
         width = 2.0 * float(modes.damping[number]) * float(hz)
