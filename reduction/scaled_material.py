@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 
@@ -90,7 +91,7 @@ def _scale_errors(
         "shape_mass": heavier,
         "left_out_mass": heavier,
     }
-    matrices = {
+    matrices: dict[str, Any] = {
         name: _scale_matrix(values, factor, norm)
         for name, factor in factors.items()
         if (values := getattr(errors, name)) is not None

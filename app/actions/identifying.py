@@ -66,6 +66,10 @@ def _print_task(task: IdentificationTask) -> None:
         f"{task.name}  ({text}{f', {held} held out' if held else ''})", style="bold", markup=False
     )
 
+    for target in (target for case in task.cases for target in case.compliances):
+        if target.record is not None and not target.hold_out:
+            make_console().print(f"{target.name}: line of {target.record}", markup=False)
+
 
 def _print_cost(problem: FitProblem) -> None:
     """Say which components are meshed anew, as this is what a fit then takes its time for."""

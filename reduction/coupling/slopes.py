@@ -8,6 +8,7 @@ dofs, before any coordinate is eliminated: they are smooth functions of every di
 and place in the scene, which coordinates and mode shapes are not.
 """
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,6 +34,7 @@ from headstock.solvers.errors import ModelError
 from headstock.solvers.second_order import ComplexArray
 
 CONSISTENCY_LIMIT = 1e-6
+NOTHING = np.zeros((1, 1))
 Term = Literal["stiffness", "damping", "loss", "mass"]
 TERMS: tuple[Term, ...] = ("stiffness", "damping", "loss", "mass")
 
@@ -132,22 +134,38 @@ def difference_pieces(pairs: Sequence[tuple[StackedPieces, StackedPieces, float]
     ) -> dict[str, FloatArray]:
         tables = [(pick(after), pick(before), weight) for after, before, weight in pairs]
         names = dict.fromkeys(name for *both, _ in tables for table in both for name in table)
+        zero = np.zeros(())  # a part without damping has no matrix
         return {
-            # a part without damping has no matrix
             name: np.sum(
-                [w * (after.get(name, 0.0) - before.get(name, 0.0)) for after, before, w in tables],
+                np.array([w * (a.get(name, zero) - b.get(name, zero)) for a, b, w in tables]),
                 axis=0,
             )
             for name in names
         }
 
+    def subtract_terms(
+        pick: Callable[[StackedPieces], Mapping[Term, Mapping[str, FloatArray]]],
+    ) -> dict[Term, dict[str, FloatArray]]:
+        return {
+            term: subtract(functools.partial(_pick_term, pick=pick, term=term)) for term in TERMS
+        }
+
     return StackedPieces(
-        bodies={term: subtract(lambda part, t=term: part.bodies.get(t, {})) for term in TERMS},
-        joints={term: subtract(lambda part, t=term: part.joints.get(t, {})) for term in TERMS},
+        bodies=subtract_terms(lambda part: part.bodies),
+        joints=subtract_terms(lambda part: part.joints),
         rows=subtract(lambda part: part.rows),
         constraints=subtract(lambda part: part.constraints),
         observers=subtract(lambda part: part.observers),
     )
+
+
+def _pick_term(
+    part: StackedPieces,
+    *,
+    pick: Callable[[StackedPieces], Mapping[Term, Mapping[str, FloatArray]]],
+    term: Term,
+) -> Mapping[str, FloatArray]:
+    return pick(part).get(term, {})
 
 
 def _observer_rows(layout: DofLayout, machine: Machine, name: str) -> FloatArray:
@@ -227,9 +245,10 @@ class CoupledSlopes:
             if matrix.any():
                 rows = self.pieces.rows[name]
                 forces += rows.T @ (matrix @ (rows @ motions))
+        acting = self.pieces.joints.get(term, {})
         for name, change in slope.rows.items():
-            matrix = self.pieces.joints.get(term, {}).get(name)
-            if matrix is not None and change.any() and matrix.any():
+            matrix = acting.get(name, NOTHING)
+            if change.any() and matrix.any():
                 rows = self.pieces.rows[name]
                 # a spring is R^T k R: product rule in R, of which a moved joint changes the rows
                 forces += rows.T @ (matrix @ (change @ motions)) + change.T @ (

@@ -173,7 +173,7 @@ class CaseState:
         """Return the derivatives of what ``receptances`` returns."""
         by_motion, by_force = (
             self.coupled.basis
-            @ np.column_stack([self._answer(hz)[:, self._channels[end]] for hz in frequencies_hz])
+            @ np.array([self._answer(hz)[:, self._channels[end]] for hz in frequencies_hz]).T
             for end in (motion, force)
         )
         poles = 2j * np.pi * np.array(frequencies_hz)
@@ -191,9 +191,7 @@ class CaseState:
     @cached_property
     def _channels(self) -> dict[ObservedDof, int]:
         """Columns of the answers by channel."""
-        case = self.model.case
-        targets = [*case.compliances, *case.responses]
-        ends = [end for target in targets for end in (target.motion, target.force)]
+        ends = [end for pair in self.model.case.ends for end in pair]
         return {end: column for column, end in enumerate(dict.fromkeys(ends))}
 
     def _answer(self, hz: float) -> ComplexArray:
@@ -202,11 +200,11 @@ class CaseState:
             inputs = self.coupled.system.inputs
             loads = np.column_stack([inputs[name, DOF_NAMES[dof]] for name, dof in self._channels])
             if hz == 0.0:
-                answer = solve_machine_static(self.coupled, loads).displacements
+                resting = solve_machine_static(self.coupled, loads).displacements
+                self._answers[hz] = resting.astype(np.complex128)
             else:
                 dynamic = self.system.dynamic_stiffness(2j * np.pi * hz)
-                answer = np.linalg.solve(dynamic, loads)
-            self._answers[hz] = answer.astype(np.complex128)
+                self._answers[hz] = np.linalg.solve(dynamic, loads)
         return self._answers[hz]
 
     @cached_property
@@ -247,8 +245,7 @@ def make_case(
         parametric: The variant as a function of the parameters.
     """
     watched = {name for target in case.modes if target.shape for name, _, _ in target.shape.entries}
-    pairs = [*case.compliances, *case.responses]
-    watched |= {channel.observer for pair in pairs for channel in (pair.motion, pair.force)}
+    watched |= {channel.observer for pair in case.ends for channel in pair}
     return CaseModel(case, parametric, pose, parameters, tuple(sorted(watched)))
 
 

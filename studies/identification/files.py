@@ -2,6 +2,7 @@
 the scene.
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import cast
@@ -75,6 +76,12 @@ def summarise_identification(found: Identification) -> JsonTable:
             if abs(correlations[i, j]) >= CORRELATION_SHOWN
         ],
         "targets": [_summarise_outcome(item) for item in found.outcomes],
+        "records": {
+            target.name: dataclasses.asdict(target.record)
+            for model in found.problem.cases
+            for target in model.case.compliances
+            if target.record is not None and not target.hold_out
+        },
         "extra_modes_hz": {name: list(values) for name, values in found.extra_hz.items()},
         "left_out_shapes": list(found.left_out),
         "noise_over_tolerance": statistics.noise.factor,

@@ -180,7 +180,9 @@ def _observe_compliance(state: CaseState, target: ComplianceTarget) -> Observati
         sigma=target.sigma,
         residuals=np.array([gap]),
         find_slopes=partial(
-            _spread_slopes, state, lambda slope: state.slope_receptances(*ends, slope).real / scale
+            _spread_slopes,
+            state,
+            lambda slope: float(state.slope_receptances(*ends, slope)[0].real) / scale,
         ),
         hold_out=target.hold_out,
     )

@@ -78,7 +78,9 @@ class _ParametricJoint:
             ParameterValueError: A stiffness or damping is negative.
         """
         written = self.written
-        matrices = {"stiffness": written.stiffness.copy(), "damping": written.damping.copy()}
+        matrices: dict[str, Any] = {
+            name: getattr(written, name).copy() for name in ("stiffness", "damping")
+        }
         point = None if written.point is None else written.point.copy()
         changed: dict[str, Any] = {}
         layer = {} if written.layer is None else dataclasses.asdict(written.layer)
@@ -460,7 +462,7 @@ def _find_touched(
         springs_only=not parts
         and all(law.key[2] in SPRING_KEYS for law in itertools.chain(*links.values()))
         # the stiffness of screws and layers is not in the six directions of a joint
-        and all(joints[name].written.screw is joints[name].written.layer is None for name in links),
+        and all(not (joints[name].written.screw or joints[name].written.layer) for name in links),
         matrices=not all(map(moves, itertools.chain(*parts.values()))),
         meshed=tuple(name for name in elastic if any(map(_reshapes, parts[name]))),
     )

@@ -254,11 +254,11 @@ def _find_quantiles(
         uncertain += share**2 / max(freedom, 1.0)
     variances = np.diag(covariance)
     usable = np.isfinite(variances) & (uncertain > 0.0)
-    freedom = np.full(len(gain), np.inf)
-    freedom[usable] = variances[usable] ** 2 / uncertain[usable]
+    freedoms = np.full(len(gain), np.inf)
+    freedoms[usable] = variances[usable] ** 2 / uncertain[usable]
     return np.where(
-        np.isfinite(freedom),
-        t.ppf(0.5 + CONFIDENCE / 2.0, np.where(np.isfinite(freedom), freedom, 1.0)),
+        np.isfinite(freedoms),
+        t.ppf(0.5 + CONFIDENCE / 2.0, np.where(np.isfinite(freedoms), freedoms, 1.0)),
         norm.ppf(0.5 + CONFIDENCE / 2.0),
     )
 

@@ -21,6 +21,7 @@ from headstock.scene.reading.units import COMPLIANCE, FREQUENCY, RATIO, Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.validation import validate_against
 from headstock.studies.identification.parameters import read_parameters
+from headstock.studies.identification.records import fit_line
 from headstock.studies.identification.targets import (
     CaseTable,
     ComplianceTarget,
@@ -44,6 +45,7 @@ DEFAULT_TOLERANCE = 0.01
 DESCRIBED_TOLERANCE = 0.3
 VECTOR_TOLERANCE = 0.1
 LIMIT_TOLERANCE = 0.01
+LEAST_ERROR = 1e-3  # of the line through a record: no gauge is better
 DAMPING_TOLERANCE = 0.1
 RESPONSE_TOLERANCE = 0.1
 DAMPING = "damping"
@@ -134,15 +136,27 @@ def _read_compliances(
         _check_place((*key, "point"), entry.point, scene, findings, entry.motion)
         force = (*key, "point" if entry.force_at is None else "force_at")
         _check_place(force, entry.force_at or entry.point, scene, findings, entry.force)
+        record, value = None, entry.value
+        if entry.record is not None:
+            try:
+                record = fit_line(entry.record)
+            except ValueError as error:
+                findings.add((*key, "record"), str(error))
+                continue
+            value = record.compliance
+        if value is None:
+            continue  # the schema reports it
+        own_spread = spread if record is None else max(record.error, LEAST_ERROR)
         yield ComplianceTarget(
             name=f"{case} {entry.point} d{entry.motion}/F{entry.force}"
             + (f" at {entry.force_at}" if entry.force_at else ""),
             motion=ObservedDof(entry.point, "xyz".index(entry.motion)),
             force=ObservedDof(entry.force_at or entry.point, "xyz".index(entry.force)),
-            value=entry.value,
-            sigma=(_relative(entry.tolerance, entry.value) or spread) / entry.weight**0.5,
+            value=value,
+            sigma=(_relative(entry.tolerance, value) or own_spread) / entry.weight**0.5,
             either_sign=entry.either_sign,
             hold_out=entry.hold_out or table.hold_out,
+            record=record,
         )
 
 
@@ -407,8 +421,7 @@ def load_targets(
     parameters = read_parameters(table, [*scenes.values()] or [written], findings)
     _check_amount(cases, parameters, findings)
     findings.raise_if_any()
-    targets = [target for case in cases for target in (*case.compliances, *case.responses)]
-    forces = {target.force.observer for target in targets}
+    forces = {force.observer for case in cases for _, force in case.ends}
     loaded = {
         key: dataclasses.replace(one, machine=load_places(one.machine, forces))
         for key, one in scenes.items()

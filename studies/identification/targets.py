@@ -20,8 +20,10 @@ from headstock.scene.schema.types import (
     Count,
     CountFromZero,
     Flag,
+    Force,
     InUnits,
     JsonForm,
+    Length,
     Name,
     Names,
     Number,
@@ -35,6 +37,7 @@ from headstock.scene.schema.types import (
     read_quantity,
 )
 from headstock.solvers.second_order import ComplexArray
+from headstock.studies.identification.records import LineFit
 
 MAX_STARTS = 4096
 Measured = Annotated[Quantity, QuantityOf((units.FREQUENCY, COMPLIANCE))]
@@ -163,10 +166,14 @@ class _ComplianceTargetTable(StrictTable):
     """direction of the force"""
     force_at: Text | None = None
     """where the force acts; default: the same point"""
-    value: Compliance
+    value: Compliance | None = None
     """motion per force"""
+    record: Annotated[list[tuple[Force, Length]], Field(min_length=3, max_length=10_000)] | None = (
+        None
+    )
+    """in place of `value`: measured forces and displacements, `["100 N", "15 um"]` each, in their order; a line is fitted"""
     tolerance: ComplianceSpread | None = None
-    """its standard deviation"""
+    """its standard deviation; of a record the standard error of its line"""
     weight: PositiveNumber = 1.0
     """multiplies the squared residual"""
     either_sign: Flag = False
@@ -175,6 +182,8 @@ class _ComplianceTargetTable(StrictTable):
     """compared, but not fitted"""
 
     def _faults(self) -> Iterator[str]:
+        if (self.value is None) == (self.record is None):
+            yield 'needs either value = "66 um/kN" or a record'
         if self.value == 0.0:
             yield "is zero; leave an entry that should vanish out, or give what was measured"
 
@@ -445,6 +454,7 @@ class ComplianceTarget:
         sigma: Standard deviation relative to the value, weight counted.
         either_sign: Only its size was measured.
         hold_out: Predicted, not fitted.
+        record: The line through a record of forces and displacements that it comes from.
     """
 
     name: str
@@ -454,6 +464,7 @@ class ComplianceTarget:
     sigma: float
     either_sign: bool = False
     hold_out: bool = False
+    record: LineFit | None = None
 
     @property
     def logarithmic(self) -> bool:
@@ -521,6 +532,14 @@ class TargetCase:
     scene: str = ""
 
     @property
+    def ends(self) -> list[tuple[ObservedDof, ObservedDof]]:
+        """Motion and force of compliances and responses."""
+        return [
+            *((target.motion, target.force) for target in self.compliances),
+            *((target.motion, target.force) for target in self.responses),
+        ]
+
+    @property
     def machine(self) -> MachineKey:
         """Which machine it was measured on."""
         return self.scene, self.variant
@@ -543,7 +562,8 @@ class TargetCase:
         """Of each target, modes first: whether it is predicted and not fitted."""
         return (
             *(target.hold_out for target in self.modes),
-            *(target.hold_out for target in (*self.compliances, *self.responses)),
+            *(target.hold_out for target in self.compliances),
+            *(target.hold_out for target in self.responses),
         )
 
 

@@ -143,8 +143,8 @@ def test_a_measured_response_gives_stiffness_and_damping(block: Shell) -> None:
     omega = 2.0 * np.pi * np.array([6.0, 9.5, 10.5, 14.0])
     values = 1e9 / (4.4e6 * (1.0 + 0.02j) - 1000.0 * omega**2 + 1j * omega * 3e3)
     lines = [
-        f'["{hz!r} Hz", "{value.real!r} um/kN", "{value.imag!r} um/kN"]'
-        for hz, value in zip((omega / 2.0 / np.pi).tolist(), values.tolist(), strict=True)
+        f'["{hz:.15g} Hz", "{value.real:.15g} um/kN", "{value.imag:.15g} um/kN"]'
+        for hz, value in zip(omega / 2.0 / np.pi, values, strict=True)
     ]
     response = f'{{ point = "tcp", motion = "x", force = "x", lines = [{", ".join(lines)}] }}'
     found = identify(block, f"[cases.a]\nresponses = [{response}]\n", DAMPINGS, parameter("x"))
@@ -315,3 +315,29 @@ kind = "spring"
 at = ["0 mm", "400 mm", "500 mm"]
 stiffness = { z = "8 N/um" }
 [joints.feet]"""
+
+
+def test_a_record_of_forces_and_displacements_is_a_compliance_with_its_hysteresis(
+    block: Shell,
+) -> None:
+    """Up and down along lines of 50 um/kN that lie 1 um apart: a parallelogram."""
+    up = [(force, 50.0 * force / 1e3) for force in (0.0, 100.0, 200.0, 300.0, 400.0)]
+    down = [(force, motion + 1.0) for force, motion in reversed(up)]
+    record = ", ".join(f'["{force} N", "{motion} um"]' for force, motion in (*up, *down))
+    target = f'{{ point = "tcp", motion = "z", force = "z", record = [{record}] }}'
+    text = f"[cases.a]\ncompliances = [{target}]\n" + parameter("z")
+    block.write(text, name="targets")
+    printed = block.prints(IDENTIFY)
+    found = block.json("out/identification.json")
+    assert found["parameters"]["z"]["value"] == approx(20.0, rel=1e-6)
+    line = found["records"]["a tcp dz/Fz"]
+    assert line["residual"] == approx(0.5e-6)
+    assert line["hysteresis"] == approx(400.0 * 1.0 / (400.0 * 21.0))
+    # ten points half a micrometre off the line
+    error = np.sqrt(10 * 0.5**2 / 8 / (2 * 1e5)) / 0.05
+    assert line["error"] == approx(error)
+    assert "a tcp dz/Fz: line of 50 um/kN" in printed
+    reach = np.log(found["parameters"]["z"]["high_95"] / found["parameters"]["z"]["low_95"])
+    assert reach == approx(2 * 1.959964 * error, rel=1e-4)
+    block.write(text.replace("record =", 'value = "50 um/kN", record ='), name="targets")
+    assert "needs either value" in block.refuses(IDENTIFY)

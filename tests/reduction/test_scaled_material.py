@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from common import make_box, make_component
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Load, Patch
 from headstock.reduction.scaled_material import scale_material
 from headstock.reduction.superelement import Superelement
@@ -39,7 +40,7 @@ def case(request: pytest.FixtureRequest) -> Case:
     return made[0], made[1], request.param
 
 
-def gather(element: Superelement, signs: np.ndarray) -> dict[str, np.ndarray]:
+def gather(element: Superelement, signs: FloatArray) -> dict[str, FloatArray]:
     """Everything that depends on the material, modal dofs with given signs."""
     errors, recovery = element.errors, element.recovery
     assert errors.truncation is not None and errors.missing_energy is not None
