@@ -324,12 +324,12 @@ def _print_models(models: Mapping[str, Evidence]) -> None:
 
 
 def _print_suggested(suggested: Sequence[Candidate]) -> None:
-    """Name the measurements that would tell what the data do not."""
+    """Name further measurements that would determine what the data leave open."""
     if suggested:
         table = make_table("further measurement", ">gain", ">weakest combination")
         for one in suggested:
             add_row(table, one.name, f"{one.bits:.1f} bit", f"{100.0 * one.spread:.0f} %")
-        title = "What would tell more (weakest combination: its spread over that of now)"
+        title = "Suggested measurements (weakest combination: its spread over that of now)"
         print_table(make_console(), title, table)
 
 

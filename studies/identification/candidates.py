@@ -1,4 +1,4 @@
-"""Which further measurement, or which added mass, would tell what the data of a fit leave open."""
+"""Further measurements, and added masses, that would determine what the data of a fit leave open."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -41,7 +41,7 @@ class Candidate:
 
 
 def suggest_measurements(found: Identification) -> tuple[Candidate, ...]:
-    """Return the measurements that would tell most, the best first.
+    """Return the measurements with the largest gain of information, the best first.
 
     The gain is that of the linearised fit, in which parameters spread evenly between their bounds
     where they have no prior.

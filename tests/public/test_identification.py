@@ -286,7 +286,7 @@ def test_other_models_are_ranked_by_evidence(block: Shell) -> None:
     assert order == sorted(order)
 
 
-def test_measurements_are_suggested_that_tell_what_the_data_leave_open(block: Shell) -> None:
+def test_measurements_are_suggested_for_what_the_data_leave_open(block: Shell) -> None:
     """Two springs along z of which the frequency shows the sum: what presses on one alone tells."""
     block.change(
         ("[joints.feet]", BOLTED),
@@ -305,7 +305,7 @@ def test_measurements_are_suggested_that_tell_what_the_data_leave_open(block: Sh
     suggested = block.json("out/identification.json")["suggested"]
     assert suggested[0]["name"].startswith("a: ")
     assert suggested[0]["spread"] < 0.5 and suggested[0]["bits"] > 1.0
-    assert "What would tell more" in printed
+    assert "Suggested measurements" in printed
 
 
 # beside the feet, half a metre off the middle: it resists rotation too
