@@ -20,6 +20,7 @@ from headstock.validation.machines import (
     flexible_cases,
     identification_cases,
     machine_cases,
+    modal_test_cases,
     model_choice_cases,
     model_estimate_cases,
     path_cases,
@@ -237,6 +238,13 @@ CASES: tuple[Case, ...] = (
     ),
     _alone("response-estimates", "estimates", response_estimate_cases.check_response_estimates),
     Case("known-stiffnesses", "identification", identification_cases.check_identification),
+    _alone("modal-test", "identification", modal_test_cases.check_modal_test, on_request=True),
+    _alone(
+        "modal-test-smoke",
+        "identification",
+        functools.partial(modal_test_cases.check_modal_test, 1),
+        rows_of="modal-test",
+    ),
     _alone("rail-bases", "guideways", rail_bases.check_rail_bases),
     _alone(
         "flexible-interfaces",
