@@ -27,7 +27,7 @@ class MeshQuality:
         worst_face: ``face:N`` that it lies at; empty where it lies at none, or faces have no
             numbers.
         flatness: ``L^6 / t^4`` of second-order tets of length L that alone fill a wall of thickness
-            t, mean over the volume [m^2].
+            t, mean over the volume, slivers left out [m^2].
         flat_size: Median length of those [m], 0 where there are none.
         flat_thickness: Median thickness of their walls [m].
         remarks: What was done to mesh small features.

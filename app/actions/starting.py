@@ -34,7 +34,9 @@ from headstock.scene.building.loader import load_scene
 
 PART_NAME = "part"
 TRIAL_SECONDS = 8.0  # of processor time; most parts that cannot be meshed show it sooner
+READING_SHARE = 0.5  # of these: a part whose faces take longer to list is not meshed in the rest
 
+UNTRIED = "whether it succeeds is seen when it runs"
 SCHEMA = "scene.schema.json"  # as the first line of a scene names it for editors
 SCENE = """\
 #:schema ./scene.schema.json
@@ -111,6 +113,7 @@ def new_command(options: NewOptions) -> int:
         )
     files: list[Path] = []
     choice = None
+    before = _child_seconds()
     if options.part is None:
         text, doubt = _box_scene(folder), None
     else:
@@ -136,7 +139,10 @@ def new_command(options: NewOptions) -> int:
     scene = folder / _scene_name(folder)
     if choice is not None:
         console.print(choice, markup=False)
-        _try_mesh(scene)
+        if _child_seconds() - before < READING_SHARE * TRIAL_SECONDS:
+            _try_mesh(scene)
+        else:
+            console.print(f"listing its faces took long, and no mesh was tried: {UNTRIED}")
     # as the reader types it: the launcher says how it was called
     command = shlex.quote(os.environ.get("HEADSTOCK_COMMAND", "headstock"))
     console.print(
@@ -145,6 +151,12 @@ def new_command(options: NewOptions) -> int:
         soft_wrap=True,
     )
     return DONE
+
+
+def _child_seconds() -> float:
+    """Return the processor time of processes that have ended, such as those that read files [s]."""
+    spent = os.times()
+    return spent.children_user + spent.children_system
 
 
 def _name_guess(options: NewOptions, survey: CadSurvey) -> str | None:
@@ -171,7 +183,8 @@ def _try_mesh(path: Path) -> None:
         mesh_component(component, time_limit=TRIAL_SECONDS)
     except MeshTimeError:
         make_console().print(
-            f"meshing takes more than {TRIAL_SECONDS:g} s of processor time: whether it succeeds is seen when it runs"
+            f"meshing takes more than {TRIAL_SECONDS:g} s of processor time: {UNTRIED}",
+            markup=False,
         )
     except MeshError as error:
         raise MeshError(

@@ -51,6 +51,9 @@ from headstock.meshing.errors import MeshError, MeshQualityError, PatchError
 from headstock.meshing.files.patches import available_names, select_facets, set_nodes
 from headstock.meshing.process.job import MeshData
 
+# of the volume of tets that fill walls alone: a thinner wall is none, but slivers in thicker ones
+SLIVERS = 0.01
+SAME_WALL = 0.9  # of a thickness
 QUALITY_FLOOR = 1e-3
 CAD_TOLERANCE = 1e-3
 # of the kernel's volume of a part with spline faces: 0.2 % for a cylinder of two
@@ -140,7 +143,9 @@ def _rate_cells(
     worst, poor = int(np.argmin(shapes)), cells[shapes < POOR_QUALITY]
     a, b, c = (points[cells[flat.cells, k]] - points[cells[flat.cells, 0]] for k in (1, 2, 3))
     sizes = np.abs(np.einsum("ci,ci->c", a, np.cross(b, c))) / 6.0  # edges taken as straight
-    bent = float(sizes @ (flat.lengths**6 / flat.thickness**4)) / volume
+    walls = flat.thickness >= _thinnest_wall(flat.thickness, sizes)
+    slopes = flat.lengths[walls] ** 6 / flat.thickness[walls] ** 4
+    bent = float(sizes[walls] @ slopes) / volume
     share = mesh_volume(points, poor, kind) / mesh_volume(points, cells, kind) if len(poor) else 0.0
     return MeshQuality(
         float(shapes[worst]),
@@ -186,6 +191,20 @@ def find_patch_faults(data: MeshData, component: Component, groups: Groups) -> l
         except PatchError as error:
             faults.append(error)
     return faults
+
+
+def _thinnest_wall(thickness: FloatArray, sizes: FloatArray) -> float:
+    """Return the thickness below which tets are slivers [m].
+
+    Args:
+        thickness: Of the walls that tets fill, ``(n,)`` [m].
+        sizes: Their volumes, ``(n,)`` [m^3].
+    """
+    if not len(sizes):
+        return 0.0
+    order = np.argsort(thickness)
+    volumes = np.cumsum(sizes[order])
+    return SAME_WALL * float(thickness[order][np.searchsorted(volumes, SLIVERS * volumes[-1])])
 
 
 def _find_flat_tets(points: FloatArray, cells: IntArray, kind: CellKind) -> FlatTets:

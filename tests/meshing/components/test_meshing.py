@@ -358,3 +358,10 @@ def test_patches_that_all_but_touch_an_edge_are_named_as_the_cause() -> None:
         mesh_part(
             COLUMN, {"pad": Patch("z+", "rect", (0.0, 0.0, 0.0), (0.1 - 2e-6, 0.02))}, size=0.02
         )
+
+
+def test_slivers_of_a_hollow_column_are_no_walls_thinner_than_its_own() -> None:
+    column = HollowColumn((0.4, 0.38, 1.16), 0.022, 0.025, 0.012, ribs_z=3)
+    quality = mesh_part(column, size=0.06).quality
+    thinnest = 0.012
+    assert 0.0 < quality.flatness < quality.flat_size**6 / thinnest**4
