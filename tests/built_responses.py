@@ -36,6 +36,11 @@ class KnownModes:
         return np.asarray(np.einsum("lk,mk,fk->lmf", 1.0 / denominators, *given))
 
 
+def space_lines(low: float, high: float, count: int) -> FloatArray:
+    """Return frequencies ``(count,)`` of equal distance [Hz]."""
+    return np.asarray(np.linspace(low, high, count), dtype=np.float64)
+
+
 def draw_modes(
     seed: int, count: int = 9, *, motions: int = 20, close: bool = False, most_hz: float = 285.0
 ) -> KnownModes:
@@ -60,7 +65,7 @@ def measure(
     modes: KnownModes, *, noise: float, seed: int, forces: int = 3, lines: int = 600
 ) -> MeasuredResponses:
     """Return responses from 20 to 300 Hz; force ``i`` acts at point ``i``."""
-    hz = np.linspace(20.0, 300.0, lines)
+    hz = space_lines(20.0, 300.0, lines)
     channels = tuple(
         TestChannel(str(number + 1), (0.0, 0.0, 1.0)) for number in range(len(modes.shapes))
     )

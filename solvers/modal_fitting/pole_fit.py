@@ -204,8 +204,10 @@ def _reweigh(
 def _weigh(
     frequencies_hz: FloatArray, values: ComplexArray, squares: FloatArray
 ) -> WeightedResponses:
-    lines, motions, forces = separate_deviations(squares, values)
-    return WeightedResponses(frequencies_hz, values, 1.0 / lines, 1.0 / motions, 1.0 / forces)
+    lines, motions, forces = (
+        np.asarray(1.0 / each, dtype=np.float64) for each in separate_deviations(squares, values)
+    )
+    return WeightedResponses(frequencies_hz, values, lines, motions, forces)
 
 
 def _least_gain(data: WeightedResponses, fit: ModalFit) -> float:

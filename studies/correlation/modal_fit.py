@@ -136,7 +136,8 @@ def _choose_references(
     axis, deviations = 1 if by_motion else 2, responses.deviations
     return dataclasses.replace(
         responses,
-        **({"motions": some} if by_motion else {"forces": some}),
+        motions=some if by_motion else responses.motions,
+        forces=responses.forces if by_motion else some,
         values=responses.values.take(kept, axis),
         deviations=None if deviations is None else deviations.take(kept, axis),
     )
@@ -186,12 +187,14 @@ def fit_modes(
         shape_deviations=found.model.shape_deviations[:, kept],
     )
     pairs = _driving_points(given)
-    agreement = scale_errors = np.full(len(kept), np.nan)
+    agreement: FloatArray = np.full(len(kept), np.nan)
+    scale_errors = agreement
     if pairs:
-        shapes, agreement = scale_shapes(model, pairs)
-        scale_errors = COVERAGE * scale_deviations(model, pairs)
+        found_shapes, agreement = scale_shapes(model, pairs)
+        scale_errors = np.asarray(COVERAGE * scale_deviations(model, pairs), dtype=np.float64)
     else:
-        shapes = unit_shapes(model.shapes)
+        found_shapes = unit_shapes(model.shapes)
+    shapes = np.asarray(found_shapes, dtype=np.complex128)
     modes = MeasuredModes(
         np.abs(model.poles) / (2.0 * np.pi),
         damping_ratios(model.poles),
@@ -199,7 +202,7 @@ def fit_modes(
         shapes,
         scaled=bool(pairs),
     )
-    fitted = found.model.evaluate(given.frequencies_hz)
+    fitted = np.asarray(found.model.evaluate(given.frequencies_hz), dtype=np.complex128)
     synthesised = fitted.transpose(0, 2, 1) if turned else fitted
     frequency_errors, damping_errors = _pole_errors(found, kept)
     return ModalFit(
@@ -240,7 +243,7 @@ def _choose_lines(
     """
     low, high = band or (0.0, np.inf)
     hz, measured = responses.frequencies_hz, np.isfinite(responses.values)
-    pairs = measured.any(axis=0)
+    pairs: NDArray[np.bool_] = np.any(measured, axis=0)
     lines = (hz > 0.0) & (hz >= low) & (hz <= high) & (measured | ~pairs).all(axis=(1, 2))
     if lines.sum() < LEAST_LINES:
         ends = f"from {hz[0]:g} to {hz[-1]:g} Hz" if len(hz) else "empty"

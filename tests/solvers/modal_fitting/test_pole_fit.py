@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from built_responses import KnownModes, add_noise, draw_modes
+from built_responses import KnownModes, add_noise, draw_modes, space_lines
 
 from headstock.geometry.frames import FloatArray
 from headstock.scene.test_data.records import ComplexArray
@@ -14,7 +14,7 @@ from headstock.solvers.modal_fitting.candidates import find_candidates
 from headstock.solvers.modal_fitting.pole_fit import PoleFit, fit_poles, split_bands
 from headstock.solvers.modal_fitting.stabilisation import damping_ratios, label_poles
 
-LINES = np.linspace(20.0, 300.0, 400)
+LINES = space_lines(20.0, 300.0, 400)
 
 
 def respond(
@@ -57,7 +57,7 @@ def test_repeated_poles_have_two_shapes() -> None:
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_a_band_that_cuts_through_modes_has_those_within_it(noise: float) -> None:
     known = draw_modes(1)
-    lines = np.linspace(100.0, 200.0, 250)
+    lines = space_lines(100.0, 200.0, 250)
     fit = fit_poles(lines, respond(known, noise, 3, lines), order=24)
     inside = known.hz[(known.hz > 100.0) & (known.hz < 200.0)]
     assert found_hz(fit, 100.0, 200.0) == pytest.approx(inside, rel=1e-3)
@@ -67,14 +67,14 @@ def test_a_band_that_cuts_through_modes_has_those_within_it(noise: float) -> Non
 def test_noise_alone_has_no_modes(shape: tuple[int, int, int]) -> None:
     random = np.random.default_rng(3)
     values = random.normal(size=shape) + 1j * random.normal(size=shape)
-    fit = fit_poles(np.linspace(20.0, 300.0, shape[0]), values, order=20)
+    fit = fit_poles(space_lines(20.0, 300.0, shape[0]), values, order=20)
     assert len(fit.model.poles) == 0
 
 
 def test_intervals_hold_the_errors(  # 60 numbers: of 95 %, at most 7 are outside with chance 0.02
 ) -> None:
     known, outside, count = draw_modes(4, 5), 0, 0
-    lines = np.linspace(20.0, 300.0, 250)
+    lines = space_lines(20.0, 300.0, 250)
     for seed in range(12):
         values = add_noise(known.respond(lines, 2), 0.03, seed)
         fit = fit_poles(lines, values, order=16)
@@ -115,7 +115,7 @@ def test_computational_poles_are_unstable_and_true_ones_are_labelled_stable() ->
 
 
 def test_bands_cover_all_lines_once() -> None:
-    bands = split_bands(np.linspace(5.0, 2000.0, 1600))
+    bands = split_bands(space_lines(5.0, 2000.0, 1600))
     assert len(bands) > 1
     assert bands[0][0] == 0
     assert bands[-1][1] == 1600
