@@ -290,7 +290,9 @@ class CoupledSlopes:
             )
         return carried
 
-    def carried_forces(self, slope: StackedPieces, forces: FloatArray) -> FloatArray:
+    def carried_forces[Array: (FloatArray, ComplexArray)](
+        self, slope: StackedPieces, forces: Array
+    ) -> Array:
         """Return ``dT^T f`` ``(n, m)`` for stacked forces ``(n_all, m)``."""
         multipliers = self._spread.T @ forces
         total = np.zeros_like(forces)

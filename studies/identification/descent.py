@@ -70,6 +70,8 @@ class _LinearCase:
         sigmas: ``(t,)``.
         shape_costs: ``(t, m)``.
         rows: Row of the residuals for each target; -1 where it is held out.
+        shape_rows: Rows of its shape; empty where it has none, or is held out.
+        modes: Mode that each target is paired with at the point.
         fixed: Pairing of a case whose modes follow those of another one; None for others.
     """
 
@@ -79,6 +81,8 @@ class _LinearCase:
     sigmas: FloatArray
     shape_costs: FloatArray
     rows: tuple[int, ...]
+    shape_rows: tuple[slice, ...]
+    modes: tuple[int, ...]
     fixed: Pairing | None
 
 
@@ -111,10 +115,14 @@ def _linearise(problem: FitProblem, point: FitPoint) -> list[_LinearCase]:
         slopes = np.zeros((len(state.eigenvalues), len(scale)))
         for index, slope in state.by_parameter.items():
             slopes[:, index] = slope.eigenvalues / (2.0 * state.eigenvalues) * scale[index]
-        rows = []
+        rows: list[int] = []
+        shape_rows: list[slice] = []
         for item in observations:
             if item.kind == "frequency":
                 rows.append(-1 if item.hold_out else start)
+                shape_rows.append(slice(0))
+            if item.kind == "shape" and not item.hold_out:
+                shape_rows[-1] = slice(start, start + len(item.residuals))
             start += 0 if item.hold_out else len(item.residuals)
         cases.append(
             _LinearCase(
@@ -124,6 +132,8 @@ def _linearise(problem: FitProblem, point: FitPoint) -> list[_LinearCase]:
                 sigmas=np.array([target.sigma for target in targets]),
                 shape_costs=shape_costs(state),
                 rows=tuple(rows),
+                shape_rows=tuple(shape_rows),
+                modes=pairing.modes,
                 fixed=pairing if state.model.case.like else None,
             )
         )
@@ -154,7 +164,13 @@ def _solve(
 ) -> tuple[FloatArray, float]:
     """Best move under given pairings, kept within reach, and half the sum of squares left."""
     residuals, jacobian = linear[0].copy(), linear[1].copy()
+    shapes = 0.0
     for case, pairing in zip(cases, pairings, strict=True):
+        for target, (rows, mode) in enumerate(zip(case.shape_rows, pairing.modes, strict=True)):
+            if rows.stop and mode != case.modes[target]:
+                # of another mode the shape is known here, and not how it changes
+                residuals[rows], jacobian[rows] = 0.0, 0.0
+                shapes += float(case.shape_costs[target, mode])
         for target, (row, mode) in enumerate(zip(case.rows, pairing.modes, strict=True)):
             if row >= 0:
                 residuals[row] = (case.logs[mode] - case.wanted[target]) / case.sigmas[target]
@@ -167,7 +183,7 @@ def _solve(
     )[0]
     move = np.clip(move, problem.lower - point.coordinates, problem.upper - point.coordinates)
     left = residuals + jacobian @ move
-    return np.asarray(move), 0.5 * float(left @ left)
+    return np.asarray(move), 0.5 * (float(left @ left) + shapes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -255,7 +255,8 @@ def _spread_slopes(
 
 def split_parts(values: ComplexArray, shape: ShapeTarget) -> FloatArray:
     """Return real parts, and behind them imaginary ones of a complex shape."""
-    return np.concatenate([values.real, values.imag]) if shape.is_complex else values.real
+    parts = [values.real, values.imag] if shape.is_complex else [values.real]
+    return np.concatenate(parts).astype(np.float64)
 
 
 def _slope_shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from common import approx
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
+from headstock.studies.identification.cases import shape_rows
 from headstock.studies.identification.descent import _spread_starts
 from headstock.studies.identification.identification import fit_parameters
 from headstock.studies.identification.pairings import follow_modes
@@ -191,3 +193,37 @@ def test_starts_fill_the_bounds_and_follow_the_priors(tmp_path: Path) -> None:
     assert (shares >= 0.0).all() and (shares <= 1.0).all()
     assert np.std(shares[1:, 0]) > 0.25
     assert np.std(starts[1:, 1]) == approx(0.1, rel=0.2)
+
+
+PLACES = ("slider.tool", "column.head", "base.top")
+SWAPPED = {
+    "feet_x": 120e6,
+    "feet_y": 75e6,
+}  # softer along y; in the scene it is the other way round
+
+
+def write_shapes(frequencies: FloatArray, shapes: FloatArray) -> str:
+    """Modes with the motions of three places each."""
+    modes = [
+        f'{{ frequency = "{hz:.12g} Hz", vectors = {{ '
+        + ", ".join(
+            f'"{place}" = [{x:.9g}, {y:.9g}, {z:.9g}]'
+            for place, (x, y, z) in zip(PLACES, shape.reshape(-1, 3), strict=True)
+        )
+        + " } }"
+        for hz, shape in zip(frequencies, shapes, strict=True)
+    ]
+    return f'[cases.stiff]\nvariant = "stiff"\nmodes = [{", ".join(modes)}]\n'
+
+
+def test_modes_that_start_swapped_are_exchanged_by_their_shapes(tmp_path: Path) -> None:
+    count = 6
+    blank = write_shapes(np.arange(10.0, 10.0 + count), np.ones((count, 9)))
+    (state,) = _solve_truth(prepare(tmp_path, blank, SWAPPED), SWAPPED).states
+    shape = state.model.case.modes[0].shape
+    assert shape is not None
+    observed = shape_rows(state, shape) @ state.motions[:, :count]
+    text = write_shapes(state.frequencies_hz[:count], observed.T / np.abs(observed).max())
+    found = fit_parameters(prepare(tmp_path, text, SWAPPED), "test")
+    assert found.values == approx(SWAPPED, rel=1e-5)
+    assert found.starts[0].exchanges > 0
