@@ -27,6 +27,7 @@ from headstock.pipeline.stages.frf import estimate_heights, prepare_response
 from headstock.pipeline.stages.machine import CoupledPose, couple_pose
 from headstock.pipeline.stages.run_state import MachineParts
 from headstock.pipeline.stages.static import solve_points
+from headstock.reduction.coupling.elimination import CouplingMemo
 from headstock.reduction.estimates.model_errors import WatchedModes, compare_modes, watch_modes
 from headstock.reduction.motions.body_fields import BodyPlaces, choose_places, place_motion
 from headstock.reduction.motions.compliance_budget import point_compliance
@@ -48,6 +49,7 @@ class MachineFamily:
 
     Attributes:
         places: By body, points that represent its mass.
+        memo: What couplings of its machines share.
     """
 
     def __init__(self, parts: MachineParts) -> None:
@@ -55,6 +57,7 @@ class MachineFamily:
         self.places: dict[str, BodyPlaces] = {
             name: choose_places(part) for name, part in parts.superelements.items()
         }
+        self.memo = CouplingMemo()
         self._motions: WeakKeyDictionary[Superelement, FloatArray] = WeakKeyDictionary()
 
     def change(self, parts: MachineParts) -> "ComparedMachine":
@@ -80,7 +83,8 @@ class ComparedMachine:
     def at(self, pose: str) -> CoupledPose:
         """Return the machine coupled in a pose."""
         if pose not in self._posed:
-            self._posed[pose] = couple_pose(self.parts, self.parts.plan.poses[pose])
+            place = self.parts.plan.poses[pose]
+            self._posed[pose] = couple_pose(self.parts, place, memo=self.family.memo)
         return self._posed[pose]
 
     def watch(self, pose: str, count: int) -> WatchedModes:

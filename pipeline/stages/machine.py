@@ -45,6 +45,7 @@ from headstock.reduction.coupling.drives import (
     place_drives,
     release_motors,
 )
+from headstock.reduction.coupling.elimination import CouplingMemo
 from headstock.reduction.coupling.joint_forces import JointForces, find_joint_forces
 from headstock.reduction.motions.body_motions import (
     FreeMotion,
@@ -246,12 +247,18 @@ class CoupledPose:
         return shift_skins(self.coupled, skins, motions)
 
 
-def couple_pose(parts: MachineParts, pose: Pose) -> CoupledPose:
-    """Couple the superelements of a machine in a pose."""
+def couple_pose(
+    parts: MachineParts, pose: Pose, *, memo: CouplingMemo | None = None
+) -> CoupledPose:
+    """Couple the superelements of a machine in a pose.
+
+    Args:
+        memo: What other poses and machines of the same superelements share; the result is the same
+            without.
+    """
+    gravity, machine = parts.plan.gravity, parts.scene.machine
     return CoupledPose(
-        parts,
-        pose,
-        couple(parts.superelements, parts.scene.machine, pose, gravity=parts.plan.gravity),
+        parts, pose, couple(parts.superelements, machine, pose, gravity=gravity, memo=memo)
     )
 
 

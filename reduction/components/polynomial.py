@@ -11,6 +11,7 @@ from typing import cast
 import numpy as np
 import scipy.linalg
 import scipy.sparse
+from scipy.linalg.lapack import dormqr
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame, rigid_transfer
 from headstock.geometry.machine.machine import Sensor
@@ -54,6 +55,7 @@ BODY_NODE = "body"
 BREAKS = 3  # of area integrals along the bar
 SAFETY = 2.5  # of what one degree less is too stiff by: it covers what more degrees soften
 FIRST_SEARCH = 40  # modes
+REFLECTIONS_AT_ONCE = 64
 ROUNDING = 1e-11  # what functions of thin sections leave, orthonormal to that
 
 
@@ -380,11 +382,17 @@ def _rigid_dofs(
 def _condense(
     component: Component, space: PolynomialSpace, boundary: _Boundary, rigid: FloatArray
 ) -> _Condensed:
-    count = len(boundary.rows)
-    basis = scipy.linalg.qr(boundary.rows.T)[0]
-    free = basis[:, count:]
-    forces = space.stiffness @ free
-    inner = free.T @ forces
+    count, size = boundary.rows.shape
+    # few reflections, which cost less to apply than the basis that they make
+    (reflections, tau), _ = scipy.linalg.qr(boundary.rows.T, mode="raw")
+
+    def turn(matrix: FloatArray, side: str, form: str) -> FloatArray:
+        lwork = REFLECTIONS_AT_ONCE * size
+        return np.asarray(dormqr(side, form, reflections, tau, matrix, lwork)[0])
+
+    free = turn(np.eye(size)[:, count:], "L", "N")
+    forces = turn(space.stiffness, "R", "N")
+    inner, forces = turn(forces, "L", "T")[count:, count:], forces[:, count:]
     try:
         factor = scipy.linalg.cho_factor(inner)
     except scipy.linalg.LinAlgError as error:

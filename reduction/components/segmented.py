@@ -3,6 +3,7 @@ Construction Kit.
 """
 
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 from typing import cast
@@ -18,7 +19,7 @@ from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.patches import PlanarSolid
 from headstock.geometry.parts.prismatic_bars import prismatic_bar
 from headstock.geometry.parts.skins import Skin, prism_skin
-from headstock.geometry.parts.solids import Tube
+from headstock.geometry.parts.solids import Solid, Tube
 from headstock.reduction.components.segment_chain import (
     SegmentedBar,
     attach_interfaces,
@@ -131,11 +132,13 @@ def segment_skin(component: Component) -> Skin:
     bar = prismatic_bar(component.solid, component.segments.along)
     # a whole number of slices per segment, so that each segment shows the same
     slices = component.segments.count * math.ceil(FEWEST_SLICES / component.segments.count)
-    return prism_skin(
-        component.solid,
-        bar.axis,
-        np.asarray(np.linspace(bar.low, bar.high, slices + 1), dtype=float),
-    )
+    return _slice_skin(component.solid, bar.axis, (bar.low, bar.high), slices)
+
+
+@functools.lru_cache(maxsize=32)
+def _slice_skin(solid: Solid, axis: int, ends: tuple[float, float], slices: int) -> Skin:
+    """Return the surface of a bar, cut across into slices; models of a body share it."""
+    return prism_skin(solid, axis, np.asarray(np.linspace(*ends, slices + 1), dtype=float))
 
 
 def _fit_rail(row: SegmentedBar, rail: Rail, name: str) -> Rail:

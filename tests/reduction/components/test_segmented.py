@@ -230,6 +230,13 @@ def test_the_surface_of_a_segmented_tube_bends_with_it() -> None:
     )
 
 
+def test_models_of_one_body_share_the_surface_that_is_shown() -> None:
+    first, second = (
+        make_segmented(Tube(0.1, 0.08, 1.0), {"foot": "z-"}, count) for count in (4, 8)
+    )
+    assert segment_skin(first) is segment_skin(second)
+
+
 def test_a_traction_acts_where_it_is_and_a_body_load_on_all() -> None:
     load = Load(
         "wind",
