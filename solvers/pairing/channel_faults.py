@@ -12,6 +12,7 @@ from itertools import combinations, permutations, product
 from typing import Literal
 
 import numpy as np
+import scipy.optimize
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
@@ -40,6 +41,10 @@ DEAD = 0.1  # of the expected motion, or less
 SCALED = 1.5  # times too large or too small, or more
 MOST_FAULTS = 20
 AS_GOOD = 0.8  # of the largest gain: then both hypotheses are named
+LEFT_OUT = 0.2  # of the sensors may be faulty where shapes are paired
+AT_LEAST = 0.2  # of the squares of a computed shape stay with the others
+SURE = 0.6  # MAC without them of a pair
+TINY = float(np.finfo(float).tiny)
 _CHUNK = 1 << 18  # entries of rows by columns at once
 
 
@@ -131,6 +136,43 @@ def find_channel_faults(
             signs = np.array(best.signs)[:, None]
             data[list(best.rows)] = signs * data[list(best.sources)]
     return sorted(faults, key=lambda fault: -fault.gain)
+
+
+def pair_despite_faults(
+    measured: Field, computed: Field, sensors: Sequence[Sequence[int]]
+) -> tuple[IntArray, IntArray]:
+    """Pair shapes whose MAC is high without the few sensors that agree least: one that is turned may
+    move most of all.
+
+    Args:
+        measured: ``(c, k)``.
+        computed: ``(c, m)``.
+        sensors: Channels of each.
+
+    Returns:
+        Columns of the measured and of the computed shapes, pair by pair.
+    """
+    products = np.array([measured[rows].T @ computed[rows].conj() for rows in map(list, sensors)])
+    first = np.array([(np.abs(measured[rows]) ** 2).sum(axis=0) for rows in map(list, sensors)])
+    second = np.array([(np.abs(computed[rows]) ** 2).sum(axis=0) for rows in map(list, sensors)])
+    # what each sensor adds, for each pair of shapes ``(s, k, m)``
+    one = np.broadcast_to(first[:, :, None], products.shape).copy()
+    other = np.broadcast_to(second[:, None, :], products.shape).copy()
+    least = AT_LEAST * other.sum(axis=0)
+    for _ in range(max(1, round(LEFT_OUT * len(sensors)))):
+        rest = [sizes.sum(axis=0) - sizes for sizes in (products, one, other)]
+        allowed = rest[2] > least
+        mac = np.where(allowed, np.abs(rest[0]) ** 2 / (rest[1] * rest[2] + TINY), 0.0)
+        worst = np.argmax(mac, axis=0)[None]
+        taken = np.take_along_axis(allowed, worst, axis=0)
+        for sizes in (products, one, other):
+            kept = np.take_along_axis(sizes, worst, axis=0)
+            np.put_along_axis(sizes, worst, np.where(taken, 0.0, kept), axis=0)
+    sums = [sizes.sum(axis=0) for sizes in (products, one, other)]
+    mac = np.abs(sums[0]) ** 2 / (sums[1] * sums[2] + TINY)
+    rows, columns = scipy.optimize.linear_sum_assignment(-mac)
+    sure = mac[rows, columns] >= SURE
+    return rows[sure], columns[sure]
 
 
 def _shares(one: ChannelFault, other: ChannelFault) -> bool:

@@ -2,34 +2,54 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from headstock.scene.test_data.records import TestChannel
 from headstock.scene.test_data.responses import label_channel
-from headstock.solvers.pairing.channel_faults import ChannelFault, find_channel_faults
+from headstock.solvers.pairing.channel_faults import (
+    ChannelFault,
+    find_channel_faults,
+    pair_despite_faults,
+)
 from headstock.solvers.pairing.mode_pairing import Field
 
 LEAST_COLUMNS = 3  # with fewer shapes an accident looks like a fault
 
 
+@dataclass(frozen=True)
+class ChannelRemark:
+    """Channels that look wrong.
+
+    Attributes:
+        text: How, and how much better the shapes agree then.
+        rows: Of the channels.
+    """
+
+    text: str
+    rows: tuple[int, ...]
+
+
 def describe_channel_faults(
     measured: Field, computed: Field, channels: Sequence[TestChannel]
-) -> tuple[str, ...]:
+) -> tuple[ChannelRemark, ...]:
     """Say which channels look turned, swapped, shifted, reversed, dead or badly scaled, the one that
     explains most first.
 
     Args:
-        measured: ``(c, k)`` shapes of pairs, or responses at a frequency each.
-        computed: ``(c, k)`` of the same pairs.
+        measured: ``(c, k)`` shapes.
+        computed: ``(c, m)`` shapes, in any order.
     """
-    if measured.shape[1] < LEAST_COLUMNS:
-        return ()
     sensors: defaultdict[str, list[int]] = defaultdict(list)
     for row, channel in enumerate(channels):
         sensors[channel.point].append(row)
     numbered = sorted(sensors, key=lambda name: (not name.isdecimal(), len(name), name))
-    faults = find_channel_faults(measured, computed, [sensors[name] for name in numbered])
-    columns = measured.shape[1]
-    return tuple(_describe(fault, channels, columns) for fault in faults)
+    rows = [sensors[name] for name in numbered]
+    first, second = pair_despite_faults(measured, computed, rows)
+    if len(first) < LEAST_COLUMNS:
+        return ()
+    faults = find_channel_faults(measured[:, first], computed[:, second], rows)
+    columns = len(first)
+    return tuple(ChannelRemark(_describe(fault, channels, columns), fault.rows) for fault in faults)
 
 
 def _describe(fault: ChannelFault, channels: Sequence[TestChannel], columns: int) -> str:

@@ -47,6 +47,7 @@ from headstock.studies.correlation.responses import (
     spread_ratios,
 )
 from headstock.studies.correlation.sensor_names import find_sensor, name_sensor
+from headstock.studies.correlation.sensor_shapes import list_places
 from headstock.studies.correlation.shown_shapes import find_factor, view_side_by_side
 from headstock.studies.correlation.target_file import (
     SENSORS_FILE,
@@ -273,10 +274,7 @@ def _compare(loaded: LoadedCorrelation, placed: _PlacedTest, model: ObservedMach
     rows = model.observe(measured.channels)
     shapes = rows @ modes.shapes
     pairs, mac = pair_shapes(measured, modes, shapes)
-    first, second = ([getattr(pair, side) for pair in pairs] for side in ("first", "second"))
-    faults = describe_channel_faults(
-        measured.shapes[:, first], shapes[:, second], measured.channels
-    )
+    faults = describe_channel_faults(measured.shapes, shapes, measured.channels)
     found = Correlation(
         scene=model.prepared.scene.name,
         test=job.test.name,
@@ -291,10 +289,13 @@ def _compare(loaded: LoadedCorrelation, placed: _PlacedTest, model: ObservedMach
         distances=placed.distances,
         sensors=dict(model.sensors),
         rotation=placed.rotation,
-        faults=faults,
+        faults=tuple(fault.text for fault in faults),
         remarks=(*test.data.remarks, *test.fit.remarks, *placed.remarks),
         warnings=model.prepared.warnings,
     )
+    places, wrong = list_places(found), {row for fault in faults for row in fault.rows}
+    faulty = {place[0] for row in wrong if (place := places[row]) is not None}
+    found = dataclasses.replace(found, faulty=frozenset(faulty))
     system, local = model.machine.system, rows @ model.dofs
     static = expand_by_stiffness(
         measured.shapes,

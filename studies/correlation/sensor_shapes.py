@@ -14,14 +14,20 @@ AXES = "xyz"
 ALIGNED = 1.0 - 1e-9
 
 
-def list_motions(found: Correlation) -> list[Motions]:
-    """Return each measured shape by sensor and direction; what no sensor sees is left out."""
-    places = []
+def list_places(found: Correlation) -> list[tuple[tuple[str, str], float] | None]:
+    """Return sensor and direction of each channel, and with which sign; None where no sensor sees it."""
+    places: list[tuple[tuple[str, str], float] | None] = []
     for channel in found.channels:
         sensor = found.sensors[channel.point]
         direction = found.rotation @ channel.direction
         place = find_dof(sensor, direction, measured_directions(found, channel.point))
         places.append(None if place is None else ((sensor.name, place[0]), place[1]))
+    return places
+
+
+def list_motions(found: Correlation) -> list[Motions]:
+    """Return each measured shape by sensor and direction; what no sensor sees is left out."""
+    places = list_places(found)
     return [
         {
             place[0]: place[1] * complex(value)

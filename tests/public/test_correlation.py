@@ -112,14 +112,19 @@ def test_missing_modes_are_named_on_both_sides(shell: Shell, measured: Measured)
     assert found.verdict[2].startswith("computed, but not measured: 242.2 Hz")
 
 
-def test_a_turned_sensor_is_the_channel_that_agrees_least(shell: Shell, measured: Measured) -> None:
+def test_a_turned_sensor_is_named_and_left_out_of_a_fit(shell: Shell, measured: Measured) -> None:
     shell.write(SCENE)
 
     def turn(shapes: FloatArray) -> None:
         shapes[:, 9, :2] *= -1.0  # the last point, by half a turn about z
 
     write_test(shell.folder, measured, spoil=turn)
-    shell("correlate scene.toml test.uff --variant E -o out")
+    shown = shell.prints("correlate scene.toml test.uff --variant E -o out")
+    assert "sensor 10: x and y look reversed" in shown
+    assert "MAC of 9 modes rises from 0.3" in shown
+    assert len(shell.json("out/correlate.json")["faults"]) == 1
+    (case,) = tomllib.loads(shell.text("out/targets.toml"))["cases"].values()
+    assert {tuple(mode["vectors"]["p10"][:2]) for mode in case["modes"]} == {("-", "-")}
     worst = shell.rows("out/channels.csv")[:2]
     assert {(row["point"], row["direction"]) for row in worst} == {("10", "x"), ("10", "y")}
     assert [float(row["eCoMAC"]) > 0.5 for row in worst] == [True, True]

@@ -92,9 +92,9 @@ def test_a_single_fault_is_named(fault: Callable[[ComplexArray], None], words: s
     shapes = draw_shapes(1)
     data = measure(shapes, 2)
     fault(data)
-    (text,) = describe_channel_faults(data, shapes, CHANNELS)
-    assert text.startswith(words)
-    assert "MAC of 10 modes rises from 0." in text
+    (remark,) = describe_channel_faults(data, shapes, CHANNELS)
+    assert remark.text.startswith(words)
+    assert "MAC of 10 modes rises from 0." in remark.text
 
 
 def test_faults_of_several_sensors_are_all_named() -> None:
@@ -102,8 +102,9 @@ def test_faults_of_several_sensors_are_all_named() -> None:
     data = measure(shapes, 5)
     exchange(data)
     swap(data)
-    texts = describe_channel_faults(data, shapes, CHANNELS)
-    assert {text.partition(" look")[0] for text in texts} == {
+    remarks = describe_channel_faults(data, shapes, CHANNELS)
+    assert {rows for remark in remarks for rows in remark.rows} == {48, 49, *rows_of(5, 16)}
+    assert {remark.text.partition(" look")[0] for remark in remarks} == {
         "sensor 17: x and y",
         "sensors 5 and 16",
     }
