@@ -71,7 +71,7 @@ class WeightedResponses:
 
     @property
     def measured(self) -> BoolArray:
-        """Which pairs were measured, ``(m, f)``."""
+        """Pairs that were measured, ``(m, f)``."""
         return np.asarray(np.isfinite(self.values[0]))
 
     def freedom(self, modes: int) -> float:

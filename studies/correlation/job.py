@@ -32,7 +32,7 @@ from headstock.studies.correlation.base_case import (
 from headstock.studies.correlation.carriers import choose_carriers, find_carriers
 from headstock.studies.correlation.channel_remarks import describe_channel_faults
 from headstock.studies.correlation.correlation import WITHIN, Correlation, pair_shapes
-from headstock.studies.correlation.modal_fit import ModalFit, fit_modes, pass_modes
+from headstock.studies.correlation.modal_fit import ModalFit, pass_modes, read_modes
 from headstock.studies.correlation.model import (
     ObservedMachine,
     PreparedMachine,
@@ -191,14 +191,7 @@ def _read_test(path: Path) -> _Test:
         MeasurementError: Something is wrong in the file, or there is nothing to compare.
     """
     data = read_test_data(path)
-    if data.modes is not None:
-        fit = pass_modes(data.modes)
-    elif data.responses is not None:
-        fit = fit_modes(data.responses)
-    else:
-        raise MeasurementError(
-            f"{path.name}:1: holds no modes and no frequency responses; export them as UFF 55 or 58"
-        )
+    fit = read_modes(data, path.name) if data.modes is None else pass_modes(data.modes)
     if not len(fit.modes.frequencies_hz):
         raise MeasurementError(
             f"{path.name}:1: no mode is found in its frequency responses; look at their band and noise"

@@ -22,6 +22,7 @@ from headstock.solvers.modal_fitting.candidates import OrderPoles
 from headstock.solvers.modal_fitting.modal_model import ModalModel
 from headstock.solvers.modal_fitting.pole_fit import PoleFit, fit_poles
 from headstock.solvers.modal_fitting.shape_scale import (
+    mean_phases,
     one_shape_shares,
     phase_collinearity,
     scale_deviations,
@@ -52,6 +53,7 @@ class ModalFit:
         source: Where ± comes from: noise that was given with the responses, or what the fit leaves of
             them; ``file`` where modes were taken from the file.
         collinearity: ``(k,)`` modal phase collinearity of the shapes.
+        mean_phases: ``(k,)`` angle of the line in the complex plane that shapes lie along [rad].
         one_shape: ``(k,)`` share of a mode's residues that one shape explains.
         orders: ``(k,)`` at how many orders of the model it appears.
         steps: Poles of all orders, one list per band: the stabilisation diagram.
@@ -67,6 +69,7 @@ class ModalFit:
     damping_errors: FloatArray
     source: Source
     collinearity: FloatArray
+    mean_phases: FloatArray
     one_shape: FloatArray
     orders: IntArray
     steps: tuple[tuple[OrderPoles, ...], ...] = ()
@@ -211,6 +214,7 @@ def fit_modes(
         damping_errors,
         source="residuals" if given.deviations is None else "noise",
         collinearity=phase_collinearity(shapes),
+        mean_phases=mean_phases(shapes),
         one_shape=one_shape_shares(found.model, given.frequencies_hz, given.values)[kept],
         orders=np.array([len(found.clusters[number].orders) for number in kept]),
         steps=found.steps,
@@ -230,6 +234,7 @@ def pass_modes(modes: MeasuredModes) -> ModalFit:
         unknown,
         source="file",
         collinearity=phase_collinearity(modes.shapes),
+        mean_phases=mean_phases(modes.shapes),
         one_shape=unknown,
         orders=np.zeros(len(unknown), dtype=np.int64),
     )

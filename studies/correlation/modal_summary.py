@@ -44,6 +44,7 @@ def _summarise_mode(fit: ModalFit, number: int) -> JsonTable:
         "damping_ratio": _known(fit.modes.damping[number]),
         "damping_error": _known(fit.damping_errors[number]),
         "phase_collinearity": _known(fit.collinearity[number]),
+        "mean_phase_rad": _known(fit.mean_phases[number]),
         "one_shape": _known(fit.one_shape[number]),
         "orders": int(fit.orders[number]),
         "shape": shape,
