@@ -181,6 +181,7 @@ class Sensor(Noun, schema=sensors.SensorTable):
         mass: Quantity | None = ...,
         directions: Sequence[Literal['x', 'y', 'z'] | _Numbers] | None = ...,
         axes: Literal['machine', 'component'] | None = ...,
+        residual_modes: bool | None = ...,
     ) -> None: ...
 
 class Support(Noun, schema=loads.SupportTable):

@@ -101,6 +101,7 @@ from headstock.solvers.second_order import (
 
 NEIGHBOURHOOD = 0.2  # of a peak's frequency: lines that follow it when it moves
 NAMED_MARGIN = 1.2
+SENSORS_NAMED = 4  # in a line of what ± lacks
 EVEN_LINES = 9  # of a response, by which runs are compared
 
 
@@ -154,7 +155,7 @@ def estimate_response_errors(
     )
     errors = bound_response_errors(space, response.frequencies_hz)
     left_out = name_what_is_left_out(parts).left_out
-    return ResponseEstimate(errors, space, (*left_out, *_name_direct_loads(parts, response)))
+    return ResponseEstimate(errors, space, (*left_out, *_name_direct_channels(parts, response)))
 
 
 def find_error_sources(parts: MachineParts, coupled: CoupledMachine) -> ErrorSources:
@@ -167,19 +168,38 @@ def find_error_sources(parts: MachineParts, coupled: CoupledMachine) -> ErrorSou
     return ErrorSources(truncated, meshed, losses, coupled.rayleigh)
 
 
-def _name_direct_loads(parts: MachineParts, response: FrequencyResponse) -> tuple[str, ...]:
-    """Loads that excite modes which a component leaves out: the bounds know forces at interfaces
-    alone, which do not.
+def _name_direct_channels(parts: MachineParts, response: FrequencyResponse) -> tuple[str, ...]:
+    """Name loads that excite modes which a component leaves out, and sensors that are moved by them:
+    the bounds know interfaces alone, and sensors whose static response is kept.
     """
-    loads = parts.scene.machine.loads
+    machine, components = parts.scene.machine, parts.plan.components
+
+    def is_reduced(component: str) -> bool:
+        return components[component].fidelity not in ("rigid", "segmented")
+
     inside = [
         name
         for name, dof in response.inputs
         if dof == LOAD
-        and loads[name].kind != "force"
-        and parts.plan.components[loads[name].component].fidelity not in ("rigid", "segmented")
+        and machine.loads[name].kind != "force"
+        and is_reduced(machine.loads[name].component)
     ]
-    return (f"modes left out that {', '.join(inside)} would excite directly",) if inside else ()
+    moved = [
+        name
+        for name in dict.fromkeys(name for name, _ in response.outputs)
+        if (sensor := machine.sensors.get(name)) is not None
+        and not sensor.is_loaded
+        and is_reduced(sensor.component)
+    ]
+    shown = ", ".join(moved[:SENSORS_NAMED]) + ", ..." * (len(moved) > SENSORS_NAMED)
+    return (
+        *((f"modes left out that {', '.join(inside)} would excite directly",) if inside else ()),
+        *(
+            (f"modes left out that move {shown} directly; residual_modes = true keeps most",)
+            if moved
+            else ()
+        ),
+    )
 
 
 def estimate_figures(

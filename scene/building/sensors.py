@@ -84,7 +84,10 @@ def _build_place(name: str, table: MassTable, row: TableRow, scene: SceneTable) 
         if row.directions:
             written = _read_directions(row.directions)
         return dataclasses.replace(
-            sensor, directions=_name_directions(written), fixed_axes=table.axes == "machine"
+            sensor,
+            directions=_name_directions(written),
+            fixed_axes=table.axes == "machine",
+            is_loaded=table.residual_modes,
         )
     if sensor.mass == 0.0:
         raise ValueError('has no mass; add a column mass, or write mass = "100 g"')

@@ -77,6 +77,9 @@ class SensorTable(MassTable):
     """axes of the directions: of the machine, or of the component, with which they turn"""
     mass: types.PositiveMass | None = None
     """mass of the sensor, which counts; default: none"""
+    residual_modes: types.Flag = False
+    """keep the static response to forces there, as is done anyway where one acts: motion is then as exact as at an interface, and the part is
+    reduced again when the sensor is moved"""
 
     def _faults(self) -> Iterator[str]:
         yield from super()._faults()

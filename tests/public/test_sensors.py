@@ -107,6 +107,21 @@ def test_sensors_change_no_frequency_and_add_no_dofs(tmp_path: Path) -> None:
     assert measured.modes["reference"].shapes.shape == plain.modes["reference"].shapes.shape
 
 
+def test_what_is_not_in_the_error_of_a_sensor_is_named(tmp_path: Path) -> None:
+    kept = ('directions = ["x", "z"]', 'directions = ["x", "z"]\nresidual_modes = true')
+    lacks = [
+        hs.run(write_scene(tmp_path, SCENE, QUIET, *more, name=name))
+        .frf["reference"]
+        .error_left_out
+        for name, more in (("plain", ()), ("kept", (kept,)))
+    ]
+    plain, better = ([text for text in texts if "directly" in text] for texts in lacks)
+    assert plain == [
+        "modes left out that move top, side directly; residual_modes = true keeps most"
+    ]
+    assert better == ["modes left out that move top directly; residual_modes = true keeps most"]
+
+
 def test_a_sensor_that_moves_reduces_nothing_again(shell: Shell) -> None:
     shell.write(SCENE, QUIET)
     shell("run scene.toml -o first --no-figures")
