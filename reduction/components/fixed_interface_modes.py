@@ -46,6 +46,7 @@ class FixedInterfaceModes:
         residual: Largest relative change of an eigenvalue between the search and the Rayleigh
             quotient.
         remarks: What there is to say about modes that could not be found.
+        attached: How many at the end are residual-attachment modes.
     """
 
     eigenvalues: FloatArray
@@ -53,6 +54,7 @@ class FixedInterfaceModes:
     cutoff_hz: float
     residual: float
     remarks: tuple[str, ...] = ()
+    attached: int = 0
 
 
 def find_fixed_interface_modes(
@@ -136,6 +138,7 @@ def add_attachment_modes(
         modes,
         eigenvalues=np.concatenate([modes.eigenvalues, values]),
         shapes=np.hstack([modes.shapes, rest @ combinations]),
+        attached=len(values),
     )
 
 
@@ -310,13 +313,18 @@ def measure_truncation(
     operators, boundary = solver.operators, psi.shape[1]
     if not np.isfinite(modes.cutoff_hz):
         return Truncation(np.zeros((boundary, boundary)), np.zeros((boundary, boundary)), np.inf)
+    shapes, attached = np.split(modes.shapes, [len(modes.eigenvalues) - modes.attached], axis=1)
     weighted = operators.apply_mass(psi)
-    if modes.shapes.shape[1]:
-        heavy = operators.apply_mass(modes.shapes)
+    if shapes.shape[1]:
+        heavy = operators.apply_mass(shapes)
         # twice, because once leaves rounding of the whole
         for _ in range(2):
-            weighted = weighted - heavy @ solver.product(modes.shapes, weighted)
+            weighted = weighted - heavy @ solver.product(shapes, weighted)
     rest = solver.apply_inverse(weighted)
+    if modes.attached:
+        # these are no modes: they take a share of the static response, not of the load
+        squares = modes.eigenvalues[-modes.attached :]
+        rest = rest - attached @ (solver.product(attached, weighted) / squares[:, None])
     first, second = solver.product(rest, weighted), np.zeros((boundary, boundary))
     for start in range(0, boundary, COLUMNS):
         part = slice(start, start + COLUMNS)

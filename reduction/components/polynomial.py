@@ -100,12 +100,14 @@ class _Modes:
         shapes: ``(3 n, m)`` mass-normalised.
         reach_hz: None is missing up to here [Hz].
         beyond: Square of the next frequency [rad^2/s^2].
+        attached: How many at the end are residual-attachment modes.
     """
 
     squares: FloatArray
     shapes: FloatArray
     reach_hz: float
     beyond: float
+    attached: int = 0
 
 
 def reduce_polynomial(
@@ -450,6 +452,7 @@ def _attach(
         modes,
         squares=np.concatenate([modes.squares, squares]),
         shapes=np.hstack([modes.shapes, whole.free @ rest @ combinations]),
+        attached=len(squares),
     )
 
 
@@ -472,10 +475,14 @@ def _missing_energy(
 
 def _measure_truncation(whole: _Condensed, modes: _Modes, density: float) -> Truncation:
     """Return the moments of the modes left out, see ``fixed_interface_modes.measure_truncation``."""
-    boundary, kept = whole.free.T @ whole.psi, math.sqrt(density) * whole.free.T @ modes.shapes
+    boundary, every = whole.free.T @ whole.psi, math.sqrt(density) * whole.free.T @ modes.shapes
+    kept, attached = np.split(every, [len(modes.squares) - modes.attached], axis=1)
     for _ in range(2):
         boundary = boundary - kept @ (kept.T @ boundary)
     once = scipy.linalg.cho_solve(whole.factor, boundary)
+    if modes.attached:
+        stiffness = density * modes.squares[-modes.attached :, None]
+        once = once - attached @ (attached.T @ boundary / stiffness)
     first, second = density**2 * boundary.T @ once, density**3 * once.T @ once
     return Truncation(first, second, min(modes.beyond, lowest_participating(first, second)))
 
