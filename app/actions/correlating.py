@@ -11,7 +11,7 @@ from headstock.app.commands.batch_commands import CorrelateOptions
 from headstock.app.commands.options import read_percent
 from headstock.app.commands.tool_commands import ModesOptions
 from headstock.app.report.pages import render_correlation
-from headstock.app.tables.correlation import list_tables
+from headstock.app.tables.correlation import list_correlation_tables
 from headstock.app.tables.modal_fit import list_modes
 from headstock.app.tables.table import encode_csv
 from headstock.app.terminal.console import counted, make_console, print_remarks
@@ -79,7 +79,8 @@ def _publish(
 ) -> None:
     figures = draw_correlation(found)
     tables = {
-        f"{listing.name}.csv": encode_csv(listing.tabulate()) for listing in list_tables(found)
+        f"{listing.name}.csv": encode_csv(listing.tabulate())
+        for listing in list_correlation_tables(found)
     }
     pictures = {f"{name}.png": image for name, image in figures.items()}
     fit = {name: text.encode() for name, text in found.fit_files.items()}

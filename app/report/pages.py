@@ -25,7 +25,7 @@ from headstock.app.tables.comparison import (
     list_points,
     variant_error_words,
 )
-from headstock.app.tables.correlation import list_modes, list_tables, shorten
+from headstock.app.tables.correlation import list_correlation_tables, list_mode_lines, shorten
 from headstock.app.tables.model_answers import (
     CANNOT,
     cannot_words,
@@ -195,7 +195,7 @@ def render_correlation(
     machine = None
     if found.view is not None:
         machine = encode_machine(found.view, {found.pose: _caption_modes(found)})
-    tables = list(list_tables(found))
+    tables = list(list_correlation_tables(found))
     return (
         report_environment()
         .get_template(CORRELATION_TEMPLATE)
@@ -221,7 +221,7 @@ def render_correlation(
 def _caption_modes(found: Correlation) -> list[Caption]:
     """Say of each row of the table what the viewer shows of it."""
     captions = []
-    for index, row in enumerate(list_modes(found)):
+    for index, row in enumerate(list_mode_lines(found)):
         measured = "" if row.measured_hz is None else f"measured {row.measured_hz:.4g} Hz"
         computed = "" if row.computed_hz is None else f"computed {row.computed_hz:.4g} Hz"
         lead = " / ".join(filter(None, (measured, computed)))

@@ -190,7 +190,7 @@ _CHANNEL_COLUMNS: tuple[Column[ChannelLine], ...] = (
 )
 
 
-def list_modes(found: Correlation) -> list[ModeLine]:
+def list_mode_lines(found: Correlation) -> list[ModeLine]:
     """Return the pairs, then what is missing on either side."""
     return [ModeLine(found, mode) for mode in found.modes]
 
@@ -264,12 +264,12 @@ def shorten(listing: Listing[Any]) -> tuple[Listing[Any], int]:
     return shown, max(0, len(rows) - most)
 
 
-def list_tables(found: Correlation) -> Iterator[Listing[Any]]:
+def list_correlation_tables(found: Correlation) -> Iterator[Listing[Any]]:
     """Yield what is tabled of a correlation, complete."""
     yield Listing(
         f"Measured modes of {found.test} and modes of {found.scene} in pose {found.pose}",
         _MODE_COLUMNS,
-        list_modes(found),
+        list_mode_lines(found),
         "pairs",
     )
     if found.pairs:

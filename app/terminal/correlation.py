@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from headstock.app.tables.correlation import list_tables, shorten
+from headstock.app.tables.correlation import list_correlation_tables, shorten
 from headstock.app.terminal.console import counted, make_console, print_remarks
 from headstock.app.terminal.summary import print_part
 from headstock.studies.correlation.correlation import Correlation
@@ -22,7 +22,7 @@ def print_correlation(found: Correlation, folder: Path, files: Sequence[str]) ->
     print_remarks(found.warnings)
     for remark in found.remarks:
         console.print(f"note: {remark}", markup=False)
-    for listing in list_tables(found):
+    for listing in list_correlation_tables(found):
         shown, more = shorten(listing)
         print_part(console, shown)
         if more:

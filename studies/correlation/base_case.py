@@ -65,7 +65,7 @@ def read_base_case(path: Path) -> BaseCase:
     raise AssertionError("a problem was found and is raised")
 
 
-def name_modes(found: Correlation, base: BaseCase) -> tuple[str, ...]:
+def match_base_modes(found: Correlation, base: BaseCase) -> tuple[str, ...]:
     """Return the name of each measured mode: that of the mode of the base case with the same shape; empty
     where none has it.
     """

@@ -12,6 +12,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Sensor
 from headstock.geometry.parts.nearest_places import find_nearest_place
 from headstock.scene.test_data.records import MeasuredModes
+from headstock.solvers.pairing.mode_pairing import Field
 from headstock.solvers.pairing.shape_agreement import fit_scale
 from headstock.studies.correlation.correlation import pair_shapes
 from headstock.studies.correlation.model import ObservedMachine, PreparedMachine
@@ -22,7 +23,7 @@ CLEARLY = 0.5  # of the misfit of the nearest part: another part is taken below 
 
 
 @dataclass(frozen=True, eq=False)
-class Carrier:
+class _Carrier:
     """A component that may carry a point.
 
     Attributes:
@@ -35,7 +36,7 @@ class Carrier:
     distance: float
 
 
-def find_carriers(prepared: PreparedMachine, point: FloatArray) -> list[Carrier]:
+def find_carriers(prepared: PreparedMachine, point: FloatArray) -> list[_Carrier]:
     """Return the components whose surfaces are nearest to a point ``(3,)`` in the machine frame, the
     nearest first; several where they touch there.
     """
@@ -43,7 +44,7 @@ def find_carriers(prepared: PreparedMachine, point: FloatArray) -> list[Carrier]
     for name, skin in prepared.skins.items():
         frame = prepared.machine.placements[name]
         local = frame.rotation.T @ (point - frame.origin)
-        found.append(Carrier(name, *find_nearest_place(skin, local)))
+        found.append(_Carrier(name, *find_nearest_place(skin, local)))
     found.sort(key=lambda carrier: carrier.distance)
     least = found[0].distance
     return [one for one in found if one.distance <= least + max(TOUCHING, AS_NEAR * least)]
@@ -61,8 +62,8 @@ def choose_carriers(
         model: Each point on its nearest part.
         candidates: Point to the sensors on each of the parts that may carry it.
     """
+    open_points = sorted(point for point, sensors in candidates.items() if len(sensors) > 1)
     channels = measured.channels
-    open_points = {point for point, sensors in candidates.items() if len(sensors) > 1}
     sure = np.array([channel.point not in open_points for channel in channels])
     if not open_points or not sure.any():
         return model, ()
@@ -71,20 +72,17 @@ def choose_carriers(
     pairs, _ = pair_shapes(known, model.modes, shapes[sure])
     first, second = [pair.first for pair in pairs], [pair.second for pair in pairs]
     factors = fit_scale(shapes[sure][:, second], measured.shapes[sure][:, first])
-    sizes = np.linalg.norm(measured.shapes[:, first], axis=0)
+    known = dataclasses.replace(measured, shapes=measured.shapes[:, first])
     chosen, moved = dict(model.sensors), dict[str, list[str]]()
-    for point in sorted(open_points):
-        places = np.array([channel.point == point for channel in channels])
-        misfits = []
-        for sensor in candidates[point]:
-            tried = dataclasses.replace(model, sensors={point: sensor})
-            there = [channel for channel in channels if channel.point == point]
-            motions = tried.observe(there) @ model.modes.shapes[:, second] * factors
-            misfits.append(
-                float(np.sum(np.abs((measured.shapes[places][:, first] - motions) / sizes) ** 2))
+    for point in open_points if pairs else ():
+        misfits = [
+            _measure_misfit(
+                dataclasses.replace(model, sensors={point: sensor}), known, point, second, factors
             )
+            for sensor in candidates[point]
+        ]
         best = int(np.argmin(misfits))
-        if pairs and misfits[best] < CLEARLY * misfits[0]:
+        if misfits[best] < CLEARLY * misfits[0]:
             chosen[point] = candidates[point][best]
             moved.setdefault(chosen[point].component, []).append(point)
     remarks = tuple(
@@ -92,3 +90,24 @@ def choose_carriers(
         for name, points in moved.items()
     )
     return dataclasses.replace(model, sensors=chosen), remarks
+
+
+def _measure_misfit(
+    tried: ObservedMachine,
+    measured: MeasuredModes,
+    point: str,
+    modes: Sequence[int],
+    factors: Field,
+) -> float:
+    """Return the sum of squared differences at a point, each shape of length one.
+
+    Args:
+        tried: With a sensor for the point.
+        measured: Shapes ``(c, k)`` of the pairs.
+        modes: Computed modes of the pairs.
+        factors: ``(k,)`` that bring computed shapes to the measured ones.
+    """
+    rows = [row for row, channel in enumerate(measured.channels) if channel.point == point]
+    seen = tried.observe([measured.channels[row] for row in rows])
+    left = measured.shapes[rows] - seen @ tried.modes.shapes[:, modes] * factors
+    return float(np.sum(np.abs(left / np.linalg.norm(measured.shapes, axis=0)) ** 2))

@@ -120,7 +120,7 @@ class Correlation(Displayed):
 
     @property
     def channels(self) -> tuple[TestChannel, ...]:
-        """Where and in which direction shapes are compared."""
+        """Points and directions in which shapes are compared."""
         return self.measured.channels
 
     @cached_property
@@ -145,48 +145,53 @@ class Correlation(Displayed):
 
     @property
     def agreement(self) -> ChannelAgreement:
-        """How the paired shapes agree in each channel."""
+        """Agreement of the paired shapes in each channel."""
         first, second = ([getattr(p, side) for p in self.pairs] for side in ("first", "second"))
         return agree_by_channel(self.measured.shapes[:, first], self.shapes[:, second])
 
     @property
+    def paired(self) -> tuple[CorrelatedMode, ...]:
+        """Measured modes that the model has."""
+        return tuple(row for row in self.modes if row.deviation is not None)
+
+    @property
     def verdict(self) -> tuple[str, ...]:
-        """What a reader wants first, one sentence each."""
-        measured = [row for row in self.modes if row.measured is not None]
-        pairs = [row for row in measured if row.deviation is not None]
-        met = [row for row in pairs if abs(row.deviation or 0.0) <= self.within]
-        sentences = [
-            f"{len(met)} of {len(measured)} measured modes are met within {100 * self.within:g} %"
-            + self._largest_deviation(pairs)
-        ]
-        if missing := [row for row in measured if row.computed is None]:
-            sentences.append(
-                f"missing in the model: {', '.join(map(self._name_measured, missing))}"
-            )
-        if unmeasured := [row for row in self.modes if row.measured is None]:
-            names = ", ".join(map(self._name_computed, unmeasured))
-            sentences.append(f"computed, but not measured: {names}")
-        for one, other in self.exchanges:
-            names = f"{self._name_measured(one)} and {self._name_measured(other)}"
-            sentences.append(f"the model has the modes at {names} in the other order")
-        if doubtful := [row for row in pairs if row.doubts]:
-            names = ", ".join(map(self._name_measured, doubtful))
-            sentences.append(f"doubtful pairs: {names}")
-        return (*sentences, *self.since_base, *self.faults)
+        """Sentences that a reader wants first."""
+        met = [row for row in self.paired if abs(row.deviation or 0.0) <= self.within]
+        count = len(self.measured.frequencies_hz)
+        lists = {
+            "missing in the model": [row for row in self.modes if row.computed is None],
+            "computed, but not measured": [row for row in self.modes if row.measured is None],
+            "doubtful pairs": [row for row in self.paired if row.doubts],
+        }
+        return (
+            f"{len(met)} of {count} measured modes are met within {100 * self.within:g} %"
+            + self._largest_deviation(),
+            *(
+                f"{what}: {', '.join(map(self._name, rows))}"
+                for what, rows in lists.items()
+                if rows
+            ),
+            *(
+                f"the model has the modes at {self._name(one)} and {self._name(other)} in the other order"
+                for one, other in self.exchanges
+            ),
+            *self.since_base,
+            *self.faults,
+        )
 
-    def _largest_deviation(self, pairs: list[CorrelatedMode]) -> str:
-        if not pairs:
+    def _largest_deviation(self) -> str:
+        if not self.paired:
             return ""
-        worst = max(pairs, key=lambda row: abs(row.deviation or 0.0))
-        return f"; largest deviation {100 * (worst.deviation or 0.0):+.1f} % ({self._name_measured(worst)})"
+        worst = max(self.paired, key=lambda row: abs(row.deviation or 0.0))
+        return f"; largest deviation {100 * (worst.deviation or 0.0):+.1f} % ({self._name(worst)})"
 
-    def _name_measured(self, row: CorrelatedMode) -> str:
-        return f"{self.measured.frequencies_hz[row.measured]:.4g} Hz"
-
-    def _name_computed(self, row: CorrelatedMode) -> str:
+    def _name(self, row: CorrelatedMode) -> str:
+        """Return the measured frequency of a mode, or the computed one with its name."""
+        if row.measured is not None:
+            return f"{self.measured.frequencies_hz[row.measured]:.4g} Hz"
         index = row.computed or 0
-        name = self.computed.mode_names[index]
-        return f"{self.computed.frequencies_hz[index]:.4g} Hz ({name})"
+        return f"{self.computed.frequencies_hz[index]:.4g} Hz ({self.computed.mode_names[index]})"
 
     def _join(self, pair: ModePair) -> CorrelatedMode:
         hz = float(self.computed.frequencies_hz[pair.second])
@@ -211,10 +216,9 @@ class Correlation(Displayed):
     @cached_property
     def exchanges(self) -> tuple[tuple[CorrelatedMode, CorrelatedMode], ...]:
         """Neighbouring pairs that the model has in the other order: pairing by frequency would hide it."""
-        pairs = [row for row in self.modes if row.deviation is not None]
         return tuple(
             (one, other)
-            for one, other in itertools.pairwise(pairs)
+            for one, other in itertools.pairwise(self.paired)
             if (one.computed or 0) > (other.computed or 0)
         )
 

@@ -26,7 +26,7 @@ from headstock.solvers.ranks import make_on_root
 from headstock.studies.correlation.base_case import (
     BaseCase,
     list_exchanges,
-    name_modes,
+    match_base_modes,
     read_base_case,
 )
 from headstock.studies.correlation.carriers import choose_carriers, find_carriers
@@ -36,7 +36,7 @@ from headstock.studies.correlation.modal_fit import ModalFit, pass_modes, read_m
 from headstock.studies.correlation.model import (
     ObservedMachine,
     PreparedMachine,
-    observe_points,
+    observe_machine,
     prepare_machine,
     request_modes,
 )
@@ -109,7 +109,7 @@ class _Test:
 
 
 @dataclass(frozen=True, eq=False)
-class LoadedCorrelation:
+class _LoadedCorrelation:
     """A job whose files are read and checked."""
 
     job: CorrelationJob
@@ -118,7 +118,7 @@ class LoadedCorrelation:
     base: BaseCase | None
 
 
-def load_correlation(job: CorrelationJob) -> LoadedCorrelation:
+def load_correlation(job: CorrelationJob) -> _LoadedCorrelation:
     """Read and check the files of a job.
 
     Raises:
@@ -127,11 +127,11 @@ def load_correlation(job: CorrelationJob) -> LoadedCorrelation:
     """
     test = _read_test(job.test)
     base = None if job.like is None else read_base_case(job.like)
-    return LoadedCorrelation(job, test, _load_scene(job, test), base)
+    return _LoadedCorrelation(job, test, _load_scene(job, test), base)
 
 
 def run_correlation(
-    loaded: LoadedCorrelation,
+    loaded: _LoadedCorrelation,
     store: Store,
     comm: MPI.Comm,
     *,
@@ -160,7 +160,7 @@ def run_correlation(
         return None
     nearest = {point: several[0] for point, several in placed.sensors.items()}
     model, remarks = choose_carriers(
-        observe_points(observed, nearest, placed.rotation), test.modes, placed.sensors
+        observe_machine(observed, nearest, placed.rotation), test.modes, placed.sensors
     )
     placed = dataclasses.replace(placed, remarks=(*placed.remarks, *remarks))
     return _compare(loaded, placed, model)
@@ -261,7 +261,9 @@ def _place_test(test: _Test, bare: PreparedMachine | None) -> _PlacedTest:
     return _PlacedTest(scene, sensors, placement.rotation, distances, placement.remarks)
 
 
-def _compare(loaded: LoadedCorrelation, placed: _PlacedTest, model: ObservedMachine) -> Correlation:
+def _compare(
+    loaded: _LoadedCorrelation, placed: _PlacedTest, model: ObservedMachine
+) -> Correlation:
     job, test, base = loaded.job, loaded.test, loaded.base
     measured, modes = test.modes, model.modes
     rows = model.observe(measured.channels)
@@ -298,7 +300,7 @@ def _compare(loaded: LoadedCorrelation, placed: _PlacedTest, model: ObservedMach
         frequencies_hz=measured.frequencies_hz,
     )
     if base is not None:
-        names = name_modes(found, base)
+        names = match_base_modes(found, base)
         since = list_exchanges(names, base)
         found = dataclasses.replace(found, names=names, since_base=since)
     files = {

@@ -121,7 +121,7 @@ def prepare_machine(
     return PreparedMachine(scene, machine, skins, tuple(state.warnings))
 
 
-def observe_points(
+def observe_machine(
     prepared: PreparedMachine, sensors: Mapping[str, Sensor], rotation: FloatArray
 ) -> ObservedMachine:
     """Solve the modes of a machine whose sensors are placed.

@@ -20,7 +20,7 @@ def list_places(found: Correlation) -> list[tuple[tuple[str, str], float] | None
     for channel in found.channels:
         sensor = found.sensors[channel.point]
         direction = found.rotation @ channel.direction
-        place = find_dof(sensor, direction, measured_directions(found, channel.point))
+        place = _find_dof(sensor, direction, measured_directions(found, channel.point))
         places.append(None if place is None else ((sensor.name, place[0]), place[1]))
     return places
 
@@ -38,7 +38,7 @@ def list_motions(found: Correlation) -> list[Motions]:
     ]
 
 
-def find_dof(
+def _find_dof(
     sensor: Sensor, direction: FloatArray, written: dict[str, FloatArray]
 ) -> tuple[str, float] | None:
     """Return along which of its directions a sensor sees a channel, and with which sign; None where it

@@ -60,7 +60,7 @@ def write_targets(found: Correlation, scene: Scene, base: BaseCase | None = None
             if row.measured is not None
         ],
     }
-    name = name_case(found.test)
+    name = _name_case(found.test)
     table: TomlTable = {
         "name": f"{found.scene} and {found.test}",
         "parameters": dict(_propose_parameters(scene.raw, scene.written)),
@@ -98,7 +98,7 @@ def write_sensors(found: Correlation, scene: Scene) -> str:
     return write_toml({"sensors": sensors}) if sensors else ""
 
 
-def name_case(test: str) -> str:
+def _name_case(test: str) -> str:
     """Return the name of the case of a test file."""
     name = re.sub(r"[^A-Za-z0-9_-]", "_", test.rpartition(".")[0] or test)[:60]
     return name if name[:1].isalpha() else f"test_{name}"
