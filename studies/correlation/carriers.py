@@ -69,7 +69,7 @@ def choose_carriers(
         return model, ()
     shapes = model.observe(channels) @ model.modes.shapes
     known = dataclasses.replace(measured, shapes=measured.shapes[sure])
-    pairs, _ = pair_shapes(known, model.modes, shapes[sure])
+    pairs = pair_shapes(known, model.modes, shapes[sure])
     first, second = [pair.first for pair in pairs], [pair.second for pair in pairs]
     factors = fit_scale(shapes[sure][:, second], measured.shapes[sure][:, first])
     known = dataclasses.replace(measured, shapes=measured.shapes[:, first])

@@ -1,7 +1,8 @@
 """Measured modes beside computed ones: pairs by shape, what is missing on either side, what is doubtful."""
 
+import dataclasses
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,7 +18,6 @@ from headstock.solvers.pairing.mode_pairing import (
     SAME_MODE,
     ModePair,
     ModeSet,
-    correlate_modes,
     pair_modes,
 )
 from headstock.solvers.pairing.shape_agreement import ChannelAgreement, agree_by_channel
@@ -25,6 +25,8 @@ from headstock.studies.correlation.modal_fit import ModalFit
 from headstock.studies.correlation.responses import ComparedResponses
 
 CERTAIN = 0.8  # MAC below which a pair is doubtful
+MOST_LEFT_OUT = 3  # points that hide pairs
+LEAST_GAIN = 1.0  # of the sum of MACs, for a point to be left out of the pairing
 RIVAL = 0.1  # a further shape whose MAC is less than this below that of the pair rivals it
 WITHIN = 0.05
 
@@ -61,6 +63,7 @@ class Correlation(Displayed):
         range_hz: Frequencies between which the test looked.
         within: Relative deviation up to which a frequency is met.
         pairs: By shape.
+        left_out: Points that hid pairs: these were found without them.
         mac: ``(k, m)`` of single shapes.
         orthogonality: ``(k, m)`` cross-orthogonality with the mass of the reduced model; None where
             the channels do not suffice.
@@ -89,6 +92,7 @@ class Correlation(Displayed):
     within: float
     pairs: tuple[ModePair, ...]
     mac: FloatArray
+    left_out: tuple[str, ...] = ()
     orthogonality: FloatArray | None = None
     responses: ComparedResponses | None = None
     distances: dict[str, float] = field(default_factory=dict)
@@ -176,6 +180,7 @@ class Correlation(Displayed):
                 f"the model has the modes at {self._name(one)} and {self._name(other)} in the other order"
                 for one, other in self.exchanges
             ),
+            *(f"paired without point {point}, which hides the pairs" for point in self.left_out),
             *self.since_base,
             *self.faults,
         )
@@ -197,12 +202,17 @@ class Correlation(Displayed):
         hz = float(self.computed.frequencies_hz[pair.second])
         deviation = hz / float(self.measured.frequencies_hz[pair.first]) - 1.0
         doubts = tuple(self._doubt(pair))
-        return CorrelatedMode(pair.first, pair.second, pair.correlation, deviation, doubts)
+        mac = float(self.mac[pair.first, pair.second]) if self.left_out else pair.correlation
+        return CorrelatedMode(pair.first, pair.second, mac, deviation, doubts)
 
     def _doubt(self, pair: ModePair) -> Iterator[str]:
         """Yield what speaks against a pair."""
         first, second = pair.first, pair.second
         row, alone = self.mac[first], float(self.mac[first, second])
+        if self.left_out:  # what single shapes look like says little then
+            if pair.correlation < CERTAIN:
+                yield f"MAC {pair.correlation:.2f} without {', '.join(self.left_out)}"
+            return
         if pair.correlation < CERTAIN:
             yield f"MAC {pair.correlation:.2f}"
         if pair.correlation > alone + RIVAL:
@@ -251,12 +261,36 @@ class Correlation(Displayed):
 
 def pair_shapes(
     measured: MeasuredModes, computed: PoseModes, shapes: FloatArray
-) -> tuple[tuple[ModePair, ...], FloatArray]:
-    """Return the measured and computed modes that are the same, and the MAC ``(k, m)`` of single shapes.
+) -> tuple[ModePair, ...]:
+    """Return the measured and computed modes that are the same.
 
     Args:
         shapes: ``(c, m)`` computed, at the channels of the measured ones.
     """
     model = ModeSet(computed.frequencies_hz, shapes, computed.rigid_count)
-    test = ModeSet(measured.frequencies_hz, measured.shapes)
-    return pair_modes(test, model), correlate_modes(measured.shapes, shapes)
+    return pair_modes(ModeSet(measured.frequencies_hz, measured.shapes), model)
+
+
+def pair_by_most(
+    measured: MeasuredModes, computed: PoseModes, shapes: FloatArray
+) -> tuple[tuple[ModePair, ...], tuple[str, ...]]:
+    """Return the same by the points that agree: a few that hide pairs are left out one by one, and
+    named.
+    """
+    pairs, left_out = pair_shapes(measured, computed, shapes), tuple[str, ...]()
+    points = np.array([channel.point for channel in measured.channels])
+    while len(left_out) < MOST_LEFT_OUT and _sum_up(pairs) < CERTAIN * len(measured.frequencies_hz):
+        tried = {}
+        for point in dict.fromkeys(points.tolist()):
+            kept = ~np.isin(points, [*left_out, point])
+            known = dataclasses.replace(measured, shapes=measured.shapes[kept])
+            tried[point] = pair_shapes(known, computed, shapes[kept]) if kept.any() else ()
+        best = max(tried, key=lambda point: _sum_up(tried[point]))
+        if _sum_up(tried[best]) < _sum_up(pairs) + LEAST_GAIN:
+            break
+        pairs, left_out = tried[best], (*left_out, best)
+    return pairs, left_out
+
+
+def _sum_up(pairs: Sequence[ModePair]) -> float:
+    return sum(pair.correlation for pair in pairs)

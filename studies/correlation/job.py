@@ -19,7 +19,7 @@ from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.reading import read_test_data
 from headstock.scene.test_data.records import MeasuredModes, TestData, as_vector
 from headstock.solvers.mpi import MPI
-from headstock.solvers.pairing.mode_pairing import Field
+from headstock.solvers.pairing.mode_pairing import Field, correlate_modes
 from headstock.solvers.pairing.shape_agreement import cross_orthogonality
 from headstock.solvers.pairing.shape_expansion import expand_by_modes, expand_by_stiffness
 from headstock.solvers.ranks import make_on_root
@@ -31,7 +31,7 @@ from headstock.studies.correlation.base_case import (
 )
 from headstock.studies.correlation.carriers import choose_carriers, find_carriers
 from headstock.studies.correlation.channel_remarks import describe_channel_faults
-from headstock.studies.correlation.correlation import WITHIN, Correlation, pair_shapes
+from headstock.studies.correlation.correlation import WITHIN, Correlation, pair_by_most
 from headstock.studies.correlation.modal_fit import ModalFit, pass_modes, read_modes
 from headstock.studies.correlation.model import (
     ObservedMachine,
@@ -268,7 +268,7 @@ def _compare(
     measured, modes = test.modes, model.modes
     rows = model.observe(measured.channels)
     shapes = rows @ modes.shapes
-    pairs, mac = pair_shapes(measured, modes, shapes)
+    pairs, left_out = pair_by_most(measured, modes, shapes)
     faults = describe_channel_faults(measured.shapes, shapes, measured.channels)
     found = Correlation(
         scene=model.prepared.scene.name,
@@ -280,7 +280,8 @@ def _compare(
         range_hz=test.range_hz,
         within=job.within,
         pairs=pairs,
-        mac=mac,
+        mac=correlate_modes(measured.shapes, shapes),
+        left_out=left_out,
         distances=placed.distances,
         sensors=dict(model.sensors),
         rotation=placed.rotation,

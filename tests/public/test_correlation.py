@@ -120,6 +120,8 @@ def test_a_turned_sensor_is_named_and_left_out_of_a_fit(shell: Shell, measured: 
 
     write_test(shell.folder, measured, spoil=turn)
     shown = shell.prints("correlate scene.toml test.uff --variant E -o out")
+    assert "9 of 9 measured modes are met within 5 %" in shown
+    assert "paired without point 10, which hides the pairs" in shown
     assert "sensor 10: x and y look reversed" in shown
     assert "MAC of 9 modes rises from 0.3" in shown
     assert len(shell.json("out/correlate.json")["faults"]) == 1
