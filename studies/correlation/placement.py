@@ -112,6 +112,7 @@ def place_test(
     """
     surface = MachineSurface(skins, frames)
     places = np.array([point.position for point in points.values()])
+    _require_unit(places, surface)
     written = _measure(surface, places, _Motion(np.eye(3), np.zeros(3)))
     common = [name for name in points if name in (matches or {})]
     known = np.array([points[name].position for name in common]).reshape(-1, 3)
@@ -130,7 +131,6 @@ def place_test(
             "points of the test stand where the file has them, in the axes of the machine"
         )
     else:
-        _require_unit(places, surface)
         motion, rivals = _search(surface, places, written)
         remarks.append(
             f"points of the test are {motion.describe()}: the best fit to the surfaces (as written they were {1e3 * written.rms:.3g} mm away,"

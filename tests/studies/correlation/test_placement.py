@@ -94,11 +94,16 @@ def test_three_known_points_decide() -> None:
     assert "by 3 points that the scene places" in placement.remarks[0]
 
 
-def test_millimetres_read_as_metres_are_named() -> None:
-    with pytest.raises(
-        MeasurementError, match=r"span 1\d{3} m, the machine 1\.\d+ m: mm read as m\?"
-    ):
-        place_test(as_points(1e3 * measured_points()), SKINS, FRAMES)
+@pytest.mark.parametrize(
+    ("factor", "words"),
+    [
+        (1e3, r"span 1\d{3} m, the machine 1\.\d+ m: mm read as m\?"),
+        (1e-3, r"span 0\.001\d+ m, the machine 1\.\d+ m: m read as mm\?"),
+    ],
+)
+def test_points_in_another_unit_are_named(factor: float, words: str) -> None:
+    with pytest.raises(MeasurementError, match=words):
+        place_test(as_points(factor * measured_points()), SKINS, FRAMES)
 
 
 def test_points_of_another_machine_are_refused() -> None:
