@@ -4,6 +4,7 @@ everything that is wrong.
 
 import dataclasses
 import functools
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,8 @@ from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.reading.units import COMPLIANCE, FREQUENCY, RATIO, Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.validation import validate_against
+from headstock.scene.test_data.errors import MeasurementError
+from headstock.studies.identification.measured_responses import MeasuredPair, read_pairs
 from headstock.studies.identification.parameters import read_parameters
 from headstock.studies.identification.records import fit_line
 from headstock.studies.identification.targets import (
@@ -35,6 +38,7 @@ from headstock.studies.identification.targets import (
     Parameter,
     ParameterTable,
     ResponseTarget,
+    ResponseTargetTable,
     RivalTable,
     ShapeTarget,
     TargetCase,
@@ -166,19 +170,48 @@ def _read_responses(
     """Yield the targets of frequency responses."""
     for index, entry in enumerate(table.responses or ()):
         key: KeyPath = ("cases", case, "responses", index)
-        _check_place((*key, "point"), entry.point, scene, findings, entry.motion)
-        force = (*key, "point" if entry.force_at is None else "force_at")
-        _check_place(force, entry.force_at or entry.point, scene, findings, entry.force)
-        yield ResponseTarget(
-            name=f"{case} {entry.point} {entry.motion}/F{entry.force}"
-            + (f" at {entry.force_at}" if entry.force_at else ""),
-            motion=ObservedDof(entry.point, "xyz".index(entry.motion)),
-            force=ObservedDof(entry.force_at or entry.point, "xyz".index(entry.force)),
-            frequencies_hz=tuple(line[0] for line in entry.lines),
-            values=tuple(complex(line[1], line[2]) for line in entry.lines),
-            sigma=(_relative(entry.tolerance, 1.0) or RESPONSE_TOLERANCE) / entry.weight**0.5,
-            hold_out=entry.hold_out or table.hold_out,
+        try:
+            pairs = _list_pairs(entry, Path(findings.path).parent)
+        except (ValueError, MeasurementError) as error:
+            findings.add((*key, "file"), str(error))
+            continue
+        for pair in pairs:
+            ends = {"point": pair.motion, "force_at": pair.force}
+            for name, (place, dof) in ends.items():
+                where = name if entry.file is None else "file"
+                known = (*key, "point" if name == "force_at" and not entry.force_at else where)
+                _check_place(known, place, scene, findings, "xyz"[dof])
+            motion, force = ("xyz"[end.dof] for end in ends.values())
+            elsewhere = pair.force.observer != pair.motion.observer
+            yield ResponseTarget(
+                name=f"{case} {pair.motion.observer} {motion}/F{force}"
+                + (f" at {pair.force.observer}" if elsewhere else ""),
+                motion=pair.motion,
+                force=pair.force,
+                frequencies_hz=pair.frequencies_hz,
+                values=pair.values,
+                sigma=(_relative(entry.tolerance, 1.0) or RESPONSE_TOLERANCE) / entry.weight**0.5,
+                hold_out=entry.hold_out or table.hold_out,
+            )
+
+
+def _list_pairs(entry: ResponseTargetTable, folder: Path) -> list[MeasuredPair]:
+    """Return what an entry gives itself, or the pairs of its file."""
+    if entry.file is not None:
+        low, high = entry.band or (0.0, math.inf)
+        return read_pairs(
+            folder, entry.file, sensors=entry.sensors, band=(low, high), count=entry.count
         )
+    if entry.point is None or entry.motion is None or entry.force is None:
+        return []  # the schema reports it
+    return [
+        MeasuredPair(
+            ObservedDof(entry.point, "xyz".index(entry.motion)),
+            ObservedDof(entry.force_at or entry.point, "xyz".index(entry.force)),
+            tuple(line[0] for line in entry.lines),
+            tuple(complex(line[1], line[2]) for line in entry.lines),
+        )
+    ]
 
 
 def _read_numbers(

@@ -188,22 +188,29 @@ class _ComplianceTargetTable(StrictTable):
             yield "is zero; leave an entry that should vanish out, or give what was measured"
 
 
-class _ResponseTargetTable(StrictTable):
+class ResponseTargetTable(StrictTable):
     """A measured frequency response: motion at a point in one direction per unit force in another."""
 
-    point: Text
+    point: Text | None = None
     """where the motion was measured"""
-    motion: Literal["x", "y", "z"]
+    motion: Literal["x", "y", "z"] | None = None
     """direction of the motion"""
-    force: Literal["x", "y", "z"]
+    force: Literal["x", "y", "z"] | None = None
     """direction of the force"""
     force_at: Text | None = None
     """where the force acts; default: the same point"""
     lines: Annotated[
-        list[tuple[PositiveFrequency, Compliance, Compliance]],
-        Field(min_length=1, max_length=1000),
-    ]
+        list[tuple[PositiveFrequency, Compliance, Compliance]], Field(max_length=1000)
+    ] = []
     """frequency, real and imaginary part of displacement over force"""
+    file: Text | None = None
+    """in place of these: a file of [test data](test_data.md) in the folder of the target file, all of whose responses count"""
+    sensors: Text = ""
+    """table of sensors with the names of its points; default: sensors have these names"""
+    band: Annotated[list[PositiveFrequency], Field(min_length=2, max_length=2)] | None = None
+    """lowest and highest frequency taken of the file"""
+    count: Annotated[Count, Between(1, 1000)] = 40
+    """most lines taken of each response of the file"""
     tolerance: RatioSpread | None = None
     """standard deviation of each line, relative to its size"""
     weight: PositiveNumber = 1.0
@@ -214,6 +221,9 @@ class _ResponseTargetTable(StrictTable):
     def _faults(self) -> Iterator[str]:
         if any(line[1] == line[2] == 0.0 for line in self.lines):
             yield "has a line that is zero; leave it out"
+        given = [self.point, self.motion, self.force, self.lines or None]
+        if given.count(None) != (0 if self.file is None else len(given)):
+            yield 'needs either point, motion, force and lines, or file = "test.uff"'
 
 
 class _AtMostTable(StrictTable):
@@ -252,9 +262,9 @@ class CaseTable(StrictTable):
         Annotated[list[_ComplianceTargetTable], Field(min_length=1, max_length=1000)] | None
     ) = None
     """measured compliances"""
-    responses: (
-        Annotated[list[_ResponseTargetTable], Field(min_length=1, max_length=1000)] | None
-    ) = None
+    responses: Annotated[list[ResponseTargetTable], Field(min_length=1, max_length=1000)] | None = (
+        None
+    )
     """measured frequency responses"""
     numbers: Annotated[dict[Text, Measured], Field(min_length=1, max_length=1000)] | None = None
     """measured values of numbers by name: `frequency(mode=3)`, `compliance(point=tcp,direction=x)`"""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from built_uff import points_15, text_58, units
 from common import Shell, approx
 from fixture_machines import stored_scene
 
@@ -341,3 +342,26 @@ def test_a_record_of_forces_and_displacements_is_a_compliance_with_its_hysteresi
     assert reach == approx(2 * 1.959964 * error, rel=1e-4)
     block.write(text.replace("record =", 'value = "50 um/kN", record ='), name="targets")
     assert "needs either value" in block.refuses(IDENTIFY)
+
+
+def test_responses_come_from_a_file_of_test_data(block: Shell) -> None:
+    """Driven and measured at point 7, which looks along -x: both signs cancel."""
+    with_damping(block)
+    block.change(('ry = "6 MN m/rad"', 'ry = "6e6 MN m/rad"'))
+    block.change(add='[sensors.test]\nfile = "points.csv"\ncomponent = "block"\n')
+    (block.folder / "points.csv").write_text("point,x [mm],y [mm],z [mm]\n7,500,0,500\n")
+    hz = np.linspace(5.0, 20.0, 31)
+    omega = 2.0 * np.pi * hz
+    values = 1.0 / (4.4e6 * (1.0 + 0.02j) - 1000.0 * omega**2 + 1j * omega * 3e3)
+    kinds, ends = (8, 13), {"motion": (7, -1), "force": (7, -1)}
+    text = points_15([7, 0, 0, 11, 0.5, 0.0, 0.5]) + text_58(values, hz=hz, kinds=kinds, **ends)
+    (block.folder / "test.uff").write_bytes(units(1, 1.0, 1.0) + text)
+    entry = '{ file = "test.uff", sensors = "test", band = ["6 Hz", "16 Hz"], count = 9 }'
+    found = identify(block, f"[cases.a]\nresponses = [{entry}]\n", DAMPINGS, parameter("x"))
+    fitted = {name: item["value"] for name, item in found["parameters"].items()}
+    assert fitted == approx({"x": 4.4, "viscous": 3.0, "structural": 0.02}, rel=1e-4)
+    assert found["noise_by_kind"]["response"]["degrees_of_freedom"] == approx(15.0, abs=1e-6)
+    block.write(
+        f"[cases.a]\nresponses = [{entry.replace('6 Hz', '50 Hz', 1)}]\n" + DAMPINGS, name="targets"
+    )
+    assert "no line between 50 and 16 Hz" in block.refuses(IDENTIFY)

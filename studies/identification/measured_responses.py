@@ -1,0 +1,82 @@
+"""Frequency responses of a file of test data as targets: which sensors they belong to, and few enough
+lines.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from headstock.reduction.coupling.slopes import ObservedDof
+from headstock.scene.reading.files import resolve_file
+from headstock.scene.test_data.reading import PARSERS, read_test_data
+from headstock.scene.test_data.records import TestChannel
+
+ALIGNED = 1.0 - 1e-4  # cosine between a measured direction and an axis
+
+
+@dataclass(frozen=True)
+class MeasuredPair:
+    """A frequency response between two sensors: displacement over force [m/N] at lines [Hz]."""
+
+    motion: ObservedDof
+    force: ObservedDof
+    frequencies_hz: tuple[float, ...]
+    values: tuple[complex, ...]
+
+
+def read_pairs(
+    folder: Path, file: str, *, sensors: str, band: tuple[float, float], count: int
+) -> list[MeasuredPair]:
+    """Read every measured pair of channels of a file.
+
+    Args:
+        folder: Where the file lies, or below.
+        sensors: Table of sensors that are called by the names of measured points; empty where sensors
+            themselves have these names.
+        band: Lowest and highest frequency [Hz].
+        count: Keep at most so many lines, evenly chosen.
+
+    Raises:
+        ValueError: There is no such file, it has no responses in the band, or a direction lies along
+            no axis.
+        MeasurementError: The file cannot be read.
+    """
+    responses = read_test_data(resolve_file(folder, file, tuple(PARSERS))).responses
+    if responses is None:
+        raise ValueError(f"{file} has no frequency responses")
+    hz = responses.frequencies_hz
+    inside = np.flatnonzero((hz > 0.0) & (hz >= band[0]) & (hz <= band[1]))
+    if not len(inside):
+        raise ValueError(f"{file} has no line between {band[0]:g} and {band[1]:g} Hz")
+    chosen = np.unique(inside[np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(int)])
+    pairs = []
+    for row, motion in enumerate(responses.motions):
+        for column, force in enumerate(responses.forces):
+            values = responses.values[chosen, row, column]
+            known = np.isfinite(values) & (values != 0.0)
+            if known.any():
+                (end, sign), (start, other) = (
+                    _find_sensor(channel, sensors) for channel in (motion, force)
+                )
+                pairs.append(
+                    MeasuredPair(
+                        end,
+                        start,
+                        tuple(hz[chosen][known].tolist()),
+                        tuple((sign * other * values[known]).tolist()),
+                    )
+                )
+    return pairs
+
+
+def _find_sensor(channel: TestChannel, sensors: str) -> tuple[ObservedDof, float]:
+    """Return the sensor and dof of a channel, and the sign of its direction."""
+    dof = int(np.argmax(np.abs(channel.direction)))
+    size = channel.direction[dof]
+    if abs(size) < ALIGNED:
+        raise ValueError(
+            f"point {channel.point} was measured along {channel.direction}, which is no axis of its sensor"
+        )
+    name = f"{sensors}.{channel.point}" if sensors else channel.point
+    return ObservedDof(name, dof), float(np.sign(size))
