@@ -82,6 +82,7 @@ def _response_level(fit: ModalFit, highest: int) -> FloatArray:
     """Return the rms of all responses ``(l,)`` as heights, logarithmic."""
     assert fit.responses is not None
     values = np.abs(fit.responses.values)
-    level = np.log10(np.sqrt(np.nanmean(values**2, axis=(1, 2))))
+    sizes = np.sqrt(np.nanmean(values**2, axis=(1, 2)))
+    level = np.log10(np.maximum(sizes, np.finfo(float).tiny))
     share = 1.0 + (level - level.max()) / DECADES
     return np.asarray(highest * np.clip(share, 0.0, 1.0))

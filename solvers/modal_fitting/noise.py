@@ -13,24 +13,28 @@ WINDOW = 51  # lines of a running median
 THIRD_DIFFERENCE = 20.0  # sum of squares of 1, -3, 3, -1
 MEDIAN = np.log(2.0)  # of the square of complex noise over its mean
 TALL = 3.0  # times its rms: a response this large is a resonance
+DISTURBED = 100.0  # times the level around it: a line with this much is disturbed, as by mains
 SWEEPS = 4
 
 
-def noise_from_neighbours(values: ComplexArray) -> FloatArray:
+def noise_from_neighbours(values: ComplexArray, *, disturbed: bool = False) -> FloatArray:
     """Return the noise of responses ``(l, m, f)`` in squares, from third differences of neighbouring
     lines: a smooth response has hardly any.
+
+    Args:
+        disturbed: Lines that stand out have their own level. Narrow resonances stand out, too.
     """
     squares = np.abs(np.diff(values, n=3, axis=0)) ** 2 / THIRD_DIFFERENCE
     padded = np.concatenate([squares[:1], squares[:1], squares, squares[-1:]])
-    return _level_by_line(padded, np.abs(values) ** 2)
+    return _level_by_line(padded, np.abs(values) ** 2, disturbed=disturbed)
 
 
 def noise_from_residuals(residuals: ComplexArray, model: ComplexArray) -> FloatArray:
     """Return the noise of responses ``(l, m, f)`` in squares, from what a model leaves of them."""
-    return _level_by_line(np.abs(residuals) ** 2, np.abs(model) ** 2)
+    return _level_by_line(np.abs(residuals) ** 2, np.abs(model) ** 2, disturbed=True)
 
 
-def _level_by_line(squares: FloatArray, sizes: FloatArray) -> FloatArray:
+def _level_by_line(squares: FloatArray, sizes: FloatArray, *, disturbed: bool) -> FloatArray:
     """Return squares of noise as a level per line times one per pair, and a share of the size of a
     response, which shows at resonances.
 
@@ -44,6 +48,8 @@ def _level_by_line(squares: FloatArray, sizes: FloatArray) -> FloatArray:
     pairs = np.median(known, axis=0) / MEDIAN
     middle = np.median(known / np.where(pairs > 0.0, pairs, 1.0), axis=1) / MEDIAN
     lines = scipy.ndimage.median_filter(middle, min(WINDOW, len(middle)), mode="nearest")
+    if disturbed:
+        lines = np.where(middle > DISTURBED * lines, middle, lines)
     tall = size > TALL**2 * np.mean(size, axis=0)
     share = float(np.median(known[tall] / size[tall])) / MEDIAN if tall.any() else 0.0
     level = np.full(squares.shape, np.nan)

@@ -85,6 +85,8 @@ def fit_poles(
     """
     squares = noise_from_neighbours(values) if deviations is None else deviations**2
     data = _weigh(frequencies_hz, values, squares)
+    if deviations is None:
+        squares = noise_from_neighbours(values, disturbed=True)
     empty = np.zeros(0, dtype=np.complex128)
     chosen = _Chosen(fit_shapes(data, empty, np.zeros((values.shape[2], 0), complex)), ())
     first_steps: list[tuple[OrderPoles, ...]] = []

@@ -92,6 +92,8 @@ def cluster_poles(
         from_hz: Poles below are left out [Hz].
         to_hz: Poles above are left out [Hz].
     """
+    if not steps:
+        return []
     poles = np.concatenate([step.poles for step in steps])
     vectors = np.concatenate([step.participations for step in steps], axis=1)
     orders = np.concatenate([np.full(len(step.poles), step.order) for step in steps])

@@ -102,6 +102,20 @@ def test_a_pair_that_was_not_measured_is_left_out() -> None:
     assert found_hz(fit) == pytest.approx(known.hz, rel=1e-3)
 
 
+def test_lines_that_mains_disturb_are_no_modes_and_hide_none() -> None:
+    known = draw_modes(2, 5)
+    values = respond(known, 0.01, 2)
+    for line in (42, 185, 328):  # near 50, 150 and 250 Hz
+        values[line - 1 : line + 2] += 0.3 * np.abs(values).max()
+    fit = fit_poles(LINES, values, order=20)
+    assert found_hz(fit) == pytest.approx(known.hz, rel=1e-3)
+
+
+def test_responses_of_zero_have_no_modes() -> None:
+    fit = fit_poles(LINES, np.zeros((len(LINES), 4, 2), dtype=np.complex128), order=8)
+    assert len(fit.model.poles) == 0
+
+
 def test_computational_poles_are_unstable_and_true_ones_are_labelled_stable() -> None:
     known = draw_modes(0)
     steps = find_candidates(LINES, respond(known, 0.01, 3), order=30)
