@@ -60,11 +60,15 @@ def survey_shape(job: MeshJob) -> MeshData:
 
 def _describe_face(number: int, tag: int, points: FloatArray, facets: IntArray) -> CadFace:
     box = np.array(gmsh.model.occ.getBoundingBox(2, tag))
+    kind = KINDS.get(gmsh.model.getType(2, tag), "freeform")
+    # the kernel integrates splines slowly
+    drawn = kind == "freeform" and len(facets)
+    center = _find_middle(points[facets]) if drawn else gmsh.model.occ.getCenterOfMass(2, tag)
     face = CadFace(
         number=number,
-        kind=KINDS.get(gmsh.model.getType(2, tag), "freeform"),
+        kind=kind,
         area=float(gmsh.model.occ.getMass(2, tag)),
-        center=_vector(np.array(gmsh.model.occ.getCenterOfMass(2, tag))),
+        center=_vector(np.array(center)),
         normal=(0.0, 0.0, 0.0),
         low=_vector(box[:3]),
         high=_vector(box[3:]),
@@ -95,6 +99,13 @@ def _describe_face(number: int, tag: int, points: FloatArray, facets: IntArray) 
         span=(float(along.min()), float(along.max())),
         hollow=bool(outwards @ normals[largest] < 0.0),
     )
+
+
+def _find_middle(corners: FloatArray) -> FloatArray:
+    """Return the centroid ``(3,)`` of triangles with corners ``(n, 3, 3)``."""
+    sides = corners[:, 1:] - corners[:, :1]
+    sizes = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return np.asarray(sizes @ corners.mean(axis=1) / sizes.sum())
 
 
 def _vector(values: FloatArray) -> Vector:
