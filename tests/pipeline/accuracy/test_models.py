@@ -17,6 +17,7 @@ from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.numbers.estimates import MODEL
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.results.summary import summarise
+from headstock.reduction.components.segmented import reduce_segmented
 from headstock.reduction.superelement import Superelement
 from headstock.scene.building.loader import load_scene
 from headstock.scene.reading.findings import SceneError
@@ -74,11 +75,10 @@ def test_a_short_column_stays_finite_elements(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     counts: list[int] = []
-    reduce = models_of_bodies.reduce_segmented
 
     def record(component: Component, *given: Any) -> Superelement:
         counts.append(component.segments.count)
-        return reduce(component, *given)
+        return reduce_segmented(component, *given)
 
     monkeypatch.setattr(models_of_bodies, "reduce_segmented", record)
     stubby = (
