@@ -102,8 +102,8 @@ def solve_stepped_response(space: StateSpace, times: FloatArray, loads: FloatArr
         raise ModelError("a load is not finite")
     lengths, which = group_steps(np.diff(times))
     propagators = [make_propagator(space, length) for length in lengths]
-    state = np.zeros(len(space.a))
-    outputs = np.empty((len(times), len(space.c)))
+    state: FloatArray = np.zeros(len(space.a))
+    outputs: FloatArray = np.empty((len(times), len(space.c)))
     outputs[0] = space.c @ state
     borders = np.flatnonzero(np.diff(which)) + 1
     for run in np.split(np.arange(len(which)), borders) if len(which) else ():
@@ -123,7 +123,8 @@ def _follow(
     """
     given = loads.reshape(len(loads), -1)
     push = np.hstack([propagator.start, propagator.end])
-    outputs, done = np.empty((len(loads), len(rows))), 0
+    outputs: FloatArray = np.empty((len(loads), len(rows)))
+    done = 0
     if propagator.transition.ndim == 2 and len(loads) > WORTH_BLOCKS * len(state):
         longest = LARGEST_BLOCK // max(1, rows.size)
         outputs, done, state = _follow_blocks(
