@@ -142,7 +142,7 @@ def _damp(machine: PoseModel, ratios: FloatArray) -> tuple[SecondOrderSystem, st
     if system.damping is not None or system.hysteretic is not None:
         return system, "the damping of the scene"
     return (
-        add_modal_damping(system, ratios.tolist(), machine.all_modes),
+        add_modal_damping(system, [*map(float, ratios)], machine.all_modes),
         "measured damping ratios: the scene has none",
     )
 

@@ -65,9 +65,9 @@ def write_targets(found: Correlation, scene: Scene, base: BaseCase | None = None
         "name": f"{found.scene} and {found.test}",
         "parameters": dict(_propose_parameters(scene.raw, scene.written)),
     }
-    before = {}
+    before: TomlTable = {}
     if base is not None:
-        before, table = base.raw["cases"], {**base.raw}
+        before, table = dict(read_entries(base.raw, "cases")), {**base.raw}
         while name in before:
             name += "_modified"
     table = {**table, "cases": {**before, name: case}}

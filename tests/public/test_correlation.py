@@ -157,7 +157,8 @@ def test_what_cannot_be_compared_is_refused_with_its_place(
     assert not (shell.folder / "results").exists()
 
 
-DAMPING, LINES = 0.01, np.arange(60.0, 460.0, 1.0)
+DAMPING = 0.01
+LINES: FloatArray = np.arange(60.0, 460.0, 1.0, dtype=np.float64)
 
 
 def respond(measured: Measured, force: tuple[int, int], motion: tuple[int, int]) -> FloatArray:
@@ -180,8 +181,10 @@ def test_responses_are_fitted_and_compared_over_all_lines(shell: Shell, measured
             values = values + size * (
                 random.standard_normal(400) + 1j * random.standard_normal(400)
             )
-            ends = {"motion": (point + 1, direction + 1), "force": (9, force[1] + 1)}
-            sets.append(text_58(values, hz=LINES, kinds=(8, 13), **ends))
+            motion = (point + 1, direction + 1)
+            sets.append(
+                text_58(values, hz=LINES, kinds=(8, 13), motion=motion, force=(9, force[1] + 1))
+            )
     head = write_test(shell.folder, measured).read_bytes()
     path = shell.folder / "responses.uff"
     path.write_bytes(head[: head.index(b"    -1\n    55")] + b"".join(sets))
