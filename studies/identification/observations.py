@@ -135,7 +135,7 @@ def _observe_shape(
         wanted=1.0,
         value=float(np.abs(unit.conj() @ wanted) ** 2),
         sigma=shape.tolerance,
-        residuals=split_parts(gap, shape) / shape.tolerance,
+        residuals=split_parts(gap / shape.tolerance, shape),
         find_slopes=partial(_slope_shape_gap, state, shape, mode),
         hold_out=target.hold_out,
         mode=mode,

@@ -350,11 +350,12 @@ def test_responses_come_from_a_file_of_test_data(block: Shell) -> None:
     block.change(('ry = "6 MN m/rad"', 'ry = "6e6 MN m/rad"'))
     block.change(add='[sensors.test]\nfile = "points.csv"\ncomponent = "block"\n')
     (block.folder / "points.csv").write_text("point,x [mm],y [mm],z [mm]\n7,500,0,500\n")
-    hz = np.linspace(5.0, 20.0, 31)
+    hz = np.linspace(5.0, 20.0, 31, dtype=np.float64)
     omega = 2.0 * np.pi * hz
     values = 1.0 / (4.4e6 * (1.0 + 0.02j) - 1000.0 * omega**2 + 1j * omega * 3e3)
-    kinds, ends = (8, 13), {"motion": (7, -1), "force": (7, -1)}
-    text = points_15([7, 0, 0, 11, 0.5, 0.0, 0.5]) + text_58(values, hz=hz, kinds=kinds, **ends)
+    along = (7, -1)
+    text = points_15([7, 0, 0, 11, 0.5, 0.0, 0.5])
+    text += text_58(values, hz=hz, kinds=(8, 13), motion=along, force=along)
     (block.folder / "test.uff").write_bytes(units(1, 1.0, 1.0) + text)
     entry = '{ file = "test.uff", sensors = "test", band = ["6 Hz", "16 Hz"], count = 9 }'
     found = identify(block, f"[cases.a]\nresponses = [{entry}]\n", DAMPINGS, parameter("x"))

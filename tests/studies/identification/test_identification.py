@@ -218,7 +218,7 @@ def write_shapes(frequencies: FloatArray, shapes: FloatArray) -> str:
 
 def test_modes_that_start_swapped_are_exchanged_by_their_shapes(tmp_path: Path) -> None:
     count = 6
-    blank = write_shapes(np.arange(10.0, 10.0 + count), np.ones((count, 9)))
+    blank = write_shapes(np.arange(10.0, 10.0 + count, dtype=np.float64), np.ones((count, 9)))
     (state,) = _solve_truth(prepare(tmp_path, blank, SWAPPED), SWAPPED).states
     shape = state.model.case.modes[0].shape
     assert shape is not None
