@@ -16,6 +16,7 @@ from headstock.pipeline.results.views import MachineView
 from headstock.scene.test_data.records import MeasuredModes, TestChannel
 from headstock.solvers.pairing.mode_pairing import (
     SAME_MODE,
+    Field,
     ModePair,
     ModeSet,
     pair_modes,
@@ -87,7 +88,7 @@ class Correlation(Displayed):
     variant: str | None
     fit: ModalFit
     computed: PoseModes
-    shapes: FloatArray
+    shapes: Field
     range_hz: tuple[float, float]
     within: float
     pairs: tuple[ModePair, ...]
@@ -260,7 +261,7 @@ class Correlation(Displayed):
 
 
 def pair_shapes(
-    measured: MeasuredModes, computed: PoseModes, shapes: FloatArray
+    measured: MeasuredModes, computed: PoseModes, shapes: Field
 ) -> tuple[ModePair, ...]:
     """Return the measured and computed modes that are the same.
 
@@ -272,7 +273,7 @@ def pair_shapes(
 
 
 def pair_by_most(
-    measured: MeasuredModes, computed: PoseModes, shapes: FloatArray
+    measured: MeasuredModes, computed: PoseModes, shapes: Field
 ) -> tuple[tuple[ModePair, ...], tuple[str, ...]]:
     """Return the same by the points that agree: a few that hide pairs are left out one by one, and
     named.

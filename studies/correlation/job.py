@@ -267,7 +267,7 @@ def _compare(
     job, test, base = loaded.job, loaded.test, loaded.base
     measured, modes = test.modes, model.modes
     rows = model.observe(measured.channels)
-    shapes = rows @ modes.shapes
+    shapes = rows @ model.damped_shapes
     pairs, left_out = pair_by_most(measured, modes, shapes)
     faults = describe_channel_faults(measured.shapes, shapes, measured.channels)
     found = Correlation(

@@ -12,6 +12,7 @@ from headstock.geometry.machine.machine import Pose, Sensor
 from headstock.geometry.parts.skins import Skin
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.results.views import component_skin
+from headstock.pipeline.stages.machine import DAMPING
 from headstock.pipeline.stages.mechanism import pose_machine
 from headstock.pipeline.stages.modal import solve_pose_modes
 from headstock.pipeline.stages.run_state import Announcer, Observer, PoseModel
@@ -22,7 +23,10 @@ from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.scene import Analyses, Scene
 from headstock.scene.test_data.records import TestChannel
+from headstock.solvers.errors import ConvergenceError
+from headstock.solvers.linear.damped_mode import follow_damped_mode
 from headstock.solvers.mpi import MPI
+from headstock.solvers.pairing.mode_pairing import Field
 
 REACH = 1.5  # a computed partner may lie so many times above the highest measured frequency
 
@@ -70,6 +74,27 @@ class ObservedMachine:
     def coordinates(self) -> FloatArray:
         """The modes in coordinates of the system ``(n, m)``."""
         return np.asarray(np.linalg.lstsq(self.dofs, self.modes.shapes)[0], dtype=float)
+
+    @cached_property
+    def damped_shapes(self) -> Field:
+        """The modes with the damping of joints and materials ``(n_all, m)``, complex where that is not
+        in proportion to stiffness and mass; a mode that is damped too strongly stays real.
+        """
+        prepared, frequencies = self.prepared, self.modes.frequencies_hz
+        if DAMPING not in prepared.scene.effects:
+            return self.modes.shapes
+        system = self.machine.system
+        if system.damping is None and system.hysteretic is None:
+            return self.modes.shapes
+        shapes = self.modes.shapes.astype(np.complex128)
+        for mode in range(self.modes.rigid_count, len(frequencies)):
+            omega = 2.0 * np.pi * float(frequencies[mode])
+            try:
+                damped = follow_damped_mode(system, omega, self.coordinates[:, mode])
+            except ConvergenceError:
+                continue
+            shapes[:, mode] = self.dofs @ damped.shape
+        return shapes
 
     def observe(self, channels: Sequence[TestChannel]) -> FloatArray:
         """Return the motion ``(c, n_all)`` of channels per superelement dof."""

@@ -306,7 +306,7 @@ def _correlate(scene: Path, test: Path, store: Store, values: Mapping[str, float
 
 def _watched_mac(found: Correlation) -> FloatArray:
     """MAC of the lowest measured modes with the computed ones that they are paired with."""
-    best = {pair.first: float(found.mac[pair.first, pair.second]) for pair in found.pairs}
+    best = {pair.first: float(pair.correlation) for pair in found.pairs}  # of clusters their spaces
     return np.array([best.get(mode, 0.0) for mode in range(WATCHED)])
 
 
