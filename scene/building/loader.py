@@ -121,9 +121,11 @@ def _read_fit(
     scene: Scene, overrides: tuple[str, ...], values: Mapping[str, TomlValue]
 ) -> FitSpread | None:
     """Return what the fits of the scene's variants leave open; None without any."""
-    known = scene.raw.get("fits", {})
+    known = scene.raw.get("fits")
+    if not isinstance(known, dict):
+        return None
     names = [name for name in split_variant(scene.variant) if name in known]
-    if not names or not isinstance(known, dict):
+    if not names:
         return None
     tables = [FitTable.model_validate(known[name]) for name in names]
     moves = [

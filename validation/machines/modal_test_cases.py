@@ -16,6 +16,7 @@ import numpy as np
 import scipy.io
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.solids import Box
 from headstock.pipeline.stages.machine import couple_pose, damp_system
 from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.storage.provenance import PROJECT, SceneChoice
@@ -218,7 +219,10 @@ def _write_scene(folder: Path) -> Path:
     scene = load_scene(MACHINE, variant=VARIANT)
     rows = ["name,component,x [mm],y [mm],z [mm]"]
     for component, count in LAYOUT.items():
-        size = 1e3 * np.array(scene.machine.components[component].solid.size)
+        solid = scene.machine.components[component].solid
+        if not isinstance(solid, Box):
+            raise TypeError(f"{component} is no box")
+        size = 1e3 * np.array(solid.size)
         corners = itertools.islice(
             itertools.product((-0.5, 0.5), (-0.45, 0.45), (0.05, 0.95)), count
         )
@@ -260,7 +264,7 @@ def _respond(
     forces = [(TIP, axis) for axis in "xyz"]
     space = to_state_space(system, inputs=forces, outputs=motions, up_to_hz=6.0 * UP_TO_HZ)
     hertz = np.linspace(FIRST_HZ, UP_TO_HZ, LINES)
-    return hertz, space.respond(2.0 * np.pi * hertz), motions, forces
+    return np.asarray(hertz), np.asarray(space.respond(2.0 * np.pi * hertz)), motions, forces
 
 
 def _disturb(responses: ComplexArray, random: np.random.Generator) -> ComplexArray:
