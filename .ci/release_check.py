@@ -41,6 +41,8 @@ FOREIGN = {
 }
 # files of kinds that come from others as a rule, and what of this project writes them
 OWN = {
+    "machines/barc.step": "machines/barc_parts.py",
+    "machines/garteur_sensors.csv": "",
     "machines/step_column.step": "machines/step_column_part.py",
     "app/report/response_cursor.js": "",
     "app/report/sweep_maps.js": "",

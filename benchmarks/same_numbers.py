@@ -254,6 +254,13 @@ CASES = (
         ),
     ),
     Case(
+        "measured",
+        (
+            "run machines/garteur.toml --variant dlr -o garteur",
+            "run machines/barc.toml --variant test -o barc",
+        ),
+    ),
+    Case(
         "identify_legs",
         ("identify machines/tripteor.toml machines/tripteor_targets.toml",),
         full=True,

@@ -41,15 +41,11 @@ class PoleCluster:
         pole: The most central one of its upper orders [1/s].
         participation: ``(f,)`` of that one.
         orders: ``(n,)`` at which it appears.
-        frequency_scatter: Standard deviation over orders, as a share.
-        damping_scatter: Standard deviation of the damping ratio over orders.
     """
 
     pole: complex
     participation: ComplexArray
     orders: NDArray[np.int64]
-    frequency_scatter: float
-    damping_scatter: float
 
 
 def damping_ratios(poles: ComplexArray) -> FloatArray:
@@ -122,8 +118,6 @@ def cluster_poles(
                     complex(poles[center]),
                     vectors[:, center],
                     np.unique(orders[members]),
-                    float(np.std(np.log(np.abs(poles[members])))),
-                    float(np.std(damping_ratios(poles[members]))),
                 )
             )
     return sorted(clusters, key=lambda cluster: abs(cluster.pole))
