@@ -33,11 +33,19 @@ NOT_IN_SDIST = (".typing/*", ".git*", "*/.gitignore", ".vscode/*")
 # of the viewer only what is packed from the others goes into wheels
 NOT_IN_WHEEL = ("app/report/viewer/package*.json", "*.md", "*/.npmrc", "*/.gitignore")
 
+FMI_HEADERS = [
+    f"pipeline/exchange/fmu/{name}.h"
+    for name in (
+        *("fmi2FunctionTypes", "fmi2Functions", "fmi2TypesPlatform"),
+        *("fmi3FunctionTypes", "fmi3Functions", "fmi3PlatformTypes"),
+    )
+]
 # files that others made, or that hold what others made, and where their licence is
 FOREIGN = {
     "app/report/viewer/viewer.bundle.js": "app/report/viewer/LICENSES.txt",
     "docs/javascripts/iframe-worker.js": "docs/javascripts/iframe-worker.LICENSE",
     "tests/data/support.step": "tests/data/support.LICENSE",
+    **dict.fromkeys(FMI_HEADERS, "pipeline/exchange/fmu/LICENSES.txt"),
 }
 # files of kinds that come from others as a rule, and what of this project writes them
 OWN = {
@@ -211,7 +219,7 @@ def check_licences(tree: Path, files: Iterable[str]) -> Row:
     wrong = []
     if project["license"] != "MIT" or "MIT License" not in (tree / "LICENSE").read_text():
         wrong.append("LICENSE is not the MIT License that pyproject.toml names")
-    bundled = {name for name in FOREIGN.values() if name.partition("/")[0] == "app"}
+    bundled = {name for name in FOREIGN.values() if name.partition("/")[0] in {"app", "pipeline"}}
     wrong += [
         f"license-files of pyproject.toml lacks {name}"
         for name in sorted({"LICENSE", *bundled} - set(project["license-files"]))

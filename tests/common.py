@@ -53,6 +53,13 @@ STEEL = Material("steel", 2.1e11, 0.3, 7850.0)
 # a side such as ``z+``, or from facet centres ``(n, 3)`` those wanted
 Choice = str | Callable[[FloatArray], BoolArray]
 
+# scenes, without targets and the fits beside them
+SHIPPED = sorted(
+    path
+    for path in (Path(__file__).parents[1] / "machines").glob("*.toml")
+    if not path.stem.endswith("_targets") and "." not in path.stem
+)
+
 
 def run_process(command: Sequence[str | Path], *, check: bool = False, **options: Any) -> Done:
     """Run a program to its end, with what it prints as text, whatever bytes there are."""

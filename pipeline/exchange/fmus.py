@@ -8,6 +8,7 @@ import hashlib
 import io
 import platform
 import subprocess
+import sys
 import tempfile
 import zipfile
 from collections.abc import Sequence
@@ -212,7 +213,7 @@ def _compile(sources: dict[str, bytes], version: int) -> bytes | None:
     """Return the library of this kind of computer; None without a compiler, or elsewhere than on Linux
     with 64-bit x86 processors.
     """
-    if (platform.system(), platform.machine()) != ("Linux", "x86_64"):
+    if (sys.platform, platform.machine()) != ("linux", "x86_64"):
         return None
     with tempfile.TemporaryDirectory() as folder:
         for name, content in sources.items():

@@ -46,7 +46,7 @@ def strongest_pole(data: WeightedResponses) -> PoleCluster:
     residues = _unit_functions(data, np.array([best])).conj().T @ responses
     weighted = residues.reshape(data.values.shape[1:]) / data.forces
     participation = np.linalg.svd(weighted)[2][0]
-    return PoleCluster(best, participation, np.zeros(0, dtype=np.int64), np.nan, np.nan)
+    return PoleCluster(best, participation, np.zeros(0, dtype=np.int64))
 
 
 def _unit_functions(data: WeightedResponses, poles: ComplexArray) -> ComplexArray:

@@ -68,7 +68,7 @@ def test_the_stub_has_the_names_and_the_keys_of_now() -> None:
 
 
 def test_sections_of_a_machine_are_those_of_a_scene() -> None:
-    assert set(Sections.__annotations__) == SceneTable.model_fields.keys() - {"include"}
+    assert set(Sections.__annotations__) == SceneTable.model_fields.keys() - {"include", "fits"}
 
 
 def test_a_key_that_a_type_checker_refuses_is_refused_with_the_right_one() -> None:

@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 
 import headstock as hs
-from common import find_difference
+from common import SHIPPED, find_difference
 from headstock.scene.reading.findings import Findings
 from headstock.scene.scene import Scene
 
 ROOT = Path(__file__).resolve().parents[2]
 COLUMN = ROOT / "tests" / "data" / "segmented_column.toml"
-MACHINES = sorted(
-    path for path in (ROOT / "machines").glob("*.toml") if not path.stem.endswith("_targets")
-)
+MACHINES = SHIPPED
 
 
 def scene_difference(one: Scene, other: Scene) -> str:
@@ -37,7 +35,9 @@ def test_a_shipped_machine_that_is_saved_is_the_same_scene(path: Path, tmp_path:
     assert scene_difference(machine.scene, again.scene) == ""
     assert machine == again
     assert machine.table == again.table
-    assert max(map(len, (tmp_path / "again.toml").read_text().splitlines())) < 200
+    # the moves of a fit are as long as it has parameters
+    lines = (tmp_path / "again.toml").read_text().partition("[fits.")[0].splitlines()
+    assert max(map(len, lines)) < 200
 
 
 def test_the_comparison_of_this_file_sees_a_change_of_one_number() -> None:

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 import headstock as hs
+from common import SHIPPED
 from fixture_machines import stored_scene, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
-MACHINES = [path for path in (ROOT / "machines").glob("*.toml") if "_targets" not in path.stem]
 HEAD = """
 [materials.steel]
 E = "210 GPa"
@@ -39,7 +39,7 @@ def warnings_of(folder: Path, text: str) -> list[str]:
     return list(hs.check(write_scene(folder, HEAD + text)))
 
 
-@pytest.mark.parametrize("path", MACHINES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_machines_that_ship_have_no_slips(path: Path) -> None:
     assert [text for text in hs.check(path) if "apart" in text or "under the weight" in text] == []
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from common import Shell, present
+from common import SHIPPED, Shell, present
 from headstock.app.actions.schemas import _targets_schema, scene_schema
 from headstock.scene.building.joints import KINDS
 from headstock.scene.reading.units import (
@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[3]
 DATA = Path(__file__).parents[2] / "data"
 TARGETS = sorted((ROOT / "machines").glob("*_targets.toml"))
 SCENES = [
-    *sorted(set((ROOT / "machines").glob("*.toml")) - set(TARGETS)),
+    *SHIPPED,
     *sorted({*(ROOT / "tests" / "data").glob("*.toml")} - {ROOT / "tests/data/questions.toml"}),
 ]
 BAD = tomllib.loads((DATA / "refused" / "bad_scenes.toml").read_text())

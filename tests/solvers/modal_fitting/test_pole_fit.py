@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from built_responses import KnownModes, add_noise, draw_modes, space_lines
 
+from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.scene.test_data.records import ComplexArray
 from headstock.solvers.modal_fitting.candidates import find_candidates
@@ -48,7 +49,7 @@ def test_repeated_poles_have_two_shapes() -> None:
     known = apart(90.0, 220.0)
     same = KnownModes(np.array([90.0, 150.0, 150.0, 220.0]), np.full(4, 0.01), known.shapes)
     fit = fit_poles(LINES, respond(same, 0.01, 2), order=24)
-    assert found_hz(fit) == pytest.approx(same.hz, rel=1e-3)
+    assert found_hz(fit) == approx(same.hz, rel=1e-3)
     pair = np.linalg.qr(fit.model.shapes[:, 1:3])[0]
     true = np.linalg.qr(known.shapes[:, 1:3])[0]
     assert np.linalg.svd(pair.conj().T @ true, compute_uv=False).min() > 0.99
@@ -60,7 +61,7 @@ def test_a_band_that_cuts_through_modes_has_those_within_it(noise: float) -> Non
     lines = space_lines(100.0, 200.0, 250)
     fit = fit_poles(lines, respond(known, noise, 3, lines), order=24)
     inside = known.hz[(known.hz > 100.0) & (known.hz < 200.0)]
-    assert found_hz(fit, 100.0, 200.0) == pytest.approx(inside, rel=1e-3)
+    assert found_hz(fit, 100.0, 200.0) == approx(inside, rel=1e-3)
 
 
 @pytest.mark.parametrize("shape", [(400, 20, 3), (300, 1, 1)])
@@ -91,7 +92,7 @@ def test_known_noise_decides_the_intervals() -> None:
     sizes = 0.02 * np.sqrt(np.mean(np.abs(clean) ** 2, axis=0)) * np.ones((len(LINES), 1, 1))
     fits = [fit_poles(LINES, values, order=20, deviations=factor * sizes) for factor in (2.0, 4.0)]
     first, second = (np.sqrt(fit.covariances[:, 1, 1]) for fit in fits)
-    assert second == pytest.approx(2.0 * first, rel=0.02)
+    assert second == approx(2.0 * first, rel=0.02)
 
 
 def test_a_pair_that_was_not_measured_is_left_out() -> None:
@@ -99,7 +100,7 @@ def test_a_pair_that_was_not_measured_is_left_out() -> None:
     values = respond(known, 0.01, 2)
     values[:, 7, 1] = np.nan
     fit = fit_poles(LINES, values, order=20)
-    assert found_hz(fit) == pytest.approx(known.hz, rel=1e-3)
+    assert found_hz(fit) == approx(known.hz, rel=1e-3)
 
 
 def test_lines_that_mains_disturb_are_no_modes_and_hide_none() -> None:
@@ -108,7 +109,7 @@ def test_lines_that_mains_disturb_are_no_modes_and_hide_none() -> None:
     for line in (42, 185, 328):  # near 50, 150 and 250 Hz
         values[line - 1 : line + 2] += 0.3 * np.abs(values).max()
     fit = fit_poles(LINES, values, order=20)
-    assert found_hz(fit) == pytest.approx(known.hz, rel=1e-3)
+    assert found_hz(fit) == approx(known.hz, rel=1e-3)
 
 
 def test_responses_of_zero_have_no_modes() -> None:

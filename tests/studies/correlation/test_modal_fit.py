@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from built_responses import KnownModes, draw_modes, measure
 
+from common import approx
 from headstock.geometry.errors import HeadstockError
 from headstock.solvers.pairing.mode_pairing import correlate_modes
 from headstock.studies.correlation.modal_fit import ModalFit, fit_modes
@@ -55,7 +56,7 @@ def test_a_force_that_is_measured_against_its_direction_gives_the_same_shapes() 
     turned = dataclasses.replace(given, forces=(against, given.forces[1]), values=values)
     fits = [fit_modes(each, order=24) for each in (given, turned)]
     first, second = (fit.modes.shapes for fit in fits)
-    assert first == pytest.approx(second, abs=1e-3 * np.abs(first).max())
+    assert first == approx(second, abs=1e-3 * np.abs(first).max())
 
 
 def test_a_mode_that_hardly_moves_the_driving_point_has_a_doubtful_scale() -> None:
@@ -72,7 +73,7 @@ def test_without_a_driving_point_shapes_have_no_scale() -> None:
     elsewhere = dataclasses.replace(given, motions=given.motions[3:], values=given.values[:, 3:])
     fit = fit_modes(elsewhere, order=24)
     assert not fit.modes.scaled
-    assert np.abs(fit.modes.shapes).max(axis=0) == pytest.approx(1.0)
+    assert np.abs(fit.modes.shapes).max(axis=0) == approx(1.0)
     assert "no driving point: shapes have no scale, their largest motion is 1" in fit.remarks
 
 
