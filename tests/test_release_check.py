@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 READ = (
     *("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "LICENSE", "Dockerfile", "environment.yml"),
     *("environment", "app/report/viewer", "docs/javascripts", "tests/data", "machines"),
-    *("app/report/response_cursor.js", "app/report/sweep_maps.js"),
+    *("app/report/response_cursor.js", "app/report/sweep_maps.js", "pipeline/exchange/fmu"),
 )
 
 

@@ -285,7 +285,7 @@ class SceneTable(types.StrictTable):
     """named sets of overrides, keys in quotes: `"components.column.fidelity" = "rigid"`; chosen by `--variant`; `--variant A+B` applies
     `A`, then `B`"""
     fits: dict[types.Name, FitTable] = {}
-    """what `headstock identify --write` knows of fitted values, by the name of their variant: with it a run adds them to every ±"""
+    """what `identify --write NAME` knows of fitted values, by the name of their variant: with it a run adds them to every ±"""
     compare: _CompareTable = Field(default_factory=_CompareTable.model_construct)
     """what `headstock compare` shows, see [variants side by side](comparing.md)"""
     poses: Annotated[dict[types.Name, PoseTable], Field(max_length=types.MAX_POSES)] = {}
