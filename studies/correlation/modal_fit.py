@@ -251,9 +251,10 @@ def _choose_lines(
     pairs: NDArray[np.bool_] = np.any(measured, axis=0)
     lines = (hz > 0.0) & (hz >= low) & (hz <= high) & (measured | ~pairs).all(axis=(1, 2))
     if lines.sum() < LEAST_LINES:
+        asked = "" if band is None else f" from {low:g} to {high:g} Hz"
         ends = f"from {hz[0]:g} to {hz[-1]:g} Hz" if len(hz) else "empty"
         raise MeasurementError(
-            f"{int(lines.sum())} lines from {low:g} to {high:g} Hz, and a fit needs {LEAST_LINES}; "
+            f"{int(lines.sum())} lines{asked}, and a fit needs {LEAST_LINES}; "
             f"the responses are {ends}: choose another band"
         )
     motions, forces = np.flatnonzero(pairs.any(axis=1)), np.flatnonzero(pairs.any(axis=0))

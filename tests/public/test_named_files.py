@@ -90,9 +90,9 @@ def test_every_file_that_documents_and_help_name_is_written(part: Shell) -> None
         "compare plain.toml -o compare",
         "effects scene.toml --only effects --json effects.json --page effects.html",
         "identify bare.toml fit.toml -o identify",
-        "export plain.toml --uff measured.uff",
-        "correlate plain.toml measured.uff -o correlate",
-        "modes measured.uff -o modes",
+        "export plain.toml --uff tested.uff --set analyses.frf.points=80",
+        "correlate plain.toml tested.uff -o correlate",
+        "modes tested.uff -o modes",
         "converge scene.toml -o converge",
         "show bare.toml",
     ):
