@@ -190,23 +190,24 @@ class ExportOptions(SceneOptions):
             raise click.UsageError(
                 "--uff FILE is of the whole machine; leave out COMPONENT and --mesh"
             )
-        bodies, machines = BODIES, MACHINES
-        if self.to is not None and self.to not in {**bodies, **machines}:
-            raise click.UsageError(
-                f"--to {self.to!r} is unknown; components: {', '.join(bodies)}; machines: {', '.join(machines)}"
-            )
-        if self.to is not None and (
-            self.mesh is not None or (self.to in bodies) == (self.state_space is not None)
-        ):
-            raise click.UsageError(
-                f"--to {self.to} goes with "
-                + ("a COMPONENT" if self.to in bodies else '--state-space "500 Hz"')
-            )
         if self.step is not None and self.to not in FMUS:
             raise click.UsageError("--step goes with --to fmu3 or --to fmu2")
+        if self.to is not None:
+            self._require_owner(self.to)
         alone = self.mesh is None and self.uff is None
         if alone and (self.component is None) == (self.state_space is None):
             raise click.UsageError(
                 "name a component to reduce, write --mesh FILE for its mesh, or "
                 '--state-space "500 Hz" or --uff FILE for the whole machine'
             )
+
+    def _require_owner(self, form: str) -> None:
+        """Refuse a form that is unknown, or that is not one of what is exported."""
+        if form not in {**BODIES, **MACHINES}:
+            raise click.UsageError(
+                f"--to {form!r} is unknown; components: {', '.join(BODIES)}; machines: {', '.join(MACHINES)}"
+            )
+        whole = form in MACHINES
+        if self.mesh is not None or self.uff is not None or whole == (self.state_space is None):
+            owner = '--state-space "500 Hz"' if whole else "a COMPONENT"
+            raise click.UsageError(f"--to {form} goes with {owner}")

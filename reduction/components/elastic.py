@@ -200,17 +200,7 @@ def _reduce_operators(
     fixed = find_dofs(operators, basis.fixed)
     with ConstrainedSolver(operators, fixed, means.columns, method=method) as solver:
         psi = find_constraint_modes(basis, means, solver)
-        modes = find_fixed_interface_modes(
-            solver, request.modes, eigensolver=component.reduction.eigensolver
-        )
-        if component.reduction.verify and request.modes is not None:
-            verify_mode_count(solver, modes)
-        if sensors:
-            nodes, forces = make_of_mesh(
-                comm, mesh, lambda whole: load_sensors(whole, component.material, sensors)
-            )
-            attached = scatter_rows(forces, nodes, operators).reshape(-1, forces.shape[2])
-            modes = add_attachment_modes(solver, modes, attached)
+        modes = _find_modes(component, mesh, operators, solver, request, sensors)
         result = project_component(component, solver, ReductionSpace(basis, means, psi, modes))
         vectors = assemble_loads(component, mesh, operators, loads, gravity=request.gravity)
         reduced, particular = _reduce_loads(vectors, solver, psi, modes)
@@ -254,6 +244,31 @@ def _reduce_operators(
             None if of_probes is None else of_probes[:, : size + len(vectors)],
         ),
     )
+
+
+def _find_modes(
+    component: Component,
+    mesh: ComponentMesh | None,
+    operators: ElasticOperators,
+    solver: ConstrainedSolver,
+    request: ReductionRequest,
+    sensors: Sequence[Sensor],
+) -> FixedInterfaceModes:
+    """Return the fixed-interface modes, and residual-attachment modes of the sensors at which forces
+    act.
+    """
+    modes = find_fixed_interface_modes(
+        solver, request.modes, eigensolver=component.reduction.eigensolver
+    )
+    if component.reduction.verify and request.modes is not None:
+        verify_mode_count(solver, modes)
+    if not sensors:
+        return modes
+    nodes, forces = make_of_mesh(
+        operators.comm, mesh, lambda whole: load_sensors(whole, component.material, sensors)
+    )
+    attached = scatter_rows(forces, nodes, operators).reshape(-1, forces.shape[2])
+    return add_attachment_modes(solver, modes, attached)
 
 
 @dataclass(frozen=True, eq=False)
