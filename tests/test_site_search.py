@@ -50,8 +50,8 @@ def missed(search: SiteSearch) -> dict[str, list[str]]:
     }
 
 
-def test_thirty_questions_find_their_pages(search: SiteSearch) -> None:
-    assert len(ASKED["questions"]) == 30
+def test_questions_find_their_pages(search: SiteSearch) -> None:
+    assert len(ASKED["questions"]) >= 30
     lacking = missed(search)
     assert len(lacking) <= 2, lacking
 

@@ -27,7 +27,7 @@ from headstock.solvers.errors import ModelError
 # where it just fails to
 CONDITION_LIMIT = 1e3
 SURE_LIMIT = 100.0  # of a mesh that is recommended: it is cut a little otherwise than even rows
-THIN = 1e-12
+THIN = 1e-9
 # Lengths of elements that are tried, in intervals of the control points: with two of the second
 # order there are fewer nodes than control points
 LENGTHS = (1.5, 1.25, 1.0, 0.8, 0.65, 0.5, 0.4, 0.3)
