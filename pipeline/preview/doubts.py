@@ -169,7 +169,53 @@ def _doubt_joints(machine: Machine, parts: Parts, pose: Pose) -> list[str]:
                 f"joint {name}: the middles of {ends} are {_show_length(gap.middles)} apart{gap.across}, and the larger of both measures "
                 f"{_show_length(gap.size)}; check `at` of both components and the interfaces that the joint names",
             )
+    for name, (beside, end, size) in _find_beside(machine, parts, pose).items():
+        stem = split_number(name)[0]
+        if beside > worst.get(stem, (0.0, ""))[0]:
+            worst[stem] = (
+                beside,
+                f"joint {name}: it acts {_show_length(beside)} beside {end}, across its direction of travel, and its carriage measures "
+                f"{_show_length(size)}; check `at` or `carriages`, and which rail it names: rails count from the positive side",
+            )
     return [words for _, words in worst.values()]
+
+
+def _find_beside(
+    machine: Machine, parts: Parts, pose: Pose
+) -> dict[str, tuple[float, JointEnd, float]]:
+    """Find the carriages that act farther beside their rail than they are long: by joint the distance
+    [m], the rail, and the length of the carriage [m].
+    """
+    frames, found = place_components(machine, pose), {}
+    for name, joint in machine.joints.items():
+        carriers = [end for end in joint.ends if end.component and not _is_rail(machine, end)]
+        if joint.length is None or joint.point is None or not carriers:
+            continue
+        carrier = carriers[0].component or ""
+        start, moved = machine.components[carrier].placement, frames[carrier]
+        local = (joint.point - start.origin) @ start.rotation
+        place = moved.origin + moved.rotation @ local
+        for end in joint.ends:
+            area = _area_of(end, machine, parts, frames)
+            if area is None or not _is_rail(machine, end):
+                continue
+            rail = machine.components[end.component or ""].interfaces[end.interface or ""].rail
+            travel = frames[end.component or ""].rotation[
+                :, "xyz".index(rail.along if rail else "x")
+            ]
+            offset = place - area.nearest(place)
+            beside = float(np.linalg.norm(offset - (offset @ travel) * travel))
+            if beside > joint.length:
+                found[name] = (beside, end, joint.length)
+    return found
+
+
+def _is_rail(machine: Machine, end: JointEnd) -> bool:
+    part = machine.components.get(end.component or "")
+    return part is not None and (
+        (interface := part.interfaces.get(end.interface or "")) is not None
+        and interface.rail is not None
+    )
 
 
 def _measure_joints(machine: Machine, parts: Parts, pose: Pose) -> dict[str, JointGap]:

@@ -1,5 +1,6 @@
 """What looks like a slip is said with its size and a remedy, and nothing else is."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -35,13 +36,36 @@ stiffness = { vertical = "STIFFNESS", horizontal = "STIFFNESS" }
 """
 
 
+SLIP = re.compile("apart|under the weight|beside")
+
+
 def warnings_of(folder: Path, text: str) -> list[str]:
     return list(hs.check(write_scene(folder, HEAD + text)))
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_machines_that_ship_have_no_slips(path: Path) -> None:
-    assert [text for text in hs.check(path) if "apart" in text or "under the weight" in text] == []
+    assert [text for text in hs.check(path) if SLIP.search(text)] == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        # rails in the other order: each carriage hangs on the far one
+        (
+            ('"160 mm", "790 mm"], ["-160 mm"', '"-160 mm", "790 mm"], ["160 mm"'),
+            "beside column.rail_1",
+        ),
+        (
+            ('middle = ["0 mm", "-405 mm"', 'middle = ["0 mm", "5 mm"'),
+            "435 mm beside column.rail_1",
+        ),
+    ],
+)
+def test_carriages_beside_their_rail(tmp_path: Path, change: tuple[str, str], words: str) -> None:
+    mill = next(path for path in SHIPPED if path.stem == "mill").read_text()
+    found = [each for each in hs.check(write_scene(tmp_path, mill, change)) if "beside" in each]
+    assert len(found) == 1 and words in found[0] and "which rail it names" in found[0]
 
 
 RIGID = 'kind = "rigid"\n[joints.floor]'
