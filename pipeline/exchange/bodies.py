@@ -21,16 +21,12 @@ SCALES = {"mm": 1e-3, "cm": 1e-2, "inch": 0.0254, "m": 1e3}  # what points may b
 LIGHTEST, HEAVIEST = 1e-6, 1e7  # plausible masses of a part of a machine [kg]
 
 
-def make_superelement(
-    body: BodyMatrices, interfaces: Mapping[str, int] | None = None, *, supported: bool = False
-) -> Superelement:
-    """Return the superelement of a body of other programs.
+def make_superelement(body: BodyMatrices, *, supported: bool = False) -> Superelement:
+    """Return the superelement of a body of other programs; every node is an interface ``node_NUMBER``.
 
     Rotations that a node lacks follow the rigid motion nearest to those of all nodes.
 
     Args:
-        interfaces: Numbers of nodes by the name that an interface takes; None for ``node_NUMBER`` of
-            every node.
         supported: The body is held, and no rigid motion is free of force.
 
     Raises:
@@ -49,7 +45,6 @@ def make_superelement(
     places = _place_rows(body, numbers)
     full = {letter: _spread(matrix, places, size) for letter, matrix in body.matrices.items()}
     mass, center, inertia = _find_mass(body)
-    named = interfaces or {f"node_{number}": number for number in numbers}
     frames = tuple(Frame(np.array(body.points[number]), np.eye(3)) for number in numbers)
     scalars = len(body.scalar_nodes)
     superelement = Superelement(
@@ -60,8 +55,8 @@ def make_superelement(
         ),
         frames=frames,
         interface_maps={
-            name: InterfaceMap(numbers.index(number), frames[numbers.index(number)])
-            for name, number in named.items()
+            f"node_{number}": InterfaceMap(node, frames[node])
+            for node, number in enumerate(numbers)
         },
         stiffness=full["K"],
         mass=full["M"],

@@ -76,8 +76,10 @@ def read_body(file: SuperelementFile) -> Superelement:
         raise ExchangeError(
             f"{path.name}: {listed}, and there are {len(nodes)} dofs; take matrices, points and list of dofs of one body"
         )
-    for letter, matrix in matrices.items():
-        require_matrix(matrix, f"{path.name}, {letter}")
+    matrices = {
+        letter: require_matrix(matrix, f"{path.name}, {letter}")
+        for letter, matrix in matrices.items()
+    }
     body = BodyMatrices(path.stem, nodes, places, matrices["K"], matrices["M"], matrices.get("C"))
     return make_superelement(body, supported=file.supported)
 

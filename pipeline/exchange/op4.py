@@ -53,7 +53,7 @@ def _encode_matrix(name: str, matrix: FloatArray) -> bytes:
 
 
 def read_op4(path: Path) -> dict[str, FloatArray]:
-    """Read the real matrices of an OUTPUT4 file, binary of either byte order or text, with limits.
+    """Read the real matrices of a binary OUTPUT4 file of either byte order, with limits.
 
     Raises:
         ExchangeError: The file is damaged, too large, or holds complex or sparse matrices.

@@ -17,6 +17,7 @@ from headstock.pipeline.exchange.bodies import make_superelement
 from headstock.pipeline.exchange.files import encode_body, read_body
 from headstock.pipeline.exchange.matrices import ExchangeError, list_matrices
 from headstock.pipeline.exchange.names import BODIES
+from headstock.pipeline.exchange.op4 import encode_op4
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.superelement import Superelement
 
@@ -93,3 +94,12 @@ def test_a_file_cut_short_is_one_named_error(tmp_path: Path, form: str, share: f
     file.path.write_bytes(content[: int(share * len(content))])
     with pytest.raises(HeadstockError, match="part"):
         read_body(file)
+
+
+def test_rounding_between_the_halves_of_a_matrix_is_evened_out(tmp_path: Path) -> None:
+    file = write(tmp_path, "op4")
+    matrix = reduced().stiffness.copy()
+    matrix[0, 1] += 1e-9 * np.abs(matrix).max()
+    file.path.write_bytes(encode_op4({"KAAX": matrix, "MAAX": reduced().mass}))
+    read = read_body(file)
+    assert np.array_equal(read.stiffness, read.stiffness.T)
