@@ -149,7 +149,7 @@ class ExportOptions(SceneOptions):
         option(
             "--to",
             "FORMAT",
-            "Of a component h5, op4, dmig, abaqus, calculix or mtx; of the machine mat, npz, fmu3 or fmu2.",
+            f"Of a component {', '.join(BODIES)}; of the machine {', '.join(MACHINES)}.",
         ),
     ] = None
     state_space: Annotated[
@@ -203,7 +203,7 @@ class ExportOptions(SceneOptions):
 
     def _require_owner(self, form: str) -> None:
         """Refuse a form that is unknown, or that is not one of what is exported."""
-        if form not in {**BODIES, **MACHINES}:
+        if form not in (*BODIES, *MACHINES):
             raise click.UsageError(
                 f"--to {form!r} is unknown; components: {', '.join(BODIES)}; machines: {', '.join(MACHINES)}"
             )
