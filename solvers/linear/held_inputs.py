@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from scipy.sparse.csgraph import connected_components
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import IntArray
 from headstock.solvers.linear.state_space import StateSpace
+from headstock.solvers.linear.time_response import exact_step
 
 WORST_CONDITION = 1e5  # of eigenvectors that states are measured along
 
@@ -65,15 +65,13 @@ def hold_inputs(space: StateSpace, step_s: float) -> HeldSystem:
             rest += map(int, group)
         for block, forwards, backwards in blocks:
             pairs.append((block, backwards @ space.b[group], space.c[:, group] @ forwards))
-    paired = np.array([block for block, _, _ in pairs]).reshape(-1, 2, 2)
-    motion, drive = _integrate(paired, step_s)
-    dense, dense_drive = _integrate(space.a[np.ix_(rest, rest)], step_s)
-    driven = [share @ rows for share, (_, rows, _) in zip(drive, pairs, strict=True)]
+    steps = [exact_step(block, rows, step_s) for block, rows, _ in pairs]
+    dense, dense_drive, _ = exact_step(space.a[np.ix_(rest, rest)], space.b[rest], step_s)
     return HeldSystem(
         step_s,
-        motion,
+        np.array([motion for motion, _, _ in steps]).reshape(-1, 2, 2),
         dense,
-        np.vstack([*driven, dense_drive @ space.b[rest]]),
+        np.vstack([*(drive for _, drive, _ in steps), dense_drive]),
         np.hstack([*(columns for _, _, columns in pairs), space.c[:, rest]]),
         space.d,
     )
@@ -109,18 +107,3 @@ def _take_apart(a: FloatArray) -> Iterator[tuple[FloatArray, FloatArray, FloatAr
     for first in range(0, size, 2):
         pair = slice(first, first + 2)
         yield turned[pair, pair], basis[:, pair], inverse[pair]
-
-
-def _integrate(a: FloatArray, step_s: float) -> tuple[FloatArray, FloatArray]:
-    """Return ``exp(A h)`` and its integral over a step, for one matrix or many ``(..., n, n)``.
-
-    Source: Van Loan (1978), Computing integrals involving the matrix exponential.
-    """
-    size = a.shape[-1]
-    if not a.size:
-        return a, a
-    padded = np.zeros((*a.shape[:-2], 2 * size, 2 * size))
-    padded[..., :size, :size] = a * step_s
-    padded[..., :size, size:] = np.eye(size) * step_s
-    both = np.asarray(scipy.linalg.expm(padded))
-    return both[..., :size, :size], both[..., :size, size:]
