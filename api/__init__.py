@@ -16,6 +16,7 @@ from importlib import import_module
 _HOMES = {  # module to its public names
     "headstock.loading": ("load",),
     "headstock.previews": ("check", "plan"),
+    "headstock.exports": ("export", "Superelement"),
     "headstock.runs": ("open", "run"),
     "headstock.repeated_runs": ("compare", "correlate", "fit_modes", "identify", "study", "sweep"),
     "headstock.machine": ("Machine",),

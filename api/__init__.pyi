@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from headstock.machine import Noun
 from headstock.scene.schema import axes, components, joints, loads, sensors
 from headstock.values import Quantity
+from headstock.exports import Superelement as Superelement
+from headstock.exports import export as export
 from headstock.geometry.errors import HeadstockError as HeadstockError
 from headstock.loading import load as load
 from headstock.machine import Machine as Machine

@@ -2,8 +2,10 @@
 problem like one of a scene.
 """
 
+import contextlib
+import dataclasses
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from headstock.scene.reading.findings import Problem, SceneError
@@ -62,6 +64,28 @@ def check_call(value: object, function: str) -> None:
     """Refuse what cannot be called with progress."""
     if not callable(value):
         raise refuse(function, "progress", f"{_show(value)} cannot be called; write a function")
+
+
+@contextlib.contextmanager
+def naming_arguments(function: str, section: str) -> Iterator[None]:
+    """Name arguments of a function where problems name the keys of the table they describe.
+
+    Args:
+        section: Dotted key of that table.
+    """
+    try:
+        yield
+    except SceneError as error:
+        raise SceneError(
+            dataclasses.replace(
+                problem,
+                place=f"hs.{function}",
+                key=problem.key.removeprefix(section).removeprefix("."),
+            )
+            if problem.key.startswith(section)
+            else problem
+            for problem in error.problems
+        ) from None
 
 
 def _show(value: object) -> str:

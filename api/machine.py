@@ -143,6 +143,7 @@ class Sections(TypedDict, total=False):
     sweeps: Entries
     studies: Entries
     drives: Entries
+    exports: Entries
     effects: Mapping[str, object] | Sequence[str]
     analyses: Entries
     orientation: Table

@@ -7,13 +7,14 @@ answer. An error on one rank leaves the others waiting: start with ``mpirun pyth
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import cast
 
 from headstock.arguments import (
     check_call,
+    naming_arguments,
     read_keys,
     read_name,
     read_names,
@@ -28,7 +29,7 @@ from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.runs import claim_folder
 from headstock.scene.building.loader import build_scene, load_scene, prepare_sweep
 from headstock.scene.reading.files import TomlTable
-from headstock.scene.reading.findings import Findings, SceneError, suggest_names
+from headstock.scene.reading.findings import Findings, suggest_names
 from headstock.scene.reading.watch_paths import MEASURED_NAMES
 from headstock.scene.scene import require_name
 from headstock.scene.studies import Study
@@ -123,7 +124,11 @@ def study(
             variant=choice.variant,
             overrides=choice.overrides,
         )
-        with _naming_arguments() if name is None else contextlib.nullcontext():
+        with (
+            naming_arguments("study", f"studies.{UNNAMED}")
+            if name is None
+            else contextlib.nullcontext()
+        ):
             check_study(job)
         records = run_study(job, folder, comm=comm, observer=progress)
     return share_from_root(comm, tabulate_study(chosen, records) if comm.rank == 0 else None)
@@ -396,23 +401,6 @@ def _describe_study(made: Machine, vary: object, watch: object, *, pairwise: boo
         "pairwise": pairwise,
     }
     raw = cast(TomlTable, {**made.table, "studies": {UNNAMED: table}})
-    with _naming_arguments():
+    with naming_arguments("study", f"studies.{UNNAMED}"):
         scene = build_scene(raw, Findings("hs.study"), path=made.scene.path)
     return dataclasses.replace(scene.studies[UNNAMED], watch=watched)
-
-
-@contextlib.contextmanager
-def _naming_arguments() -> Iterator[None]:
-    """Name arguments of ``study`` where problems name the keys of the study they describe."""
-    own = f"studies.{UNNAMED}"
-    try:
-        yield
-    except SceneError as error:
-        raise SceneError(
-            dataclasses.replace(
-                each, place="hs.study", key=each.key.removeprefix(own).removeprefix(".")
-            )
-            if each.key.startswith(own)
-            else each
-            for each in error.problems
-        ) from None

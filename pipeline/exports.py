@@ -1,5 +1,5 @@
-"""Files for other programs and scenes: a component as a superelement file or as a mesh, and the
-state space of a machine for MATLAB.
+"""Files for other programs and scenes: a component as matrices or as a mesh, and a machine as a state
+space or with the modes and responses of a test.
 """
 
 import dataclasses
@@ -17,7 +17,6 @@ from headstock.geometry.parts.solids import PointMass, SuperelementFile
 from headstock.meshing.formats import find_format
 from headstock.pipeline.exchange.files import encode_body
 from headstock.pipeline.exchange.fmus import FmuModel, encode_fmu
-from headstock.pipeline.exchange.names import FMUS
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.components import load_or_make_mesh
 from headstock.pipeline.stages.frf import add_load_inputs
@@ -33,8 +32,9 @@ from headstock.pipeline.storage.outputs import (
 )
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store
-from headstock.pipeline.storage.superelements import write_superelement
+from headstock.pipeline.test_data_export import export_test_data
 from headstock.scene.analyses.frf import FrfRequest
+from headstock.scene.exports import DEFAULT_STEP_S, EXPORT_FORMATS, Export
 from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.scene import Analyses, Scene, require_name
 from headstock.solvers.errors import ModelError
@@ -44,9 +44,60 @@ from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root, share_from_root
 from headstock.solvers.second_order import Channel, name_channel
 
-DEFAULT_STEP_S = 1e-3
 # loaded only where a mesh is written: it takes meshio and netCDF4 with it
 WRITING_MODULE = "headstock.meshing.files.writing"
+FMUS = {"fmu3": 3, "fmu2": 2}
+
+
+def export(
+    scene: Scene,
+    wanted: Export,
+    path: Path,
+    *,
+    comm: MPI.Comm,
+    store: Store | None = None,
+    origin: Provenance | None = None,
+) -> str:
+    """Write what is asked for; collective.
+
+    Args:
+        scene: The same on every rank.
+        path: File to write, whole or not at all; of several files what their names begin with.
+        store: Where meshes and superelements are kept; by default the user's.
+
+    Returns:
+        What was written, in a few words; on every rank.
+
+    Raises:
+        SceneError: There is no such component or pose.
+        HeadstockError: A computation or a file failed.
+    """
+    of = wanted.kind.of
+    if of == "mesh":
+        return export_mesh(scene, wanted.component, path, comm=comm, store=store)
+    if of == "test":
+        return export_test_data(scene, path, pose=wanted.pose, comm=comm, store=store)
+    if of == "body":
+        return export_superelement(
+            scene,
+            wanted.component or "",
+            path,
+            comm=comm,
+            form=wanted.format,
+            store=store,
+            origin=origin,
+        )
+    return export_state_space(
+        scene,
+        path,
+        up_to_hz=wanted.hz or 0.0,
+        pose=wanted.pose,
+        comm=comm,
+        form=wanted.format,
+        step_s=wanted.step or DEFAULT_STEP_S,
+        store=store,
+        origin=origin,
+    )
 
 
 def export_state_space(
@@ -58,6 +109,7 @@ def export_state_space(
     comm: MPI.Comm,
     form: str = "mat",
     step_s: float = DEFAULT_STEP_S,
+    store: Store | None = None,
     origin: Provenance | None = None,
 ) -> str:
     """Write the state space between the channels of ``[analyses.frf]``, or x, y and z of every point,
@@ -68,7 +120,7 @@ def export_state_space(
         path: File to write, whole or not at all.
         up_to_hz: Modes up to here become states, the others act statically.
         pose: Name of a pose; default: the first.
-        form: One of ``MACHINES``.
+        form: One of those of state spaces.
         step_s: Of an FMU, over which it holds its inputs [s].
 
     Returns:
@@ -85,7 +137,7 @@ def export_state_space(
     inputs, outputs = _channels(scene)
     request = FrfRequest(inputs, outputs, up_to_hz, poses=(name,))
     wanted = dataclasses.replace(scene, analyses=Analyses(request))
-    state = start_run(wanted, comm)
+    state = start_run(wanted, comm, store)
     make_superelements(state)
     text = ""
     if state.is_root:
@@ -99,7 +151,7 @@ def export_state_space(
         write_output(path, _encode_space(space, form, step_s, scene.name, origin))
         sizes = f"{len(space.a)} states, {len(space.inputs)} inputs, {len(space.outputs)} outputs"
         text = f"{path}: pose {name}, {sizes}, modes up to {up_to_hz:g} Hz"
-        if form in FMUS:
+        if EXPORT_FORMATS[form].stepped:
             text += f"; inputs held over {1e3 * step_s:g} ms, a delay of {180.0 * step_s:.3g} deg per Hz"
     return str(share_from_root(comm, text))
 
@@ -194,7 +246,7 @@ def export_superelement(
     Args:
         scene: The scene; the same on every rank.
         path: File to write, whole or not at all; of several files what their names begin with.
-        form: One of ``BODIES``.
+        form: One of those of bodies.
         store: Where meshes and superelements are kept; by default the user's.
 
     Returns:
@@ -217,16 +269,14 @@ def export_superelement(
     text = ""
     if state.is_root:
         superelement = made[component]
-        names = [path.name]
-        if form == "h5":
-            write_superelement(path, superelement, origin)
-        else:
-            files = encode_body(superelement, form)
-            names = [path.stem + ending for ending in files]
-            with naming_output(path), PendingOutputs() as pending:
-                for name, content in zip(names, files.values(), strict=True):
-                    pending.add(path.with_name(name), content)
-                pending.publish()
+        files = encode_body(superelement, form, origin)
+        # a single file is called what it was asked to be
+        single = len(files) == 1
+        names = [path.name] if single else [path.stem + ending for ending in files]
+        with naming_output(path), PendingOutputs() as pending:
+            for name, content in zip(names, files.values(), strict=True):
+                pending.add(path.with_name(name), content)
+            pending.publish()
         written = ", ".join(str(path.with_name(name)) for name in names)
         text = (
             f"{written}: {component}, {superelement.full_dofs} -> {len(superelement.labels)} dofs"

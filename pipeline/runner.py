@@ -64,7 +64,7 @@ def run_scene(
     volume: bool = False,
     provenance: Provenance | None = None,
 ) -> Results:
-    """Run the stages a scene calls for and write ``results.h5`` and ``summary.json``.
+    """Run the stages a scene calls for and write ``results.h5``, ``summary.json`` and its exports.
 
     Rank 0 meshes, couples, reads and writes; all ranks assemble and reduce. What fails on rank 0
     alone is known to all; an error on another rank leaves the others waiting: the caller ends the
@@ -88,7 +88,9 @@ def run_scene(
         SharedFailure: It failed on rank 0 of several; on every rank.
     """
     make_on_root(comm, lambda: require_feed_of_run(scene))
-    make_on_root(comm, lambda: prepare_output(output, (RESULTS_FILE, SUMMARY_FILE)))
+    exported = {output / one.name_file(name): one for name, one in scene.exports.items()}
+    files = (RESULTS_FILE, SUMMARY_FILE, *(path.name for path in exported))
+    make_on_root(comm, lambda: prepare_output(output, files))
     runner = _StageRunner(scene, comm, store, observer=observer, announce=announce)
     state = _run_rounds(scene, runner)
     remarks = make_on_root(
@@ -97,6 +99,10 @@ def run_scene(
     results = gather_results(
         state, tuple(runner.records), provenance=provenance, files=remarks.files
     )
+    for path, wanted in exported.items():
+        load_named("headstock.pipeline.exports:export")(
+            state.scene, wanted, path, comm=comm, store=runner.store, origin=provenance
+        )
     return dataclasses.replace(results, warnings=(*results.warnings, *remarks.warnings))
 
 

@@ -12,6 +12,7 @@ from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.runner import run_stages
 from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.storage.outputs import check_output, write_output
+from headstock.pipeline.storage.store import Store
 from headstock.reduction.coupling.channels import machine_channels
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import locate_interface
@@ -36,7 +37,9 @@ UNITS = dict(zip(DIRECTIONS, np.eye(3), strict=True))
 ALIGNED = 1e-9
 
 
-def export_test_data(scene: Scene, path: Path, *, pose: str | None, comm: MPI.Comm) -> str:
+def export_test_data(
+    scene: Scene, path: Path, *, pose: str | None, comm: MPI.Comm, store: Store | None = None
+) -> str:
     """Write modes at all points, interfaces and sensors, and the responses of ``[analyses.frf]``, as a
     universal file; motions in machine axes, of points those of the tool relative to the work.
 
@@ -44,6 +47,7 @@ def export_test_data(scene: Scene, path: Path, *, pose: str | None, comm: MPI.Co
         scene: The same on every rank.
         path: File to write, whole or not at all.
         pose: Name of a pose; default: the first.
+        store: Where meshes and superelements are kept; by default the user's.
 
     Returns:
         What was written, in a few words; on every rank.
@@ -62,7 +66,7 @@ def export_test_data(scene: Scene, path: Path, *, pose: str | None, comm: MPI.Co
     if FrfRequest in scene.analyses:
         requests.append(dataclasses.replace(scene.analyses[FrfRequest], poses=(name,)))
     wanted = dataclasses.replace(scene, analyses=Analyses(*requests))
-    state = run_stages(wanted, comm, with_errors=False)
+    state = run_stages(wanted, comm, store, with_errors=False)
     text = ""
     if state.is_root:
         if scene.is_lumped:

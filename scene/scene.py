@@ -14,6 +14,7 @@ from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.mechanisms.exechon import ToolMechanism
 from headstock.geometry.parts.components import Fidelity
 from headstock.geometry.parts.solids import SuperelementFile
+from headstock.scene.exports import Export
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, Problem, SceneError, suggest_names
 from headstock.scene.reading.names import NAMES
@@ -233,6 +234,7 @@ class Scene:
         modal_damping: Damping ratios of the first, second, ... elastic mode, the last for all
             others; empty for none.
         findings: Where each key comes from, for what only the files of parts can tell.
+        exports: What a run writes for other programs, by name.
         fit: What the fits whose variants are applied leave open; None without any.
     """
 
@@ -262,6 +264,7 @@ class Scene:
     findings: Findings = field(default_factory=lambda: Findings(""))
     written: TomlTable = field(default_factory=dict)
     fit: FitSpread | None = None
+    exports: dict[str, Export] = field(default_factory=dict)
 
     @property
     def is_lumped(self) -> bool:

@@ -1,5 +1,5 @@
-"""``headstock export``: one component as a superelement file or as a mesh, or a machine as a state
-space or with modes and responses as a test has them.
+"""``headstock export``: a component as matrices or as a mesh, or a machine as a state space or with
+modes and responses as a test has them.
 """
 
 from pathlib import Path
@@ -10,19 +10,10 @@ from headstock.app.actions.running import require_ranks
 from headstock.app.commands.scene_commands import ExportOptions
 from headstock.app.terminal.console import warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE
-from headstock.meshing.errors import MeshError
-from headstock.meshing.formats import find_format
-from headstock.pipeline.exchange.names import ENDINGS
-from headstock.pipeline.exports import (
-    DEFAULT_STEP_S,
-    export_mesh,
-    export_state_space,
-    export_superelement,
-)
-from headstock.pipeline.test_data_export import export_test_data
+from headstock.pipeline.exports import export
 from headstock.scene.building.loader import load_scene
-from headstock.scene.reading.files import UFF_SUFFIXES
-from headstock.scene.reading.units import FREQUENCY, TIME, UnitError, parse_quantity
+from headstock.scene.exports import EXPORT_FORMATS, Export
+from headstock.scene.reading.units import FREQUENCY, TIME, Dimension, UnitError, parse_quantity
 from headstock.scene.scene import Scene
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
@@ -33,71 +24,78 @@ def export_command(options: ExportOptions, comm: MPI.Comm) -> int:
     say so.
 
     Raises:
-        click.UsageError: There is no format with the ending of the file, or the frequency is none.
+        click.UsageError: Options do not go together, or one is no quantity.
         SceneError: The scene has problems.
         HeadstockError: The component or pose does not exist, or a computation or the file failed.
     """
     origin = options.trace(comm.size)
     require_ranks(options.ranks, comm)
-    up_to_hz = _read_options(options)
+    wanted = read_export(options)
     scene = make_on_root(comm, lambda: _load(options))
-    if options.mesh is not None:
-        written = export_mesh(scene, options.component, options.mesh, comm=comm)
-    elif options.uff is not None:
-        written = export_test_data(scene, options.uff, pose=options.pose, comm=comm)
-    elif up_to_hz is None:
-        component = options.component or ""
-        form = options.to or "h5"
-        output = options.output or Path(f"{component}.h5")
-        written = export_superelement(scene, component, output, comm=comm, form=form, origin=origin)
-    else:
-        form = options.to or "mat"
-        output = options.output or Path(options.scene.stem + ENDINGS[form])
-        written = export_state_space(
-            scene,
-            output,
-            up_to_hz=up_to_hz,
-            pose=options.pose,
-            comm=comm,
-            form=form,
-            step_s=_read_step(options),
-            origin=origin,
-        )
+    path = wanted.name_file(options.component or options.scene.stem)
+    written = export(scene, wanted, path, comm=comm, origin=origin)
     if comm.rank == 0:
         click.echo(written)
     return DONE
 
 
-def _read_options(options: ExportOptions) -> float | None:
-    """Return up to where a state space has modes [Hz]; None where none is asked for."""
-    try:
-        if options.mesh is not None:
-            find_format(options.mesh, written=True)
-        elif options.uff is not None:
-            if options.uff.suffix.lower() not in UFF_SUFFIXES:
-                raise click.UsageError(f"--uff FILE ends in {', '.join(UFF_SUFFIXES)}")
-        elif options.state_space is not None:
-            return parse_quantity(options.state_space, FREQUENCY).value
-    except MeshError as error:
-        raise click.UsageError(str(error)) from error
-    except UnitError as error:
-        raise click.UsageError(f"--state-space {error}") from error
-    return None
-
-
-def _read_step(options: ExportOptions) -> float:
-    """Return the step of an FMU [s].
+def read_export(options: ExportOptions) -> Export:
+    """Return what the options ask for.
 
     Raises:
-        click.UsageError: It is no time above zero.
+        click.UsageError: They do not go together, or one is no quantity.
     """
+    alone = [file for file in (options.mesh, options.uff) if file is not None]
+    if alone and (len(alone) > 1 or options.to or options.output):
+        raise click.UsageError("--mesh FILE and --uff FILE go without each other, --to and -o")
+    file = alone[0] if alone else options.output
+    form = options.to
+    if options.mesh is not None:
+        form = _find_mesh_format(options.mesh)
+    elif options.uff is not None:
+        form = "uff"
+    elif form is None:
+        form = "mat" if options.hz else "h5" if options.component else None
+    if form is None:
+        raise click.UsageError(
+            f"name a component to reduce, or write --to FORMAT: {', '.join(EXPORT_FORMATS)}"
+        )
+    wanted = Export(
+        form,
+        options.component,
+        options.pose,
+        _read_positive("hz", options.hz, FREQUENCY),
+        _read_positive("step", options.step, TIME),
+        None if file is None else str(file),
+    )
+    for fault in wanted.find_faults():
+        raise click.UsageError(fault)
+    return wanted
+
+
+def _find_mesh_format(file: Path) -> str:
+    formats = {
+        ending: name
+        for name, form in EXPORT_FORMATS.items()
+        if form.of == "mesh"
+        for ending in form.endings
+    }
+    if file.suffix.lower() not in formats:
+        raise click.UsageError(f"{file.name}: mesh files end in {', '.join(formats)}")
+    return formats[file.suffix.lower()]
+
+
+def _read_positive(name: str, text: str | None, dimension: Dimension) -> float | None:
+    """Return a quantity in SI units; None where none is given."""
+    if text is None:
+        return None
     try:
-        step = DEFAULT_STEP_S if options.step is None else parse_quantity(options.step, TIME).value
+        value = parse_quantity(text, dimension).value
     except UnitError as error:
-        raise click.UsageError(f"--step {error}") from error
-    if not step > 0.0:
-        raise click.UsageError(f"--step {options.step} must be above zero")
-    return step
+        raise click.UsageError(f"--{name} {error}") from error
+    if not value > 0.0:
+        raise click.UsageError(f"--{name} {text} must be above zero")
+    return value
 
 
 def _load(options: ExportOptions) -> Scene:

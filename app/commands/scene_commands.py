@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-import click
-
 from headstock.app.commands.options import (
     Accuracy,
     Debug,
@@ -23,7 +21,7 @@ from headstock.app.commands.options import (
     output_option,
 )
 from headstock.app.commands.plain_typer import typer
-from headstock.pipeline.exchange.names import BODIES, FMUS, MACHINES
+from headstock.scene.exports import list_formats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,8 +121,8 @@ class EffectsOptions(SceneOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ExportOptions(SceneOptions):
-    """Write one component as matrices or as a mesh, the machine's state space as a file or an FMU, or
-    its modes and frequency responses as a universal file (UFF).
+    """Write a component as matrices or as a mesh, or the machine as a state space, an FMU, or modes and
+    frequency responses as a test has them.
     """
 
     action = "exporting:export_command"
@@ -133,81 +131,40 @@ class ExportOptions(SceneOptions):
     component: Annotated[
         str | None, typer.Argument(metavar="[COMPONENT]", help="Component to reduce or to mesh.")
     ] = None
-    mesh: Annotated[
-        Path | None,
-        option(
-            "--mesh",
-            "FILE",
-            "Write the component's mesh with its patches: .xdmf, .exo, .med, .bdf or .msh.",
-        ),
-    ] = None
-    output: Annotated[
-        Path | None, output_option("FILE", "File to write [COMPONENT.h5, SCENE.mat, ...].")
-    ] = None
     to: Annotated[
         str | None,
         option(
             "--to",
             "FORMAT",
-            f"Of a component {', '.join(BODIES)}; of the machine {', '.join(MACHINES)}.",
+            f"Matrices of a component: {list_formats('body')} [h5]; its mesh: {list_formats('mesh')}; "
+            f"the machine: {list_formats('space')} [mat with --hz], {list_formats('test')}.",
         ),
     ] = None
-    state_space: Annotated[
-        str | None,
-        option("--state-space", "HZ", 'State space with modes up to here, such as "500 Hz".'),
+    output: Annotated[
+        Path | None, output_option("FILE", "File to write [COMPONENT.h5, SCENE.mat, ...].")
     ] = None
-    uff: Annotated[
-        Path | None,
-        option(
-            "--uff",
-            "FILE",
-            "Modes and frequency responses as a test would have them: UFF 55 and 58.",
+    hz: Annotated[
+        str | None,
+        typer.Option(
+            "--hz",
+            "--state-space",
+            metavar="HZ",
+            help='Of a state space: modes up to here, such as "500 Hz".',
         ),
     ] = None
     step: Annotated[
         str | None, option("--step", "TIME", "Of an FMU, which holds its inputs over it [1 ms].")
     ] = None
-    pose: Annotated[
-        str | None,
-        option("--pose", "NAME", "Pose of the state space, or of modes and responses [the first]."),
+    pose: Annotated[str | None, option("--pose", "NAME", "Pose of the machine [the first].")] = None
+    mesh: Annotated[
+        Path | None,
+        option("--mesh", "FILE", "The mesh of a component; the ending chooses the format."),
+    ] = None
+    uff: Annotated[
+        Path | None, option("--uff", "FILE", "Modes and responses of the machine: UFF 55 and 58.")
     ] = None
     variant: Variant = None
     set_: Overrides = None
     ranks: Ranks = None
     no_host: NoHost = False
     debug: Debug = False
-
-    def __post_init__(self) -> None:
-        """Refuse options that do not go together.
-
-        Raises:
-            click.UsageError: They do not.
-        """
-        for name, file in (("--mesh", self.mesh), ("--uff", self.uff)):
-            if file is not None and (self.output is not None or self.state_space is not None):
-                raise click.UsageError(f"{name} FILE goes without -o and --state-space")
-        if self.uff is not None and (self.mesh is not None or self.component is not None):
-            raise click.UsageError(
-                "--uff FILE is of the whole machine; leave out COMPONENT and --mesh"
-            )
-        if self.step is not None and self.to not in FMUS:
-            raise click.UsageError("--step goes with --to fmu3 or --to fmu2")
-        if self.to is not None:
-            self._require_owner(self.to)
-        alone = self.mesh is None and self.uff is None
-        if alone and (self.component is None) == (self.state_space is None):
-            raise click.UsageError(
-                "name a component to reduce, write --mesh FILE for its mesh, or "
-                '--state-space "500 Hz" or --uff FILE for the whole machine'
-            )
-
-    def _require_owner(self, form: str) -> None:
-        """Refuse a form that is unknown, or that is not one of what is exported."""
-        if form not in (*BODIES, *MACHINES):
-            raise click.UsageError(
-                f"--to {form!r} is unknown; components: {', '.join(BODIES)}; machines: {', '.join(MACHINES)}"
-            )
-        whole = form in MACHINES
-        if self.mesh is not None or self.uff is not None or whole == (self.state_space is None):
-            owner = '--state-space "500 Hz"' if whole else "a COMPONENT"
-            raise click.UsageError(f"--to {form} goes with {owner}")

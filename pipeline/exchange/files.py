@@ -32,7 +32,9 @@ from headstock.pipeline.exchange.matrices import (
     require_matrix,
 )
 from headstock.pipeline.exchange.op4 import encode_op4, read_op4
-from headstock.pipeline.storage.superelements import read_superelement
+from headstock.pipeline.exchange.simscape import encode_simscape
+from headstock.pipeline.storage.provenance import Provenance
+from headstock.pipeline.storage.superelements import encode_superelement, read_superelement
 from headstock.reduction.superelement import Superelement
 
 BULK_DATA = (".bdf", ".dat", ".nas", ".pch")
@@ -203,15 +205,22 @@ def _join_dmig(path: Path) -> tuple[dict[str, FloatArray], IntArray]:
     return matrices, np.array(dofs, dtype=np.int64).reshape(-1, 2)
 
 
-def encode_body(superelement: Superelement, form: str) -> dict[str, bytes]:
-    """Return the files of a reduced body in a form, by what they end in.
+def encode_body(
+    superelement: Superelement, form: str, origin: Provenance | None = None
+) -> dict[str, bytes]:
+    """Return the files of a reduced body in a format, by what they end in.
 
     Args:
-        form: One of ``BODIES`` but our own.
+        form: One of those of bodies.
+        origin: Where it comes from; of Headstock's own layout.
 
     Raises:
-        ExchangeError: The form cannot hold it.
+        ExchangeError: The format cannot hold it.
     """
+    if form == "h5":
+        return {OWN[0]: encode_superelement(superelement, origin)}
+    if form == "simscape":
+        return encode_simscape(superelement)
     body = list_matrices(superelement)
     if form == "dmig":
         return {".bdf": encode_dmig(body).encode()}

@@ -59,11 +59,7 @@ def list_matrices(superelement: Superelement) -> BodyMatrices:
     Raises:
         ExchangeError: It has constraints, which no other format keeps apart from its matrices.
     """
-    if len(superelement.constraints):
-        raise ExchangeError(
-            f"component {superelement.name!r}: interfaces share nodes, which ties some of its dofs; "
-            "leave a gap between their patches before it is exported"
-        )
+    require_no_constraints(superelement)
     places: list[tuple[FloatArray, Sequence[int]]] = [
         (frame.origin, range(1, 7)) for frame in superelement.frames
     ]
@@ -84,6 +80,15 @@ def list_matrices(superelement: Superelement) -> BodyMatrices:
         superelement.mass,
         superelement.damping,
     )
+
+
+def require_no_constraints(superelement: Superelement) -> None:
+    """Refuse a body with constraints, which no other format keeps apart from its matrices."""
+    if len(superelement.constraints):
+        raise ExchangeError(
+            f"component {superelement.name!r}: interfaces share nodes, which ties some of its dofs; "
+            "leave a gap between their patches before it is exported"
+        )
 
 
 def require_matrix(matrix: FloatArray, what: str) -> FloatArray:

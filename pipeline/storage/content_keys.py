@@ -41,7 +41,7 @@ from headstock.scene.scene import Scene, list_analyses
 
 SIGNIFICANT_DIGITS = 12
 # of a scene, of no influence on what is found in one of its points or poses
-UNUSED_SECTIONS = ("name", "studies", "sweeps", "variants", "compare")
+UNUSED_SECTIONS = ("name", "studies", "sweeps", "variants", "compare", "exports")
 MESH_LIBRARIES = ("gmsh", "meshio", "numpy", "vtk")
 REDUCTION_LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy")
 # a build from pip that holds these and says nothing of their versions, which are then those of other

@@ -56,17 +56,20 @@ ERROR_MATRICES = (
 WALL_SECONDS = 60
 
 
-def write_superelement(
-    path: Path, superelement: Superelement, origin: Provenance | None = None
-) -> None:
-    """Write a superelement, with where it comes from, so that a reader sees the old file or the
-    whole new one, never a part.
-
-    Args:
-        origin: Version, command and scene that it comes from; None leaves them out.
+def write_superelement(path: Path, superelement: Superelement) -> None:
+    """Write a superelement, so that a reader sees the old file or the whole new one, never a part.
 
     Raises:
         OutputError: It cannot be written, or there is a file that Headstock did not write.
+    """
+    write_output(path, encode_superelement(superelement))
+
+
+def encode_superelement(superelement: Superelement, origin: Provenance | None = None) -> bytes:
+    """Return a superelement as a file.
+
+    Args:
+        origin: Version, command and scene that it comes from; None leaves them out.
     """
     image = io.BytesIO()
     with h5py.File(image, "w", track_order=True) as file:
@@ -75,7 +78,7 @@ def write_superelement(
         write_record(file, superelement)
         if origin is not None:
             write_words(file.create_group("provenance"), origin.summarise_for_export())
-    write_output(path, image.getvalue())
+    return image.getvalue()
 
 
 def read_superelement(path: Path) -> Superelement:

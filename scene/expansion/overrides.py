@@ -27,7 +27,7 @@ from headstock.scene.reading.findings import (
 )
 from headstock.scene.schema.validation import is_list, known_keys, unknown_key
 
-ENTRY_SECTIONS = frozenset({*MACHINE_SECTIONS, "poses", "sweeps", "studies", "variants"})
+ENTRY_SECTIONS = frozenset({*MACHINE_SECTIONS, "poses", "sweeps", "studies", "exports", "variants"})
 MAX_OVERRIDES = 1000
 AS_WRITTEN = "as written"  # the scene without any variant, where variants are listed
 VARIANT_JOINER = "+"

@@ -22,6 +22,7 @@ from headstock.scene.schema.components import (
 from headstock.scene.schema.cutting import CuttingTable
 from headstock.scene.schema.drives import DriveTable
 from headstock.scene.schema.effects import EFFECT_NAMES, PLAIN_EFFECTS
+from headstock.scene.schema.exports import ExportTable
 from headstock.scene.schema.joints import ChainTable, JointTable
 from headstock.scene.schema.loads import LoadTable, ProbeTable, SupportTable
 from headstock.scene.schema.sensors import MassTable, SensorTable
@@ -302,6 +303,8 @@ class SceneTable(types.StrictTable):
     `{ rayleigh = { alpha = "2 1/s", beta = "1e-5 s" } }` adds `alpha M + beta K` of the whole machine; default: all off"""
     analyses: AnalysesTable = Field(default_factory=AnalysesTable.model_construct)
     """what is computed"""
+    exports: dict[types.Name, ExportTable] = {}
+    """models for other programs that `run` writes, by name, see [other programs](exchange.md)"""
     orientation: OrientationTable = Field(default_factory=OrientationTable.model_construct)
     """position and orientation of the whole machine"""
     limits: _LimitsTable = Field(default_factory=_LimitsTable.model_construct)

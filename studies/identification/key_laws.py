@@ -24,6 +24,7 @@ SOMEWHERE = 0.381966
 # what neither modes nor compliances and responses depend on
 UNSEEN_SECTIONS = (
     *("name", "analyses", "sweeps", "studies", "variants", "compare", "effects", "limits"),
+    "exports",
     *("accuracy", "drives", "probes", "loads"),
 )
 UNSEEN_KEYS = {

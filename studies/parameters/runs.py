@@ -444,7 +444,11 @@ def _repeat_point(
         ):
             scene = make_on_root(comm, lambda: _reload(job, point))
             results = run_scene(
-                scene, scratch, comm=comm, store=store, announce=lambda stage: settle()
+                replace(scene, exports={}),
+                scratch,
+                comm=comm,
+                store=store,
+                announce=lambda stage: settle(),
             )
         runs.append(_PointRun(scene, results, cost, peak.megabytes))
     return runs[warm_up:]

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import scipy.io
 import scipy.linalg
 
 from common import Shell, approx, read_json
@@ -170,10 +171,16 @@ def test_matrices_of_other_programs_are_a_part(shell: Shell, form: str, solid: s
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("head --to fmu3", '--to fmu3 goes with --state-space "500 Hz"'),
-        ("--to op4 --state-space 500Hz", "--to op4 goes with a COMPONENT"),
-        ("--to fmu", "--to 'fmu' is unknown; components: h5, op4"),
-        ("--to mat --state-space 500Hz --step 1ms", "--step goes with --to fmu3 or --to fmu2"),
+        ("--to fmu3", "fmu3 is a state space with modes up to a frequency; write hz"),
+        ("head --to fmu3 --hz 500Hz", "fmu3 is of the whole machine; leave out the component"),
+        ("--to op4", "op4 is of one component; name it"),
+        ("head --to op4 --hz 500Hz", "op4 takes no hz, which goes with fmu3, fmu2, mat, npz"),
+        ("head --to op4 --pose a", "op4 takes no pose"),
+        ("--to fmu", "format 'fmu' is unknown; of a component: h5, op4"),
+        ("--to mat --hz 500Hz --step 1ms", "mat takes no step, which goes with fmu3, fmu2"),
+        ("--to uff -o head.txt", "files of uff end in .uff, .unv, .uf"),
+        ("--mesh head.stl", "mesh files end in .msh"),
+        ("head --mesh head.msh --to msh", "go without each other, --to and -o"),
         ("--to fmu3 --state-space 500Hz --step 0s", "--step 0s must be above zero"),
     ],
 )
@@ -184,3 +191,116 @@ def test_forms_that_do_not_go_together_are_refused(shell: Shell, words: str, mes
 def test_points_go_with_matrices_alone(shell: Shell) -> None:
     scene = shell.write(HEAD, ('"60 mm"] }', '"60 mm"], points = "x.bdf" }'))
     assert "go with matrices of other programs" in shell.refuses(f"check {scene}")
+
+
+EXPORTS = """
+[exports.plant]
+format = "mat"
+hz = "2 kHz"
+[exports.tip]
+format = "simscape"
+component = "beam"
+[exports.tip_mesh]
+format = "xdmf"
+component = "beam"
+file = "beam.xdmf"
+"""
+
+
+def test_a_run_writes_the_exports_of_its_scene(shell: Shell) -> None:
+    scene = shell.write(BEAM + EXPORTS)
+    shell(f"run {scene} -o results --no-figures")
+    shell(f"run {scene} -o results --no-figures")  # over files of its own
+    names = {path.name for path in Path("results").iterdir()}
+    assert {"plant.mat", "tip.mat", "tip.m", "beam.xdmf"} <= names
+    shell(f"export {scene} --to mat --hz 2kHz -o again.mat --no-host")
+    plants = [scipy.io.loadmat(name) for name in ("results/plant.mat", "again.mat")]
+    assert np.array_equal(plants[0]["A"], plants[1]["A"])
+
+
+@pytest.mark.parametrize(
+    ("line", "key", "message"),
+    [
+        ('format = "fmu"', "exports.x", "format 'fmu' is unknown"),
+        ('format = "op4"\ncomponent = "bean"', "exports.x.component", "unknown component 'bean'"),
+        ('format = "mat"\nhz = "1 kHz"\npose = "far"', "exports.x.pose", "far"),
+        ('format = "mat"\nhz = "1 kHz"\nfile = "../x.mat"', "exports.x.file", "without folders"),
+        ('format = "mat"\nhz = "0 Hz"', "exports.x.hz", "0 Hz"),
+        ('format = "xdmf"\nfile = "x.msh"', "exports.x", "end in .xdmf"),
+        (
+            'format = "uff"\n[exports.y]\nformat = "uff"\nfile = "x.uff"',
+            "exports.x.file",
+            "another",
+        ),
+    ],
+)
+def test_wrong_exports_are_named_with_their_key(
+    shell: Shell, line: str, key: str, message: str
+) -> None:
+    refused = shell.refuses(f"check {shell.write(BEAM + '[exports.x]' + chr(10) + line)}")
+    assert key in refused and message in refused
+
+
+def read_simscape(name: str) -> dict[str, Any]:
+    """What a reader that knows nothing of Headstock finds."""
+    return dict(scipy.io.loadmat(name))
+
+
+def test_a_simscape_body_has_the_documented_shapes_mass_and_frequencies(shell: Shell) -> None:
+    scene = shell.write(BEAM)
+    shell(f"export {scene} beam --to simscape")
+    shell(f"export {scene} beam --to h5")
+    body = read_simscape("beam.mat")
+    stiffness, mass, origins = body["K"], body["M"], body["origins"]
+    count, size = len(origins), len(stiffness)
+    assert count == 2 and origins.shape == (2, 3) and body["orientations"].shape == (2, 4)
+    assert body["C"].shape == stiffness.shape == mass.shape and size > 6 * count
+    assert np.linalg.norm(body["orientations"], axis=1) == approx(1.0, abs=1e-15)
+    assert np.array_equal(stiffness, stiffness.T) and np.array_equal(mass, mass.T)
+    rigid = np.zeros((size, 6))
+    for node, place in enumerate(origins):
+        x, y, z = place
+        rigid[6 * node : 6 * node + 6] = np.eye(6)
+        rigid[6 * node : 6 * node + 3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+    assert np.abs(stiffness @ rigid).max() <= 1e-9 * np.abs(stiffness).max()
+    moved = rigid.T @ mass @ rigid
+    weight = 7850.0 * 0.03 * 0.02 * 0.3
+    assert moved[:3, :3] == approx(weight * np.eye(3), abs=1e-9 * weight)
+    assert [moved[1, 5], moved[2, 3], moved[0, 4]] == approx([0, 0, 0.15 * weight], abs=1e-9)
+    spin = weight * np.array([0.02**2 / 12 + 0.3**2 / 3, 0.03**2 / 12 + 0.3**2 / 3, 0.0013 / 12])
+    assert moved.diagonal()[3:] == approx(spin, rel=1e-9)
+    import h5py
+
+    with h5py.File("beam.h5") as file:
+        pair = [np.asarray(file[name]) for name in ("stiffness", "mass")]
+    given, found = (scipy.linalg.eigvalsh(*one)[6:16] for one in (pair, (stiffness, mass)))
+    assert np.sqrt(found) == approx(np.sqrt(given), rel=1e-12)
+    assert "body.orientations" in Path("beam.m").read_text()
+
+
+def test_python_exports_and_takes_matrices(shell: Shell) -> None:
+    import headstock as hs
+
+    scene = shell.write(BEAM)
+    written = hs.export(scene, "simscape", component="beam", output="beam.mat")
+    assert written.startswith("beam.mat, beam.m: beam")
+    body = read_simscape("beam.mat")
+    taken = hs.Superelement(body["K"], body["M"], points=body["origins"], file="taken.h5")
+    machine = hs.Machine(
+        components={"beam": hs.Component(solid=taken)},
+        joints={"foot": hs.Joint(between=["beam.node_1", "ground"], kind="rigid")},
+        points={"tip": hs.Point(tool="beam.node_2", work="ground")},
+        analyses={"modal": {"count": 6}},
+    )
+    given, found = (hs.run(one).modes["reference"].frequencies_hz for one in (scene, machine))
+    assert found == approx(given, rel=1e-9)
+    wrong: Any = {"points": body["origins"], "file": "wrong.h5"}
+    with pytest.raises(hs.SceneError, match="symmetric"):
+        hs.Superelement(np.triu(body["K"]), body["M"], **wrong)
+    with pytest.raises(hs.SceneError, match="rows for"):
+        hs.Superelement(body["K"], body["M"], dofs=[(1, "x")], **wrong)
+    with pytest.raises(hs.SceneError, match="leave out the component"):
+        hs.export(scene, "mat", hz=500.0, component="beam")
+    with pytest.raises(hs.HeadstockError, match="their unit is mm"):
+        hs.Superelement(body["K"], body["M"], points=1e3 * body["origins"], file="wrong.h5")
+    assert not Path("wrong.h5").exists()

@@ -79,8 +79,8 @@ def test_a_machine_agrees_with_its_own_universal_file(shell: Shell) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("--uff beam.txt", "--uff FILE ends in .uff, .unv, .uf"),
-        ("beam --uff beam.uff", "--uff FILE is of the whole machine"),
+        ("--uff beam.txt", "files of uff end in .uff, .unv, .uf"),
+        ("beam --uff beam.uff", "uff is of the whole machine"),
         ("--uff beam.uff --pose none", "poses.none there is none of this name"),
     ],
 )

@@ -16,12 +16,11 @@ from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.exchange.bodies import make_superelement
 from headstock.pipeline.exchange.files import encode_body, read_body
 from headstock.pipeline.exchange.matrices import ExchangeError, list_matrices
-from headstock.pipeline.exchange.names import BODIES
 from headstock.pipeline.exchange.op4 import encode_op4
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.superelement import Superelement
 
-FORMS = [form for form in BODIES if form != "h5"]
+FORMS = ["op4", "dmig", "abaqus", "calculix", "mtx"]
 POINTS = "part_points.bdf"
 
 

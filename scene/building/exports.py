@@ -1,0 +1,29 @@
+"""What a run writes for other programs: checked against the rest of the scene, and built."""
+
+from collections import Counter
+
+from headstock.scene.building.draft import Draft
+from headstock.scene.exports import Export
+from headstock.scene.schema.scene import SceneTable
+
+
+def check_exports(draft: Draft) -> None:
+    """Report exports of components and poses that there are not, and two into one file."""
+    files = Counter(
+        str(wanted.name_file(name)) for name, wanted in build_exports(draft.table).items()
+    )
+    for name, table in draft.table.exports.items():
+        key = ("exports", name)
+        if table.component is not None:
+            draft.check_name((*key, "component"), table.component, "components")
+        draft.check_pose((*key, "pose"), table.pose)
+        file = str(table.fill(Export).name_file(name))
+        if files[file] > 1:
+            draft.add(
+                (*key, "file"), f"{file} is written by another export, too; name another file"
+            )
+
+
+def build_exports(table: SceneTable) -> dict[str, Export]:
+    """Return what a run writes for other programs, by name."""
+    return {name: export.fill(Export) for name, export in table.exports.items()}

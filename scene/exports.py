@@ -1,0 +1,111 @@
+"""What leaves for other programs: one record a format, and one of what is asked for."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+DEFAULT_STEP_S = 1e-3
+WHOLE_MACHINE = ("space", "test")
+
+
+@dataclass(frozen=True)
+class ExportFormat:
+    """A format in which something leaves.
+
+    Attributes:
+        of: What leaves: matrices of a reduced component (``body``), its ``mesh``, a state space of the
+            machine (``space``), or its modes and responses as a test has them (``test``).
+        endings: Of its file, the usual one first; of several files that of the first.
+        stepped: It advances in steps over which inputs are constant.
+    """
+
+    of: Literal["body", "mesh", "space", "test"]
+    endings: tuple[str, ...]
+    stepped: bool = False
+
+
+EXPORT_FORMATS = {
+    "h5": ExportFormat("body", (".h5",)),
+    "op4": ExportFormat("body", (".op4",)),
+    "dmig": ExportFormat("body", (".bdf",)),
+    "abaqus": ExportFormat("body", ("_STIF1.mtx",)),
+    "calculix": ExportFormat("body", (".sti",)),
+    "mtx": ExportFormat("body", ("_K.mtx",)),
+    "simscape": ExportFormat("body", (".mat",)),
+    "fmu3": ExportFormat("space", (".fmu",), stepped=True),
+    "fmu2": ExportFormat("space", (".fmu",), stepped=True),
+    "mat": ExportFormat("space", (".mat",)),
+    "npz": ExportFormat("space", (".npz",)),
+    "uff": ExportFormat("test", (".uff", ".unv", ".uf")),
+    "msh": ExportFormat("mesh", (".msh",)),
+    "bdf": ExportFormat("mesh", (".bdf", ".nas")),
+    "xdmf": ExportFormat("mesh", (".xdmf", ".xmf")),
+    "med": ExportFormat("mesh", (".med",)),
+    "exo": ExportFormat("mesh", (".exo", ".e", ".ex2")),
+}
+
+
+def list_formats(*kinds: str) -> str:
+    """Return the names of the formats in which one of some kinds of things leaves."""
+    return ", ".join(name for name, form in EXPORT_FORMATS.items() if form.of in kinds)
+
+
+@dataclass(frozen=True)
+class Export:
+    """What leaves, and in which format.
+
+    Attributes:
+        component: Which one leaves; None for the whole machine, or for the only one with a shape.
+        pose: Of the machine; None for the first.
+        hz: Modes up to here become states [Hz].
+        step: Over which inputs are constant [s].
+        file: What is written, of several files what their names begin with; None for the usual name.
+    """
+
+    format: str
+    component: str | None = None
+    pose: str | None = None
+    hz: float | None = None
+    step: float | None = None
+    file: str | None = None
+
+    @property
+    def kind(self) -> ExportFormat:
+        """The format itself."""
+        return EXPORT_FORMATS[self.format]
+
+    def name_file(self, name: str) -> Path:
+        """Return what is written, ``name`` and the usual ending where no file is named."""
+        if self.file is not None:
+            return Path(self.file)
+        several = self.kind.endings[0].startswith("_")
+        return Path(
+            f"{name}{Path(self.kind.endings[0]).suffix if several else self.kind.endings[0]}"
+        )
+
+    def find_faults(self) -> Iterator[str]:
+        """Yield what does not go together, and what to write."""
+        if self.format not in EXPORT_FORMATS:
+            yield (
+                f"format {self.format!r} is unknown; of a component: {list_formats('body', 'mesh')}; "
+                f"of the machine: {list_formats(*WHOLE_MACHINE)}"
+            )
+            return
+        kind = self.kind
+        if kind.of in WHOLE_MACHINE and self.component is not None:
+            yield f"{self.format} is of the whole machine; leave out the component"
+        if kind.of == "body" and self.component is None:
+            yield f"{self.format} is of one component; name it"
+        if kind.of == "space" and self.hz is None:
+            yield f'{self.format} is a state space with modes up to a frequency; write hz, such as "500 Hz"'
+        if kind.of != "space" and self.hz is not None:
+            yield f"{self.format} takes no hz, which goes with {list_formats('space')}"
+        if kind.of not in WHOLE_MACHINE and self.pose is not None:
+            yield f"{self.format} takes no pose, which goes with {list_formats(*WHOLE_MACHINE)}"
+        if not kind.stepped and self.step is not None:
+            stepped = (name for name, form in EXPORT_FORMATS.items() if form.stepped)
+            yield f"{self.format} takes no step, which goes with {', '.join(stepped)}"
+        named = Path(self.file or f"x{kind.endings[0]}")
+        if kind.of in ("mesh", "test") and named.suffix.lower() not in kind.endings:
+            yield f"file {self.file!r}: files of {self.format} end in {', '.join(kind.endings)}"

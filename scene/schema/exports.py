@@ -1,0 +1,36 @@
+"""Schema of what a run writes for other programs."""
+
+from collections.abc import Iterator
+from typing import Annotated
+
+from headstock.scene.exports import EXPORT_FORMATS, Export
+from headstock.scene.schema import types
+
+
+def _find_file_fault(name: str) -> str:
+    plain = name and name == name.rpartition("/")[2] and name[0] not in ".\\~" and "\\" not in name
+    return (
+        ""
+        if plain
+        else 'is a name without folders, such as "mill.fmu"; it lies in the folder of the results'
+    )
+
+
+class ExportTable(types.StrictTable):
+    """What leaves for another program: `run` writes it into its folder, see [other programs](exchange.md)."""
+
+    format: Annotated[types.Text, types.JsonForm({"type": "string", "enum": list(EXPORT_FORMATS)})]
+    """of a component `h5, op4, dmig, abaqus, calculix, mtx, simscape`, or a mesh; of the machine `fmu3, fmu2, mat, npz, uff`"""
+    component: types.Text | None = None
+    """component that leaves; default: the whole machine, or the only component with a shape"""
+    pose: types.Text | None = None
+    """pose of the machine; default: the first"""
+    hz: types.PositiveFrequency | None = None
+    """modes up to here become states of `fmu3, fmu2, mat, npz`, the others act statically"""
+    step: types.PositiveTime | None = None
+    """step of `fmu3, fmu2`, over which inputs are constant; default: 1 ms"""
+    file: Annotated[types.Text, types.without_fault(_find_file_fault)] | None = None
+    """name of the file, of several files what their names begin with; default: the name of the export"""
+
+    def _faults(self) -> Iterator[str]:
+        yield from self.fill(Export).find_faults()
