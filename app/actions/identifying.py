@@ -48,12 +48,14 @@ from headstock.studies.identification.identification import (
     prepare_problem,
 )
 from headstock.studies.identification.problem import FitProblem
+from headstock.studies.identification.sensors import RankedSensor, rank_sensors
 from headstock.studies.identification.target_files import LoadedTask, load_targets
 from headstock.studies.identification.targets import IdentificationTask
 
 CORRELATION_SHOWN = 0.9
 SEEN_FAINTLY = 0.5
-UNIDENTIFIABLE_SHOWN = 6
+COMBINATIONS_SHOWN = 20
+SENSORS_SHOWN = 12
 SPREADS = ("relative_spread_95", "relative_mesh_95", "relative_scatter_95")
 
 
@@ -202,15 +204,12 @@ def open_held_out(folder: Path) -> int:
 
 def _print_doubts(found: Identification) -> None:
     console, statistics = make_console(), found.statistics
-    for direction in statistics.unidentifiable[-UNIDENTIFIABLE_SHOWN:][
-        ::-1
-    ]:  # the least certain come last
-        console.print(f"unidentifiable from these data: {direction}", style="yellow", markup=False)
-    if len(statistics.unidentifiable) > UNIDENTIFIABLE_SHOWN:
-        more = len(statistics.unidentifiable) - UNIDENTIFIABLE_SHOWN
-        console.print(
-            f"and {more} further direction(s), in {RECORD_FILE}", style="yellow", markup=False
-        )
+    if statistics.unidentifiable:
+        table = make_table("combination of parameters", ">left open", "")
+        for one in statistics.combinations[:COMBINATIONS_SHOWN]:
+            share = 100.0 / math.hypot(1.0, 1.0 / one.spread)
+            add_row(table, str(one), f"{share:.2g} %", "unidentifiable" if one.spread > 1.0 else "")
+        print_table(console, "Combinations (left open: of the spread allowed beforehand)", table)
     names = [item.parameter.name for item in found.parameters]
     for i, first in enumerate(names):
         for j, second in enumerate(names[:i]):
@@ -256,13 +255,22 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
         def publish() -> int:
             found = assess_ends(ends, loaded.task.name)
             seconds = time.perf_counter() - begin
-            weak = found.statistics.unidentifiable
+            others = {name: assess_ends(end, name) for name, end in rivals.items()}
+            weak = bool(found.statistics.unidentifiable)
             suggested = suggest_measurements(found) if weak else ()
-            models = {AS_WRITTEN: weigh_evidence(found), **rivals} if rivals else {}
+            models = {AS_WRITTEN: found, **others} if others else {}
+            evidence = {name: weigh_evidence(one) for name, one in models.items()}
+            order = sorted(models, key=lambda name: evidence[name].bic)
+            sensors = (
+                rank_sensors(found, {name: models[name] for name in order})
+                if weak or models
+                else ()
+            )
             summary = {
                 **summarise_identification(found),
-                "models": {name: dataclasses.asdict(one) for name, one in models.items()},
+                "models": {name: dataclasses.asdict(one) for name, one in evidence.items()},
                 "suggested": [dataclasses.asdict(one) for one in suggested],
+                "sensors": [dataclasses.asdict(one) for one in sensors],
                 "seconds": seconds,
             }
             if options.hide_held_out:
@@ -270,8 +278,9 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
                 write_output(output / HELD_OUT_FILE, dump_summary({"targets": hidden}).encode())
             _publish(options, found, summary, output, origin)
             _print_identification(found, summary, output)
-            _print_models(models)
+            _print_models(evidence)
             _print_suggested(suggested)
+            _print_sensors(sensors, order)
             if options.write is not None:
                 _print_include(options.scene, options.write)
             return DONE if found.converged else FAILED
@@ -292,21 +301,16 @@ def _load(options: IdentifyOptions, rival: str | None = None) -> LoadedTask:
 
 def _fit_rivals(
     options: IdentifyOptions, names: Sequence[str], comm: MPI.Comm
-) -> dict[str, Evidence]:
-    """Fit every other model and return its evidence; collective."""
-    found: dict[str, Evidence] = {}
+) -> dict[str, FitEnds]:
+    """Fit every other model; collective."""
+    ends: dict[str, FitEnds] = {}
     for name in names:
         loaded = make_on_root(comm, functools.partial(_load, options, name))
         if comm.rank == 0:
             make_console().print(f"model {name}", style="bold", markup=False)
         problem = prepare_problem(loaded, Store(default_store_root()), comm)
-        ends = fit_targets(problem, _print_start, comm=comm)
-        found[name] = make_on_root(comm, functools.partial(_weigh_ends, ends, name))
-    return found
-
-
-def _weigh_ends(ends: FitEnds, name: str) -> Evidence:
-    return weigh_evidence(assess_ends(ends, name))
+        ends[name] = fit_targets(problem, _print_start, comm=comm)
+    return ends
 
 
 def _print_models(models: Mapping[str, Evidence]) -> None:
@@ -331,6 +335,24 @@ def _print_suggested(suggested: Sequence[Candidate]) -> None:
             add_row(table, one.name, f"{one.bits:.1f} bit", f"{100.0 * one.spread:.0f} %")
         title = "Suggested measurements (weakest combination: its spread over that of now)"
         print_table(make_console(), title, table)
+
+
+def _print_sensors(sensors: Sequence[RankedSensor], models: Sequence[str]) -> None:
+    """Rank sensors by what they would say about models, the best of these first, and parameters."""
+    if not sensors:
+        return
+    heads = [f">ln evidence, {name}" for name in models[1:]]
+    table = make_table("further sensor", *heads, ">gain", ">weakest combination", "most at")
+    # the reference point comes first in the list of places, and counts in every other row
+    reference = [one for one in sensors[SENSORS_SHOWN:] if one.is_reference]
+    for one in (*sensors[:SENSORS_SHOWN], *reference):
+        logs = [f"{value:.1f}" for value in one.log_evidence.values()]
+        alone = " alone" if one.is_reference else ""
+        cells = (*logs, f"{one.bits:.1f} bit", f"{100.0 * one.spread:.0f} %", one.mode)
+        add_row(table, f"{one.name}{alone}", *cells)
+    against = f"; ln evidence: between {models[0]} and another model, 5 decides" if models else ""
+    title = f"Further sensors, each read along with the reference point{against}"
+    print_table(make_console(), title, table)
 
 
 def _print_include(scene: Path, name: str) -> None:

@@ -1,6 +1,7 @@
 """Further measurements, and added masses, that would determine what the data of a fit leave open."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -14,12 +15,12 @@ from headstock.studies.identification.cases import CaseState, make_case, solve_c
 from headstock.studies.identification.identification import Identification
 from headstock.studies.identification.observations import list_observations
 from headstock.studies.identification.pairings import Pairing
+from headstock.studies.identification.sensors import DIRECTIONS, list_channels
 from headstock.studies.identification.targets import ComplianceTarget
 
 # standard deviations that are taken for granted, relative
 FREQUENCY_SIGMA, COMPLIANCE_SIGMA = 0.01, 0.05
 MASS_SHARE = 0.02  # of the machine, added at one place
-MOST_PLACES = 60
 SHOWN = 8
 LEAST_BITS = 0.1
 
@@ -48,22 +49,9 @@ def suggest_measurements(found: Identification) -> tuple[Candidate, ...]:
 
     Source: Lindley (1956); Chaloner and Verdinelli (1995), Bayesian experimental design.
     """
-    covariance = found.statistics.bounded_covariance
-    widths = np.sqrt(np.diag(covariance))
-    weakest = np.linalg.eigh(
-        covariance / np.outer(found.statistics.allowed, found.statistics.allowed)
-    )[1][:, -1]
-    direction = weakest / found.statistics.allowed
-    candidates = []
-    for name, rows in _list_candidates(found):
-        if not (np.abs(rows) * widths).any():
-            continue
-        weighed = rows @ covariance
-        inner = np.eye(len(rows)) + weighed @ rows.T
-        after = covariance - weighed.T @ np.linalg.solve(inner, weighed)
-        share = float((direction @ after @ direction) / (direction @ covariance @ direction))
-        bits = 0.5 * float(np.linalg.slogdet(inner)[1]) / np.log(2.0)
-        candidates.append(Candidate(name, bits, float(np.sqrt(max(share, 0.0)))))
+    candidates = [
+        Candidate(name, *found.statistics.weigh(rows)) for name, rows in _list_candidates(found)
+    ]
     candidates.sort(key=lambda item: (-item.bits, item.name))
     return tuple(item for item in candidates[:SHOWN] if item.bits >= LEAST_BITS)
 
@@ -82,7 +70,7 @@ def _list_candidates(found: Identification) -> Iterator[tuple[str, FloatArray]]:
                 row = _slope_logs(state, state.eigenvalues, state.shapes)[[mode]]
                 name = f"{case.name}: frequency of mode {mode + 1} ({state.frequencies_hz[mode]:.4g} Hz)"
                 yield name, row / FREQUENCY_SIGMA * scale
-        places = _list_places(state)
+        places = _list_whole_places(state)
         yield from _list_compliances(state, places, scale)
         if highest:
             for place in places:
@@ -93,13 +81,10 @@ def _list_candidates(found: Identification) -> Iterator[tuple[str, FloatArray]]:
                 )
 
 
-def _list_places(state: CaseState) -> list[str]:
-    """Return points and interfaces where all three translations are known."""
-    names = dict.fromkeys(name for name, _ in state.coupled.system.outputs)
-    outputs = state.coupled.system.outputs
-    whole = [name for name in names if all((name, dof) in outputs for dof in DOF_NAMES[:3])]
-    points = [name for name in whole if "." not in name]
-    return (points + [name for name in whole if "." in name])[:MOST_PLACES]
+def _list_whole_places(state: CaseState) -> list[str]:
+    """Return the places where all three translations are known."""
+    counts = Counter(end.observer for end in list_channels([state]))
+    return [name for name, count in counts.items() if count == len(DIRECTIONS)]
 
 
 def _list_compliances(
@@ -132,7 +117,7 @@ def _slope_with_mass(state: CaseState, place: str, count: int) -> FloatArray:
     system = state.coupled.system
     superelements = state.coupled.layout.superelements.values()
     added = MASS_SHARE * sum(part.mass_kg for part in superelements)
-    rows = np.array([system.outputs[place, dof] for dof in DOF_NAMES[:3]])
+    rows = np.array([system.outputs[place, dof] for dof in DIRECTIONS])
     wanted = state.below + count
     pairs = solve_symmetric_modes(
         system.stiffness, system.mass + added * rows.T @ rows, wanted=wanted

@@ -22,6 +22,7 @@ from headstock.studies.identification.identification import (
 )
 from headstock.studies.identification.observations import KINDS
 from headstock.studies.identification.problem import FitProblem
+from headstock.studies.identification.statistics import Combination
 from headstock.studies.identification.targets import MachineKey
 
 OVERRIDES_FILE = "calibrated.toml"
@@ -61,14 +62,8 @@ def summarise_identification(found: Identification) -> JsonTable:
         "parameters": {
             item.parameter.name: _summarise_parameter(item) for item in found.parameters
         },
-        "unidentifiable": [
-            {
-                "direction": dict(unidentifiable.entries),
-                "text": str(unidentifiable),
-                "spread_over_allowed": _finite(unidentifiable.spread),
-            }
-            for unidentifiable in statistics.unidentifiable
-        ],
+        "combinations": [_summarise_combination(item) for item in statistics.combinations],
+        "unidentifiable": [_summarise_combination(item) for item in statistics.unidentifiable],
         "correlated": [
             {"parameters": [names[i], names[j]], "correlation": float(correlations[i, j])}
             for i in range(len(names))
@@ -244,6 +239,14 @@ def _summarise_parameter(item: FittedParameter) -> JsonTable:
         "scale": "log" if parameter.logarithmic else "linear",
         "data_share": item.data_share,
         "at_bound": item.at_bound or None,
+    }
+
+
+def _summarise_combination(item: Combination) -> JsonTable:
+    return {
+        "direction": dict(item.entries),
+        "text": str(item),
+        "spread_over_allowed": _finite(item.spread),
     }
 
 

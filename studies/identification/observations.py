@@ -260,24 +260,29 @@ def split_parts(values: ComplexArray, shape: ShapeTarget) -> FloatArray:
 
 
 def _slope_shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray:
-    slopes, wanted = state.by_parameter, shape.direction
-    motion = state.motion(mode, shape)
-    rows = shape_rows(state, shape)
-    observed = rows @ motion
+    wanted, changes = shape.direction, slope_observed(state, shape, mode)
+    observed = shape_rows(state, shape) @ state.motion(mode, shape)
     size = max(float(np.linalg.norm(observed)), np.finfo(float).tiny)
     unit = observed / size
-    share = unit.conj() @ wanted
-    count = len(wanted) * (1 + shape.is_complex)
-    result = np.zeros((count, len(state.model.parameters)))
-    changes = rows @ state.slope_motions(mode, shape, list(slopes.values()))
+    turns = (changes - np.outer(unit, unit.conj() @ changes)) / size
+    gaps = -(np.outer(unit, turns.conj().T @ wanted) + (unit.conj() @ wanted) * turns)
+    return split_parts(gaps, shape) / shape.tolerance
+
+
+def slope_observed(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray | ComplexArray:
+    """Return the derivatives ``(k, p)`` of a mode's motions that a shape consists of, by the
+    parameters' values.
+    """
+    slopes, motion = state.by_parameter, state.motion(mode, shape)
+    if not slopes:
+        return np.zeros((len(shape.entries), len(state.model.parameters)))
+    moving = state.slope_motions(mode, shape, list(slopes.values()))
+    changes = np.zeros((len(shape.entries), len(state.model.parameters)), dtype=moving.dtype)
+    changes[:, list(slopes)] = shape_rows(state, shape) @ moving
     length = state.coupled.layout.length
-    for column, (index, slope) in enumerate(slopes.items()):
-        change, moved = changes[:, column], slope.pieces.observers
+    for index, slope in slopes.items():
+        moved = slope.pieces.observers
         for row, (name, dof, _) in enumerate(shape.entries):
             if name in moved:
-                change[row] += (length if dof > 2 else 1.0) * (moved[name][dof] @ motion)
-        turn = (change - (unit.conj() @ change) * unit) / size
-        result[:, index] = (
-            -split_parts((turn.conj() @ wanted) * unit + share * turn, shape) / shape.tolerance
-        )
-    return result
+                changes[row, index] += (length if dof > 2 else 1.0) * (moved[name][dof] @ motion)
+    return changes

@@ -12,19 +12,18 @@ from scipy.stats import norm, t
 from headstock.geometry.frames import FloatArray
 
 CONFIDENCE = 0.95
-SEEN_SHARE = 0.5  # of the variance allowed beforehand that the data must take away
 NAMED_SHARE = 0.25  # smallest entry of a direction that is named
 
 
 @dataclass(frozen=True, eq=False)
-class _UnidentifiableDirection:
-    """A combination of parameters that the data do not fix.
+class Combination:
+    """A combination of parameters, and how far the data determine it.
 
     Attributes:
         entries: Parameter and its share of the direction, largest first; in units of what is
             allowed beforehand.
         spread: Standard deviation the data alone would leave, over what is allowed beforehand;
-            above one the data say nothing.
+            above one the combination is unidentifiable.
     """
 
     entries: tuple[tuple[str, float], ...]
@@ -73,7 +72,7 @@ class FitStatistics:
         data_share: Share of the variance allowed beforehand (prior, else bounds) that the data take away
             ``(p,)``.
         correlations: ``(p, p)``.
-        unidentifiable: Directions the data do not see.
+        combinations: Independent combinations of the parameters, the best determined first.
         bounded_covariance: The same where parameters without a prior spread evenly between their
             bounds, none at its bound fixed ``(p, p)``.
         allowed: Standard deviations before the data ``(p,)``: of priors, or between bounds.
@@ -87,12 +86,17 @@ class FitStatistics:
     quantiles: FloatArray
     data_share: FloatArray
     correlations: FloatArray
-    unidentifiable: tuple[_UnidentifiableDirection, ...]
+    combinations: tuple[Combination, ...]
     bounded_covariance: FloatArray
     allowed: FloatArray
     noise: Noise
     noise_by_kind: dict[str, Noise]
     used_factors: dict[str, float]
+
+    @property
+    def unidentifiable(self) -> tuple[Combination, ...]:
+        """Combinations of which the data take away less than half of the variance."""
+        return tuple(item for item in self.combinations if item.spread > 1.0)
 
     @property
     def sigmas(self) -> FloatArray:
@@ -122,6 +126,24 @@ class FitStatistics:
         values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
         kept = values > np.finfo(float).eps * len(values)
         return (vectors[:, kept] * np.sqrt(values[kept])).T * scale * reach
+
+    def weigh(self, rows: FloatArray) -> tuple[float, float]:
+        """Return what a further measurement would tell: the expected gain of information on all
+        parameters in bits, and the standard deviation of the weakest combination with it over that
+        without it.
+
+        Args:
+            rows: ``(r, p)`` its derivatives over its standard deviations by the coordinates.
+        """
+        covariance = self.bounded_covariance
+        weakest = np.linalg.eigh(covariance / np.outer(self.allowed, self.allowed))[1][:, -1]
+        direction = weakest / self.allowed
+        weighed = rows @ covariance
+        inner = np.eye(len(rows)) + weighed @ rows.T
+        after = covariance - weighed.T @ np.linalg.solve(inner, weighed)
+        share = float((direction @ after @ direction) / (direction @ covariance @ direction))
+        bits = 0.5 * float(np.linalg.slogdet(inner)[1]) / np.log(2.0)
+        return bits, float(np.sqrt(max(share, 0.0)))
 
     def scatter(self, kind: str, sigma: float) -> float:
         """Return the standard deviation that measurements of a kind have, relative: as stated, or as
@@ -193,12 +215,9 @@ def assess(
         else np.full(len(names), norm.ppf(0.5 + CONFIDENCE / 2.0)),
         data_share=1.0 - np.diag(proper),
         correlations=np.nan_to_num(covariance / np.outer(scale, scale)),
-        unidentifiable=tuple(
-            _UnidentifiableDirection(
-                _name_direction(names, directions[i]), float(1.0 / value) if value > 0.0 else np.inf
-            )
-            for i, value in enumerate(values)
-            if value**2 / (1.0 + value**2) < SEEN_SHARE
+        combinations=tuple(
+            Combination(_name_direction(names, row), float(1.0 / value) if value > 0.0 else np.inf)
+            for row, value in zip(directions, values, strict=True)
         ),
         bounded_covariance=proper * np.outer(allowed, allowed),
         allowed=allowed,

@@ -26,6 +26,7 @@ from headstock.studies.identification.measured_responses import MeasuredPair, re
 from headstock.studies.identification.parameters import read_parameters
 from headstock.studies.identification.records import fit_line
 from headstock.studies.identification.targets import (
+    VECTOR_TOLERANCE,
     CaseTable,
     ComplianceTarget,
     FitTable,
@@ -47,7 +48,6 @@ from headstock.studies.identification.targets import (
 
 DEFAULT_TOLERANCE = 0.01
 DESCRIBED_TOLERANCE = 0.3
-VECTOR_TOLERANCE = 0.1
 LIMIT_TOLERANCE = 0.01
 LEAST_ERROR = 1e-3  # of the line through a record: no gauge is better
 DAMPING_TOLERANCE = 0.1
@@ -425,10 +425,10 @@ def load_targets(
     other = table.rivals[rival] if rival is not None else None
     if other is not None:
         table = table.model_copy(update={"parameters": _change_parameters(table, other, findings)})
+    written = load_scene(scene, overrides=overrides)
     load = functools.partial(
         load_scene, overrides=overrides, values={} if other is None else other.set
     )
-    written = load(scene)
     if "orientation" in written.raw:  # its parts are not placed by their own keys alone
         findings.add_line(
             None,
@@ -499,7 +499,7 @@ def _load_variant(
         text = f"unknown variant {part[:80]!r}; {suggest_names(part, written.variants, what='variants')}"
         findings.add(("cases", name, "variant"), text)
     if not unknown:
-        scene = written if entry.variant is None else load(written.path, variant=entry.variant)
+        scene = load(written.path, variant=entry.variant)
         if scene.is_lumped:
             key = ("cases", name) if entry.variant is None else ("cases", name, "variant")
             findings.add(

@@ -40,6 +40,7 @@ from headstock.solvers.second_order import ComplexArray
 from headstock.studies.identification.records import LineFit
 
 MAX_STARTS = 4096
+VECTOR_TOLERANCE = 0.1  # of the square root of 1 - MAC of a measured shape
 Measured = Annotated[Quantity, QuantityOf((units.FREQUENCY, COMPLIANCE))]
 Compliance = Annotated[float, InUnits((COMPLIANCE,))]
 Letter = Literal["x", "y", "z", "-x", "-y", "-z"]

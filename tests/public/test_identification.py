@@ -309,6 +309,36 @@ def test_measurements_are_suggested_for_what_the_data_leave_open(block: Shell) -
     assert "Suggested measurements" in printed
 
 
+SWAY_OR_TILT = """
+[rivals.tilt]
+set = { "joints.feet.stiffness" = { x = "4 N/nm", y = "4 N/nm", z = "4 N/nm", rx = "4 GN m/rad", ry = "0.8 MN m/rad", rz = "4 GN m/rad" } }
+without = ["x"]
+parameters = { ry = { keys = ["joints.feet.stiffness.ry"], bounds = ["0.2 MN m/rad", "4 MN m/rad"] } }
+"""
+
+
+def test_the_sensor_that_decides_between_two_models_comes_first(block: Shell) -> None:
+    """At the head sway and tilt about the centre look alike, at the foot one has the other sign."""
+    block.change(
+        add='[sensors.low]\ncomponent = "block"\nat = ["500 mm", "0 mm", "0 mm"]\ndirections = ["x"]\n'
+    )
+    block.write(
+        '[cases.a]\nfrequencies = ["10.5 Hz"]\n' + parameter("x") + SWAY_OR_TILT, name="targets"
+    )
+    printed = block.prints(IDENTIFY)
+    found = block.json("out/identification.json")
+    sensors = {row["name"]: row for row in found["sensors"]}
+    # orthogonal shapes: 1 / (2 0.1^2), which no stiffness changes
+    evidence = [
+        next(iter(sensors[name]["log_evidence"].values()))
+        for name in ("low x", "block.foot x", "tcp")
+    ]
+    assert evidence == approx([50.0, 50.0, 0.0], abs=1e-6)
+    assert found["sensors"][0]["name"] in ("low x", "block.foot x")
+    assert found["combinations"][0]["direction"] == {"x": 1.0}
+    assert re.search(r"low x +50\.0 +0\.0 bit", printed) and "tcp alone" in printed
+
+
 # beside the feet, half a metre off the middle: it resists rotation too
 BOLTED = """[joints.pad]
 between = ["ground", "block.foot"]
