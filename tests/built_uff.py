@@ -120,3 +120,50 @@ def shape_55(
         columns("13.5e", *parameters),
         *lines,
     )
+
+
+def mode_2414(
+    rows: dict[int, Sequence[complex]],
+    *,
+    hz: float = 0.0,
+    pole: complex | None = None,
+    a: complex = 0,
+    where: int = 1,
+) -> bytes:
+    """A mode at points, with three rotations that are zero."""
+    is_complex = pole is not None
+    second = [0.0] * 6 if pole is None else [pole.real, pole.imag, a.real, a.imag, 0.0, 0.0]
+    lines = []
+    for point, values in rows.items():
+        whole = np.array([*values, 0, 0, 0], dtype=complex if is_complex else float).view(float)
+        lines.append(f"{point:10}")
+        lines += [
+            columns("13.5e", *part) for part in itertools.batched(whole.tolist(), 6, strict=False)
+        ]
+    return uff_set(
+        "2414",
+        columns("10d", 1),
+        "mode",
+        columns("10d", where),
+        *["NONE"] * 5,
+        columns("10d", 1, 3 if is_complex else 2, 3, 8, 5 if is_complex else 2, 6),
+        columns("10d", 0, 0, 0, 0, 0, 1, 0, 0),
+        columns("10d", 0, 0),
+        columns("13.5e", 0.0, hz, 0.0, 4.0, 0.01, 0.0),
+        columns("13.5e", *second),
+        *lines,
+    )
+
+
+def qualifiers_1858(*, window: float = 0.0, rotates: int = 0) -> bytes:
+    kinds = (0, 4 if window else 0, 0, 0, 0, rotates, 0, 0, 0, 0, 0, 0)
+    return uff_set(
+        "1858",
+        columns("12d", 1, 0, 1, 0, 0, 0),
+        columns("6d", *kinds),
+        columns("15.7e", 0.0, 0.0, 0.0, 0.0, 0.0),
+        columns("15.7e", 0.0, 0.0, 0.0, 0.0, window),
+        columns("15.7e", 0.0, 0.0, 0.0, 0.0, 0.0),
+        "X+    Z-",
+        "NONE",
+    )

@@ -61,6 +61,8 @@ def _pack(data: TestData) -> Arrays:
         content["forces"] = list(map(asdict, data.responses.forces))
         arrays["lines_hz"] = data.responses.frequencies_hz
         arrays["responses"] = data.responses.values
+        if data.responses.deviations is not None:
+            arrays["deviations"] = data.responses.deviations
     if data.modes is not None:
         content["channels"] = list(map(asdict, data.modes.channels))
         content["scaled"] = data.modes.scaled
@@ -90,7 +92,11 @@ def _unpack(arrays: Arrays) -> TestData:
     responses = modes = None
     if "responses" in arrays:
         responses = MeasuredResponses(
-            arrays["lines_hz"], channels("motions"), channels("forces"), arrays["responses"]
+            arrays["lines_hz"],
+            channels("motions"),
+            channels("forces"),
+            arrays["responses"],
+            arrays.get("deviations"),
         )
     if "shapes" in arrays:
         modes = MeasuredModes(

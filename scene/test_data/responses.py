@@ -9,9 +9,13 @@ import numpy as np
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.records import ComplexArray, MeasuredResponses, TestChannel
+from headstock.solvers.modal_fitting.noise import noise_from_neighbours
 
 MOST_VALUES = 50_000_000
 SAME_LINE = 1e-5  # of a frequency: what six digits of an increment leave open
+LEAST_COHERENCE = 1e-6
+UNTOLD = 1e-9  # noise over signal that rounding makes
+LEAST_LINES = 8  # fewer do not show how they scatter
 KINDS = ("displacement", "velocity", "acceleration")
 # units of motions: how often differentiated, and what one is in SI
 _MOTIONS = {
@@ -43,6 +47,7 @@ class Response:
         frequencies_hz: ``(l,)``.
         values: ``(l,)`` motion over force, SI.
         order: 0 displacement, 1 velocity, 2 acceleration.
+        coherence: ``(l,)`` of motion and force, 0 to 1; None where the file has none.
     """
 
     where: str
@@ -51,6 +56,7 @@ class Response:
     frequencies_hz: FloatArray
     values: ComplexArray
     order: int = 0
+    coherence: FloatArray | None = None
 
 
 def join_responses(
@@ -103,7 +109,52 @@ def join_responses(
         remarks.append(
             f"{len(repeated)} frequency responses repeat a pair of channels and are left out: {', '.join(repeated[:5])}"
         )
-    return MeasuredResponses(frequencies[first:], motions, forces, values[first:]), tuple(remarks)
+    deviations, remark = _find_deviations(responses, motions, forces, values)
+    remarks += [remark] if remark else []
+    used = None if deviations is None else deviations[first:]
+    joined = MeasuredResponses(frequencies[first:], motions, forces, values[first:], used)
+    return joined, tuple(remarks)
+
+
+def _find_deviations(
+    responses: Sequence[Response],
+    motions: Sequence[TestChannel],
+    forces: Sequence[TestChannel],
+    values: ComplexArray,
+) -> tuple[FloatArray | None, str]:
+    """Return standard deviations ``(l, m, f)`` of values by coherence, and how they were found; None
+    where it says nothing.
+
+    Coherence says where noise is. How many measurements were averaged is in no set, and is taken from
+    how neighbouring lines scatter.
+
+    Source: Bendat and Piersol (2010), random errors of frequency responses.
+    """
+    known = [response.coherence for response in responses if response.coherence is not None]
+    if not known:
+        return None, ""
+    if len(known) < len(responses):
+        return (
+            None,
+            f"{len(responses) - len(known)} frequency responses have no coherence: not used",
+        )
+    shares = np.full(values.shape, np.nan)
+    for response in reversed(responses):
+        place = motions.index(response.motion), forces.index(response.force)
+        coherence = np.clip(np.asarray(response.coherence, dtype=float), LEAST_COHERENCE, 1.0)
+        shares[:, *place] = 1.0 / coherence - 1.0
+    single = shares * np.abs(values) ** 2
+    told = shares > UNTOLD
+    if len(values) < LEAST_LINES or not told.any():
+        return (
+            None,
+            "coherence is one throughout, as of one measurement, or has few lines: not used",
+        )
+    averages = max(1.0, float(np.median((single / noise_from_neighbours(values))[told])))
+    text = (
+        f"± of responses from coherence; lines scatter as {averages:.3g} averages would make them"
+    )
+    return np.asarray(np.sqrt(single / averages)), text
 
 
 def _check(response: Response, reference: Response, frequencies: FloatArray) -> None:

@@ -24,9 +24,13 @@ from headstock.scene.test_data.records import (
 )
 from headstock.scene.test_data.responses import Response, join_responses, read_force, read_motion
 from headstock.scene.test_data.uff_sets import (
+    COHERENCE,
     FREQUENCY_RESPONSE,
     KINDS,
+    Qualifiers,
     UffSet,
+    convert_analysis,
+    read_qualifiers,
     rewrite_set,
     split_sets,
 )
@@ -48,7 +52,7 @@ UNITS = {
 }
 UNITS_TOLERANCE = 1e-3
 FUNCTIONS = {
-    0: "general functions", 1: "time records", 2: "auto spectra", 3: "cross spectra", 5: "transmissibilities", 6: "coherences",
+    0: "general functions", 1: "time records", 2: "auto spectra", 3: "cross spectra", 5: "transmissibilities",
     9: "power spectral densities", 12: "spectra",
 }  # fmt: skip
 # specific data types: how often a motion is differentiated; forces
@@ -56,6 +60,8 @@ ORDERS = {8: 0, 11: 1, 12: 2}
 FORCES = (9, 13)
 UNKNOWN = (0, 1)
 FREQUENCY = 18
+ANALYSIS, QUALIFIERS = 2414, 1858
+READ_FUNCTIONS = (None, FREQUENCY_RESPONSE, COHERENCE)
 NORMAL_MODE, COMPLEX_MODES = 2, (3, 7)
 # tens of the types of elements that are drawn
 LINES, SURFACES = (1, 2), (4, 5, 6, 7, 8, 9)
@@ -69,16 +75,20 @@ def parse_uff(path: Path) -> TestData:
         MeasurementError: It is damaged, contradicts itself, holds nothing that is read, or pyuff is
             missing; says where.
     """
-    sets = split_sets(path.name, path.read_bytes())
+    sets = [
+        (made.kind == ANALYSIS and convert_analysis(path.name, made)) or made
+        for made in split_sets(path.name, path.read_bytes())
+    ]
     remarks = [*_name_skipped(sets)]
     read = [made for made in sets if made.kind in KINDS]
     content = [rewrite_set(path.name, made) for made in read]
     wanted = [
         (made, text)
         for made, text in zip(read, content, strict=True)
-        if made.function in (None, FREQUENCY_RESPONSE)
+        if made.function in READ_FUNCTIONS
     ]
-    file = _File(path.name, _read_by_pyuff(path.name, wanted), remarks)
+    qualifiers = read_qualifiers(path.name, sets)
+    file = _File(path.name, _read_by_pyuff(path.name, wanted), remarks, qualifiers)
     data = TestData(
         points=(points := file.read_points()),
         lines=tuple(file.read_lines(points)),
@@ -98,9 +108,11 @@ def _name_skipped(sets: Iterable[UffSet]) -> Iterator[str]:
     """Sets that are not read, by kind."""
     skipped: defaultdict[str, list[UffSet]] = defaultdict(list)
     for made in sets:
-        if made.kind not in KINDS:
+        if made.kind == ANALYSIS:
+            skipped["sets 2414 that are no modes at nodes"].append(made)
+        elif made.kind not in (*KINDS, QUALIFIERS):
             skipped[f"sets {made.kind}"].append(made)
-        elif made.function not in (None, FREQUENCY_RESPONSE):
+        elif made.function not in READ_FUNCTIONS:
             number = made.function
             skipped[FUNCTIONS.get(number or 0, f"functions of type {number}")].append(made)
     for what, which in skipped.items():
@@ -142,6 +154,8 @@ class _File:
     Attributes:
         records: Every set with its fields.
         remarks: Assumptions, which the readers add to.
+        qualifiers: Of functions, by number of their set.
+        windows: Damping factors of exponential windows, and how many responses have each.
         length: One metre in the file's unit.
         force: One newton in the file's unit.
     """
@@ -149,10 +163,12 @@ class _File:
     name: str
     records: list[tuple[UffSet, dict[str, Any]]]
     remarks: list[str]
+    qualifiers: Mapping[int, Qualifiers] = field(default_factory=dict)
     length: float = 1.0
     force: float = 1.0
     has_units: bool = False
     systems: dict[int, tuple[FloatArray, FloatArray] | None] = field(default_factory=dict)
+    windows: Counter[float] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
         for _, record in self.of(151):
@@ -310,13 +326,29 @@ class _File:
         """Frequency responses, as displacement over force."""
         responses: list[Response] = []
         skipped: defaultdict[str, list[str]] = defaultdict(list)
-        for made, record in self.of(58):
+        coherences = {
+            _pair(record): (np.asarray(record["x"]), np.asarray(record["data"]))
+            for made, record in self.of(58)
+            if made.function == COHERENCE
+        }
+        responses_58 = [item for item in self.of(58) if item[0].function == FREQUENCY_RESPONSE]
+        for made, record in responses_58:
             where = f"{self.name}:{made.line}: {made}"
-            reason = self._add_response(where, record, responses, points)
-            if reason is not None:
+            reason = self._qualify(made) or self._add_response(
+                where, record, responses, points, coherences.get(_pair(record))
+            )
+            if reason:
                 skipped[reason].append(f"set {made.number} in line {made.line}")
         for reason, which in skipped.items():
             self.remarks.append(f"{len(which)} frequency responses skipped ({which[0]}): {reason}")
+        lost_pairs = coherences.keys() - {_pair(record) for _, record in responses_58}
+        if lost_pairs:
+            self.remarks.append(f"{len(lost_pairs)} coherences skipped: of no frequency response")
+        for window, count in self.windows.items():
+            text = f"{count} frequency responses have an exponential window (damping factor {window:g})"
+            self.remarks.append(
+                f"{text}: it adds to the damping of every mode, which is not mended"
+            )
         joined, remarks = join_responses(responses)
         self.remarks += remarks
         if joined is not None:
@@ -326,12 +358,24 @@ class _File:
                 self.remarks.append(f"the file does not say where these points lie: {_list(lost)}")
         return joined
 
+    def _qualify(self, made: UffSet) -> str:
+        """Return why the qualifiers of a function make it no response; empty where they do not."""
+        found = self.qualifiers.get(made.number)
+        if found is None:
+            return ""
+        if found.window:
+            self.windows[found.window] += 1
+        if found.octaves:
+            return "lines of octaves (set 1858), which are no spectrum"
+        return "rotations or moments (set 1858)" if found.rotates else ""
+
     def _add_response(
         self,
         where: str,
         record: _Record,
         responses: list[Response],
         points: Mapping[str, TestPoint],
+        coherence: tuple[FloatArray, FloatArray] | None,
     ) -> str | None:
         """Add a function to the responses, or return why it is none."""
         directions = record["rsp_dir"], record["ref_dir"]
@@ -352,8 +396,18 @@ class _File:
             self._channel(record[f"{end}_node"], record[f"{end}_dir"], points)
             for end in ("rsp", "ref")
         )
+        if coherence is not None and not np.array_equal(coherence[0], record["x"]):
+            coherence = None
         responses.append(
-            Response(where, motion, force, record["x"], factor * record["data"], order)
+            Response(
+                where,
+                motion,
+                force,
+                record["x"],
+                factor * record["data"],
+                order,
+                None if coherence is None else coherence[1],
+            )
         )
         return None
 
@@ -463,6 +517,11 @@ class _File:
         )
         damping[damping == 0.0] = np.nan
         return MeasuredModes(hz, damping, channels, values[measured], scaled)
+
+
+def _pair(record: _Record) -> tuple[int, ...]:
+    """Return the channels of a function, whatever their signs."""
+    return tuple(abs(int(record[key])) for key in ("rsp_node", "rsp_dir", "ref_node", "ref_dir"))
 
 
 def _why_no_mode(record: _Record) -> str:

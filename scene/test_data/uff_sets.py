@@ -7,6 +7,7 @@ Source: I-DEAS Universal File Formats (SDRC), as archived by the University of C
 """
 
 import bisect
+import itertools
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,7 +20,9 @@ from headstock.scene.test_data.errors import MeasurementError
 
 MOST_SETS = 50_000
 MOST_POINTS = 100_000
-FREQUENCY_RESPONSE = 4  # function type of a set 58
+FREQUENCY_RESPONSE, COHERENCE = 4, 6  # function types of a set 58
+# of a set 2414: data at nodes; modes; vectors of 3 or 6 motions, whose numbers are real or complex
+AT_NODES, MODES, MOTIONS, REAL, COMPLEX = 1, (2, 3, 7), {2: 3, 3: 6}, (2, 4), (5, 6)
 BEAMS = (11, 21, 22, 23, 24)  # elements of a set 2412 with a line of their own for the section
 AGAIN = "the file is cut or damaged: export it again"
 _MARKER = re.compile(rb"^[ \t]*-1[ \t]*\r?$", re.MULTILINE)
@@ -28,6 +31,7 @@ _BINARY_END = re.compile(rb"\r?\n?[ \t]*-1[ \t]*\r?(?=\n|\Z)")
 _PADDING = b" \t\r\n\0\x1a"
 _FUNCTION_LINES = 11  # of a set 58 before its values
 _SHAPE_LINES = 8  # of a set 55 before its points
+_ANALYSIS_LINES = 13  # of a set 2414 before its points
 # bytes of a number by the type of an ordinate: 2, 4 real, 5, 6 complex
 _NUMBER_BYTES = {2: 4, 4: 8, 5: 4, 6: 8}
 _COMPLEX = (5, 6)
@@ -170,6 +174,99 @@ def rewrite_set(name: str, made: UffSet) -> bytes:
         raise _locate(name, made, fault) from None
     text = "\n".join(["    -1", f"{made.kind:6}{made.head}", *lines, ""])
     return text.encode() + made.values + b"    -1\n"
+
+
+def convert_analysis(name: str, made: UffSet) -> UffSet | None:
+    """Return a mode of a set 2414 as a set 55; None where it holds something else.
+
+    Raises:
+        MeasurementError: It does not hold what it announces, or a field is no number; says where.
+    """
+    try:
+        lines = _convert_mode(made)
+    except _LineError as fault:
+        raise _locate(name, made, fault) from None
+    return None if lines is None else UffSet(made.number, 55, made.line, tuple(lines))
+
+
+def _convert_mode(made: UffSet) -> list[str] | None:
+    if len(made.lines) < _ANALYSIS_LINES:
+        raise _LineError(-1, f"ends within its header; {AGAIN}")
+    where = _integers(made.lines[2], (10,), 2)[0]
+    model, analysis, vector, result, kind, _ = _integers(made.lines[8], (10,) * 6, 8)
+    if where != AT_NODES or analysis not in MODES or vector not in MOTIONS:
+        return None
+    if kind not in REAL + COMPLEX:
+        raise _LineError(8, f"data of type {kind}; write 2 or 4 (real), 5 or 6 (complex)")
+    is_complex = kind in COMPLEX
+    parts = 2 if is_complex else 1
+    mode = _integers(made.lines[9], (10,) * 8, 9)[5]
+    reals = [_numbers(made.lines[index], index) for index in (11, 12)]
+    if min(map(len, reals)) < 6:
+        raise _LineError(11, f"six numbers in two lines are needed; {AGAIN}")
+    normal = analysis == MODES[0]
+    first, second = reals
+    parameters = [first[1], first[3], first[4], first[5]] if normal else second[:6]
+    numbers = parts * MOTIONS[vector]
+    per_point = 1 + -(-numbers // 6)
+    rows: list[str] = []
+    for start in range(_ANALYSIS_LINES, len(made.lines), per_point):
+        point, *values = made.lines[start : start + per_point]
+        filled, count = _fill_columns(values, (13,) * 6, start + 1)
+        if count != numbers:
+            raise _LineError(
+                start, f"{numbers} numbers of a point are needed, not {count}; {AGAIN}"
+            )
+        rows += [f"{_integers(point, (10,), start)[0]:10}", "".join(filled)[: 13 * 3 * parts]]
+    return [
+        *made.lines[3:8],
+        "".join(f"{n:10}" for n in (model, analysis, 2, result, 5 if is_complex else 2, 3)),
+        "".join(f"{n:10}" for n in (2, len(parameters), 1, mode)),
+        "".join(f"{float(text):13.5E}" for text in parameters),
+        *rows,
+    ]
+
+
+@dataclass(frozen=True)
+class Qualifiers:
+    """What a set 1858 says of the set 58 behind it.
+
+    Attributes:
+        rotates: The motion is a rotation, or the force a moment.
+        octaves: Lines are those of octaves or parts of them.
+        window: Damping factor of an exponential window; zero without one.
+    """
+
+    rotates: bool
+    octaves: bool
+    window: float
+
+
+def read_qualifiers(name: str, sets: Sequence[UffSet]) -> dict[int, Qualifiers]:
+    """Return the qualifiers of functions, by number of their set.
+
+    Raises:
+        MeasurementError: A set 1858 is cut, or a field is no number; says where.
+    """
+    found = {}
+    for made, following in itertools.pairwise(sets):
+        if (made.kind, following.kind) == (1858, 58):
+            try:
+                found[following.number] = _read_qualifiers(made)
+            except _LineError as fault:
+                raise _locate(name, made, fault) from None
+    return found
+
+
+def _read_qualifiers(made: UffSet) -> Qualifiers:
+    if len(made.lines) < 4:
+        raise _LineError(-1, f"ends within its fields; {AGAIN}")
+    # writers use columns of several widths
+    rows = [[float(field) for field in _numbers(made.lines[row], row)] for row in (0, 1, 3)]
+    if [len(row) >= least for row, least in zip(rows, (2, 8, 5), strict=True)] != [True] * 3:
+        raise _LineError(0, f"has too few fields; {AGAIN}")
+    run, kinds, user = rows
+    return Qualifiers(bool(kinds[5] or kinds[6]), bool(run[1]), user[4])
 
 
 def _locate(name: str, made: UffSet, fault: _LineError) -> MeasurementError:

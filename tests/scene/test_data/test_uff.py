@@ -8,11 +8,14 @@ import pytest
 
 from built_uff import (
     HZ,
+    NEWTON,
     SPECTRUM,
     binary_58,
     columns,
+    mode_2414,
     points_15,
     points_2411,
+    qualifiers_1858,
     shape_55,
     text_58,
     uff_set,
@@ -127,12 +130,14 @@ def test_what_is_no_response_is_named_and_skipped(tmp_path: Path) -> None:
         tmp_path,
         units(1, 1, 1),
         text_58(),
-        text_58(function=6),
+        text_58(function=6, motion=(77, 1), ordinate=4, values=np.ones(5)),
         text_58(function=1, ordinate=4, values=SPECTRUM.real),
         text_58(motion=(12, 4)),
         text_58(kinds=(15, 13)),
         text_58(),
-        uff_set("2414", "anything"),
+        mode_2414({1: (1.0, 0.0, 0.0)}, hz=80.0, where=2),
+        qualifiers_1858(rotates=1),
+        text_58(motion=(13, 1)),
     )
     assert data.responses is not None
     assert data.responses.values.shape == (5, 1, 1)
@@ -142,7 +147,9 @@ def test_what_is_no_response_is_named_and_skipped(tmp_path: Path) -> None:
     assert "rotations or moments" in text
     assert "no displacement, velocity or acceleration (type 15" in text
     assert "repeat a pair of channels and are left out: 12:+x/3:-z" in text
-    assert "1 sets 2414 skipped" in text
+    assert "1 sets 2414 that are no modes at nodes skipped" in text
+    assert "1 frequency responses skipped (set 10 in line" in text
+    assert "rotations or moments (set 1858)" in text
 
 
 def test_pairs_that_were_not_measured_are_not_a_number(tmp_path: Path) -> None:
@@ -182,6 +189,48 @@ def test_real_and_complex_shapes_have_unit_modal_mass(tmp_path: Path) -> None:
     assert "4 directions of points are zero in all shapes: taken as not measured" in data.remarks
 
 
+def test_modes_of_sets_2414_are_those_of_sets_55(tmp_path: Path) -> None:
+    omega, zeta = 2 * np.pi * 50.0, 0.02
+    pole = complex(-zeta * omega, omega * np.sqrt(1 - zeta**2))
+    rows, real = {1: (1 + 1j, 0, 0), 2: (0, 2j, 0)}, {1: (3.0, 0.0, 0.0), 2: (0.0, 1.0, 0.0)}
+    new = read(
+        tmp_path, mode_2414(rows, pole=pole, a=2j * pole.imag), mode_2414(real, hz=80.0)
+    ).modes
+    old = read(
+        tmp_path,
+        shape_55(0.0, rows, pole=pole, a=2j * pole.imag),
+        shape_55(80.0, real, mass=4.0, damping=0.01),
+    ).modes
+    assert new is not None
+    assert old is not None
+    assert new.scaled
+    assert new.channels == old.channels
+    for name in ("frequencies_hz", "damping", "shapes"):
+        np.testing.assert_array_equal(getattr(new, name), getattr(old, name))
+
+
+def test_coherence_gives_responses_their_noise(tmp_path: Path) -> None:
+    random, hz = np.random.default_rng(1), np.linspace(10.0, 30.0, 400)
+    clean, averages = 1e-6 / (1.0 - (hz / 20.0) ** 2 + 0.1j), 16
+    # of one measurement: twenty times more below 15 Hz
+    sigma = np.where(hz < 15.0, 4e-8, 2e-9) * np.sqrt(averages)
+    noise = (random.standard_normal((2, len(hz))) * [[1.0], [1.0]]).T @ [1.0, 1j]
+    values = clean + sigma * noise / np.sqrt(2.0 * averages)
+    coherence = 1.0 / (1.0 + (sigma / np.abs(clean)) ** 2)
+    sets = [
+        text_58(values, hz=hz, kinds=(8, NEWTON)),
+        text_58(coherence, hz=hz, function=6, ordinate=4, motion=(12, -1)),
+        qualifiers_1858(window=2.3),
+    ]
+    data = read(tmp_path, *sets, text_58(values, hz=hz, kinds=(8, NEWTON)))
+    assert data.responses is not None
+    assert data.responses.deviations is not None
+    found = data.responses.deviations[:, 0, 0] / (sigma / np.sqrt(averages))
+    np.testing.assert_allclose(np.median(found), 1.0, rtol=0.15)
+    np.testing.assert_allclose(found, np.median(found), rtol=0.3)
+    assert any("exponential window (damping factor 2.3)" in text for text in data.remarks)
+
+
 def test_shapes_without_modal_mass_have_no_scale(tmp_path: Path) -> None:
     modes = read(tmp_path, shape_55(80.0, {1: (3.0, 0.0, 1.0)}, mass=0.0)).modes
     assert modes is not None
@@ -204,7 +253,7 @@ def test_shapes_without_modal_mass_have_no_scale(tmp_path: Path) -> None:
         (text_58()[7:], "'58' stands outside of all sets"),
         (b"hello", "is this a universal file"),
         (b"", "holds no set"),
-        (text_58(function=6), r"holds no points, frequency responses or modes \(1 coherences"),
+        (text_58(function=6), r"holds no points, frequency responses or modes \(.*1 coherences"),
         (shape_55(80.0, {1: (3.0, 0.0, 1.0)}, damping=-0.1), "damping ratio -0.1"),
         (uff_set("82", columns("10d", 1, 3, 0), "NONE", columns("10d", 1, 2)), "3 points are announced, 2 follow"),
     ],
