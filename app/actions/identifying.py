@@ -38,6 +38,7 @@ from headstock.studies.identification.files import (
     hide_held_out,
     render_overrides,
     summarise_identification,
+    summarise_outcome,
 )
 from headstock.studies.identification.identification import (
     FitEnds,
@@ -47,6 +48,7 @@ from headstock.studies.identification.identification import (
     fit_targets,
     prepare_problem,
 )
+from headstock.studies.identification.leave_out import predict_each_mode
 from headstock.studies.identification.problem import FitProblem
 from headstock.studies.identification.sensors import RankedSensor, rank_sensors
 from headstock.studies.identification.target_files import LoadedTask, load_targets
@@ -146,7 +148,7 @@ def _parameter_cells(item: FittedParameter) -> tuple[str, ...]:
     )
 
 
-def _print_targets(rows: Sequence[JsonTable]) -> None:
+def _print_targets(rows: Sequence[JsonTable], what: str = "Targets") -> None:
     """Print targets and what the model gives."""
     table = make_table(
         *("target", ">measured", ">model", ">± fit", ">± mesh", ">scatter", ">deviation"),
@@ -154,7 +156,7 @@ def _print_targets(rows: Sequence[JsonTable]) -> None:
     )
     for row in rows:
         add_row(table, *_target_cells(row))
-    title = "Targets (±: of fitted parameters, and of meshes; scatter: of a measurement; 95 %)"
+    title = f"{what} (±: of fitted parameters, and of meshes; scatter: of a measurement; 95 %)"
     print_table(make_console(), title, table)
 
 
@@ -192,14 +194,20 @@ def open_held_out(folder: Path) -> int:
         raise click.UsageError(
             f"--open {folder}: there are no hidden targets; `identify --hide-held-out -o {folder}` writes them"
         ) from error
-    _print_targets(rows)
-    reaches = [math.hypot(*(row[key] or 0.0 for key in SPREADS)) for row in rows]
-    deviations = [abs(row["deviation"]) for row in rows]
+    _print_predictions(rows, "Targets")
+    return DONE
+
+
+def _print_predictions(rows: Sequence[JsonTable], what: str) -> None:
+    """Print targets that were not fitted, and how well they were predicted."""
+    _print_targets(rows, what)
+    sizes = [[cast(float | None, row[key]) or 0.0 for key in SPREADS] for row in rows]
+    reaches = [math.hypot(*row) for row in sizes]
+    deviations = [abs(cast(float, row["deviation"])) for row in rows]
     inside = sum(off <= reach for off, reach in zip(deviations, reaches, strict=True))
     rms = 100.0 * math.sqrt(sum(off**2 for off in deviations) / max(1, len(rows)))
     text = f"{inside} of {len(rows)} within ± and scatter; deviations {rms:.2f} % rms"
     make_console().print(text, style="bold", markup=False)
-    return DONE
 
 
 def _print_doubts(found: Identification) -> None:
@@ -251,6 +259,7 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
             _print_cost(problem)
         ends = fit_targets(problem, _print_start, comm=comm)
         rivals = _fit_rivals(options, loaded.task.rivals, comm)
+        predicted = predict_each_mode(ends, comm=comm) if options.leave_out_each else []
 
         def publish() -> int:
             found = assess_ends(ends, loaded.task.name)
@@ -258,6 +267,7 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
             others = {name: assess_ends(end, name) for name, end in rivals.items()}
             weak = bool(found.statistics.unidentifiable)
             suggested = suggest_measurements(found) if weak else ()
+            left_out = [summarise_outcome(item) for item in predicted]
             models = {AS_WRITTEN: found, **others} if others else {}
             evidence = {name: weigh_evidence(one) for name, one in models.items()}
             order = sorted(models, key=lambda name: evidence[name].bic)
@@ -271,6 +281,7 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
                 "models": {name: dataclasses.asdict(one) for name, one in evidence.items()},
                 "suggested": [dataclasses.asdict(one) for one in suggested],
                 "sensors": [dataclasses.asdict(one) for one in sensors],
+                **({"left_out_each": left_out} if left_out else {}),
                 "seconds": seconds,
             }
             if options.hide_held_out:
@@ -278,6 +289,8 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
                 write_output(output / HELD_OUT_FILE, dump_summary({"targets": hidden}).encode())
             _publish(options, found, summary, output, origin)
             _print_identification(found, summary, output)
+            if left_out:
+                _print_predictions(left_out, "Each mode by a fit to the others")
             _print_models(evidence)
             _print_suggested(suggested)
             _print_sensors(sensors, order)

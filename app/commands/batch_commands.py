@@ -283,6 +283,10 @@ class IdentifyOptions(SceneOptions):
         bool,
         flag("--hide-held-out", "Fit, and show nothing that was measured of held-out targets."),
     ] = False
+    leave_out_each: Annotated[
+        bool,
+        flag("--leave-out-each", "Also predict each mode by a fit to all others."),
+    ] = False
     open_: Annotated[
         Path | None,
         option(

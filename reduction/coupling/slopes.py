@@ -384,36 +384,49 @@ def slope_receptances(
     by_force: ComplexArray,
     poles: ComplexArray,
     *,
-    motion: ObservedDof,
-    force: ObservedDof,
+    motions: Sequence[ObservedDof],
+    forces: Sequence[ObservedDof],
 ) -> ComplexArray:
-    """Return the derivatives ``(l,)`` of the motion at one channel per unit force at another.
+    """Return the derivatives ``(m, f, l)`` of motions per unit force.
 
     Args:
         machine: The machine at the parameter's value.
         slope: Derivatives of the parts that the parameter moves.
-        by_motion: ``(n_all, l)`` motions under a unit force where the motion is seen.
-        by_force: ``(n_all, l)`` motions under a unit force where the force acts.
+        by_motion: ``(n, m, l)`` free coordinates under a unit force where each motion is seen.
+        by_force: ``(n, f, l)`` free coordinates under a unit force where each force acts.
         poles: ``(l,)`` ``i omega`` [rad/s]; zero at rest.
     """
-    total = -_column_products(by_motion, machine.dynamic_changes(slope, by_force, poles))
-    observers = machine.pieces.observers
-    carried = machine.carried_motions(slope, np.hstack([by_motion, by_force]))
-    ends = ((motion, by_motion, by_force), (force, by_force, by_motion))
-    for number, (channel, answers, others) in enumerate(ends):
-        if channel.observer in slope.observers:
-            total += slope.observers[channel.observer][channel.dof] @ others
+    basis = machine.coupled.basis
+    excited = np.tensordot(basis, by_force, axes=1)
+    changes = machine.dynamic_changes(slope, *_flatten(excited, poles))
+    total = -_line_products(by_motion, (basis.T @ changes).reshape(by_force.shape))
+    if not (slope.observers or slope.constraints):
+        return total
+    stacked = np.tensordot(basis, by_motion, axes=1), excited
+    for channels, answers, others, part in (
+        (motions, stacked[0], stacked[1], total),
+        (forces, stacked[1], stacked[0], total.transpose(1, 0, 2)),
+    ):
+        for index, (observer, dof) in enumerate(channels):
+            if observer in slope.observers:
+                part[index] += np.tensordot(slope.observers[observer][dof], others, axes=1)
+        carried = machine.carried_motions(slope, _flatten(others, poles)[0])
         if carried is not None:
-            row = observers[channel.observer][channel.dof]
-            reactions = machine.dynamic_times(answers, poles) - row[:, None]
-            moved = carried[:, len(poles) :] if number == 0 else carried[:, : len(poles)]
-            total -= _column_products(moved, reactions)
+            rows = np.array([machine.pieces.observers[name][dof] for name, dof in channels])
+            reactions = machine.dynamic_times(*_flatten(answers, poles)).reshape(answers.shape)
+            part -= _line_products(reactions - rows.T[:, :, None], carried.reshape(others.shape))
     return total
 
 
-def _column_products[Array: (FloatArray, ComplexArray)](first: Array, second: Array) -> Array:
-    """Return the sums ``(m,)`` of products of columns, complex ones as they are."""
-    return np.einsum("ij,ij->j", first, second)
+def _flatten(motions: ComplexArray, poles: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Return motions ``(n, c, l)`` as columns ``(n, c l)``, and the pole of each column."""
+    return motions.reshape(len(motions), -1), np.tile(poles, motions.shape[1])
+
+
+def _line_products(first: ComplexArray, second: ComplexArray) -> ComplexArray:
+    """Return the sums ``(m, f, l)`` of products of ``(n, m, l)`` and ``(n, f, l)``, line by line."""
+    products = first.transpose(2, 1, 0) @ second.transpose(2, 0, 1)
+    return np.ascontiguousarray(products.transpose(1, 2, 0))
 
 
 def slope_pole(

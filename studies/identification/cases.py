@@ -3,7 +3,7 @@ responses, and their exact derivatives.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -97,7 +97,10 @@ class CaseState:
     eigenvalues: FloatArray
     shapes: FloatArray
     below: int
-    _answers: dict[float, ComplexArray] = field(default_factory=dict)
+    _answers: dict[tuple[float, ...], ComplexArray] = field(default_factory=dict)
+    _response_slopes: dict[tuple[CaseSlope, tuple[float, ...]], ComplexArray] = field(
+        default_factory=dict
+    )
     _damped: dict[int, DampedMode] = field(default_factory=dict)
 
     @cached_property
@@ -161,7 +164,7 @@ class CaseState:
         """
         name, dof = motion
         row, column = self.coupled.system.outputs[name, DOF_NAMES[dof]], self._channels[force]
-        return np.array([row @ self._answer(hz)[:, column] for hz in frequencies_hz])
+        return np.asarray(row @ self._answer(tuple(frequencies_hz))[:, column])
 
     def slope_receptances(
         self,
@@ -171,15 +174,23 @@ class CaseState:
         slope: CaseSlope,
     ) -> ComplexArray:
         """Return the derivatives of what ``receptances`` returns."""
-        by_motion, by_force = (
-            self.coupled.basis
-            @ np.array([self._answer(hz)[:, self._channels[end]] for hz in frequencies_hz]).T
-            for end in (motion, force)
-        )
-        poles = 2j * np.pi * np.array(frequencies_hz)
-        return slope_receptances(
-            self.slopes, slope.pieces, by_motion, by_force, poles, motion=motion, force=force
-        )
+        lines = tuple(frequencies_hz)
+        motions, forces = self._ends
+        if (slope, lines) not in self._response_slopes:
+            # of all pairs at once: most of the work is done once per force
+            by_motion, by_force = (
+                self._answer(lines)[:, [self._channels[end] for end in ends]] for ends in self._ends
+            )
+            self._response_slopes[slope, lines] = slope_receptances(
+                self.slopes,
+                slope.pieces,
+                by_motion,
+                by_force,
+                2j * np.pi * np.array(lines),
+                motions=list(motions),
+                forces=list(forces),
+            )
+        return self._response_slopes[slope, lines][motions[motion], forces[force]]
 
     @property
     def compliances(self) -> FloatArray:
@@ -189,23 +200,30 @@ class CaseState:
         return np.real(pairs)
 
     @cached_property
+    def _ends(self) -> tuple[dict[ObservedDof, int], dict[ObservedDof, int]]:
+        """Every motion and every force of compliances and responses, with its place among them."""
+        motions, forces = zip(*self.model.case.ends, strict=True)
+        return _number(motions), _number(forces)
+
+    @cached_property
     def _channels(self) -> dict[ObservedDof, int]:
         """Columns of the answers by channel."""
-        ends = [end for pair in self.model.case.ends for end in pair]
-        return {end: column for column, end in enumerate(dict.fromkeys(ends))}
+        return _number(end for pair in self.model.case.ends for end in pair)
 
-    def _answer(self, hz: float) -> ComplexArray:
-        """Motions ``(n, c)`` under a unit force in each channel at a frequency."""
-        if hz not in self._answers:
+    def _answer(self, frequencies_hz: tuple[float, ...]) -> ComplexArray:
+        """Return the motions ``(n, c, l)`` under a unit force in each channel at frequencies."""
+        if frequencies_hz not in self._answers:
             inputs = self.coupled.system.inputs
             loads = np.column_stack([inputs[name, DOF_NAMES[dof]] for name, dof in self._channels])
-            if hz == 0.0:
-                resting = solve_machine_static(self.coupled, loads).displacements
-                self._answers[hz] = resting.astype(np.complex128)
-            else:
-                dynamic = self.system.dynamic_stiffness(2j * np.pi * hz)
-                self._answers[hz] = np.linalg.solve(dynamic, loads)
-        return self._answers[hz]
+            answers = np.empty((*loads.shape, len(frequencies_hz)), dtype=np.complex128)
+            for line, hz in enumerate(frequencies_hz):
+                if hz == 0.0:
+                    answers[..., line] = solve_machine_static(self.coupled, loads).displacements
+                else:
+                    dynamic = self.system.dynamic_stiffness(2j * np.pi * hz)
+                    answers[..., line] = np.linalg.solve(dynamic, loads)
+            self._answers[frequencies_hz] = answers
+        return self._answers[frequencies_hz]
 
     @cached_property
     def by_parameter(self) -> dict[int, CaseSlope]:
@@ -233,6 +251,11 @@ class CaseState:
                 Selection(tuple(names), tuple(machine.joints), self.model.observers),
             ),
         )
+
+
+def _number(ends: Iterable[ObservedDof]) -> dict[ObservedDof, int]:
+    """Return every channel with its number, in the order in which they come first."""
+    return {end: number for number, end in enumerate(dict.fromkeys(ends))}
 
 
 def make_case(

@@ -70,7 +70,7 @@ def summarise_identification(found: Identification) -> JsonTable:
             for j in range(i)
             if abs(correlations[i, j]) >= CORRELATION_SHOWN
         ],
-        "targets": [_summarise_outcome(item) for item in found.outcomes],
+        "targets": [summarise_outcome(item) for item in found.outcomes],
         "records": {
             target.name: dataclasses.asdict(target.record)
             for model in found.problem.cases
@@ -250,7 +250,8 @@ def _summarise_combination(item: Combination) -> JsonTable:
     }
 
 
-def _summarise_outcome(item: TargetOutcome) -> JsonTable:
+def summarise_outcome(item: TargetOutcome) -> JsonTable:
+    """Return a target as files have it, in its unit; None for what is not known."""
     kind = KINDS[item.kind]
     return {
         "case": item.case,

@@ -298,7 +298,8 @@ def fit_targets(
     comm: MPI.Comm,
 ) -> FitEnds:
     """Run every start; shapes in words that no mode is like in the end are left out, and the fit is
-    repeated without them; collective.
+    repeated without them; where responses count by their noise, modes lead to where they are fitted;
+    collective.
 
     Args:
         problem: Prepared cases and parameters; the same on every rank.
@@ -311,6 +312,9 @@ def fit_targets(
         ConvergenceError: No start could be computed; on several ranks the cause of a
             ``SharedFailure``.
     """
+    if any(model.case.is_led for model in problem.cases):
+        ends = fit_targets(problem.change_cases(_keep_modes), observer, comm=comm)
+        problem = start_at(problem.change_cases(_keep_responses), ends)
     left_out: tuple[str, ...] = ()
     while True:
         starts = share_from_root(comm, fit(problem, observer, comm=comm))
@@ -320,6 +324,30 @@ def fit_targets(
             return ends
         left_out += misfits
         problem = _leave_out_shapes(problem, misfits)
+
+
+def start_at(problem: FitProblem, ends: FitEnds) -> FitProblem:
+    """Return a problem with one start, where the best of another one ended."""
+    end = ends.starts[ends.best].end
+    if end is None:
+        raise AssertionError("a fit ended without a point and without saying why")
+    values = ends.problem.values(end.coordinates)
+    return dataclasses.replace(
+        problem,
+        parameters=tuple(
+            dataclasses.replace(parameter, start=values[parameter.name])
+            for parameter in problem.parameters
+        ),
+        settings=problem.settings.model_copy(update={"starts": 1}),
+    )
+
+
+def _keep_modes(case: TargetCase) -> TargetCase:
+    return dataclasses.replace(case, responses=()) if case.is_led else case
+
+
+def _keep_responses(case: TargetCase) -> TargetCase:
+    return case.hold_out_modes({target.name for target in case.modes}) if case.is_led else case
 
 
 def _find_misfits(ends: FitEnds) -> tuple[str, ...]:
@@ -353,8 +381,7 @@ def _leave_out_shapes(problem: FitProblem, names: tuple[str, ...]) -> FitProblem
         ]
         return dataclasses.replace(case, modes=tuple(modes))
 
-    cases = [dataclasses.replace(model, case=strip(model.case)) for model in problem.cases]
-    return dataclasses.replace(problem, cases=tuple(cases))
+    return problem.change_cases(strip)
 
 
 def assess_ends(ends: FitEnds, name: str) -> Identification:

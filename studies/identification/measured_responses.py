@@ -7,26 +7,34 @@ from pathlib import Path
 
 import numpy as np
 
+from headstock.geometry.frames import FloatArray
 from headstock.reduction.coupling.slopes import ObservedDof
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.test_data.reading import PARSERS, read_test_data
-from headstock.scene.test_data.records import TestChannel
+from headstock.scene.test_data.records import MeasuredResponses, TestChannel
+from headstock.solvers.modal_fitting.noise import LEAST_NOISE, noise_from_neighbours
 
+NOISE_LINES = 8  # fewer do not show how they scatter
 ALIGNED = 1.0 - 1e-4  # cosine between a measured direction and an axis
 
 
 @dataclass(frozen=True)
 class MeasuredPair:
-    """A frequency response between two sensors: displacement over force [m/N] at lines [Hz]."""
+    """A frequency response between two sensors: displacement over force [m/N] at lines [Hz].
+
+    Attributes:
+        deviations: Standard deviations of the real and imaginary parts [m/N]; empty where unknown.
+    """
 
     motion: ObservedDof
     force: ObservedDof
     frequencies_hz: tuple[float, ...]
     values: tuple[complex, ...]
+    deviations: tuple[float, ...] = ()
 
 
 def read_pairs(
-    folder: Path, file: str, *, sensors: str, band: tuple[float, float], count: int
+    folder: Path, file: str, *, sensors: str, band: tuple[float, float], count: int, noise: bool
 ) -> list[MeasuredPair]:
     """Read every measured pair of channels of a file.
 
@@ -36,10 +44,11 @@ def read_pairs(
             themselves have these names.
         band: Lowest and highest frequency [Hz].
         count: Keep at most so many lines, evenly chosen.
+        noise: With deviations of the lines.
 
     Raises:
-        ValueError: There is no such file, it has no responses in the band, or a direction lies along
-            no axis.
+        ValueError: There is no such file, it has no responses in the band, a direction lies along no
+            axis, or noise is wanted of too few lines.
         MeasurementError: The file cannot be read.
     """
     responses = read_test_data(resolve_file(folder, file, tuple(PARSERS))).responses
@@ -50,6 +59,7 @@ def read_pairs(
     if not len(inside):
         raise ValueError(f"{file} has no line between {band[0]:g} and {band[1]:g} Hz")
     chosen = np.unique(inside[np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(int)])
+    deviations = _find_noise(file, responses) if noise else None
     pairs = []
     for row, motion in enumerate(responses.motions):
         for column, force in enumerate(responses.forces):
@@ -65,9 +75,29 @@ def read_pairs(
                         start,
                         tuple(hz[chosen][known].tolist()),
                         tuple((sign * other * values[known]).tolist()),
+                        ()
+                        if deviations is None
+                        else tuple(deviations[chosen, row, column][known].tolist()),
                     )
                 )
     return pairs
+
+
+def _find_noise(file: str, responses: MeasuredResponses) -> FloatArray:
+    """Return standard deviations ``(l, m, f)`` of real and imaginary parts [m/N].
+
+    Raises:
+        ValueError: There are too few lines to see how they scatter.
+    """
+    if responses.deviations is not None:
+        squares = responses.deviations**2
+    elif len(responses.frequencies_hz) < NOISE_LINES:
+        text = f"{file} has {len(responses.frequencies_hz)} lines, and noise shows in {NOISE_LINES}"
+        raise ValueError(f"{text}; write a tolerance in place of noise")
+    else:
+        squares = noise_from_neighbours(responses.values)
+    least = LEAST_NOISE**2 * np.mean(np.abs(np.nan_to_num(responses.values)) ** 2, axis=0)
+    return np.asarray(np.sqrt(0.5 * (squares + least)))
 
 
 def _find_sensor(channel: TestChannel, sensors: str) -> tuple[ObservedDof, float]:

@@ -189,18 +189,23 @@ def _observe_compliance(state: CaseState, target: ComplianceTarget) -> Observati
 
 
 def _observe_response(state: CaseState, target: ResponseTarget) -> Observation:
-    """The logarithms of the ratio of model and measurement: of sizes, then the phases between them.
+    """The logarithms of the ratio of model and measurement, of sizes, then the phases between them; or
+    where noise is known the real, then the imaginary parts of differences.
 
     Shown is the line with the largest measured size.
     """
     ends = (target.motion, target.force, target.frequencies_hz)
     values, measured = state.receptances(*ends), np.array(target.values)
     peak = int(np.argmax(np.abs(measured)))
-    logs = np.log(values / measured)
+    if target.deviations:
+        gaps, scale = values - measured, np.array(target.deviations)
+    else:
+        gaps, scale = np.log(values / measured), target.sigma * np.ones(len(values))
+    weights = 1.0 / (scale if target.deviations else scale * values)
 
     def read(slope: CaseSlope) -> FloatArray:
-        changes = state.slope_receptances(*ends, slope) / values
-        return np.concatenate([changes.real, changes.imag]) / target.sigma
+        changes = weights * state.slope_receptances(*ends, slope)
+        return np.concatenate([changes.real, changes.imag])
 
     return Observation(
         kind="response",
@@ -208,7 +213,7 @@ def _observe_response(state: CaseState, target: ResponseTarget) -> Observation:
         wanted=float(np.abs(measured[peak])),
         value=float(np.abs(values[peak])),
         sigma=target.sigma,
-        residuals=np.concatenate([logs.real, logs.imag]) / target.sigma,
+        residuals=np.concatenate([gaps.real / scale, gaps.imag / scale]),
         find_slopes=partial(_spread_slopes, state, read, 2 * len(values)),
         data=2 * len(values),
         hold_out=target.hold_out,

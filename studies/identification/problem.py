@@ -2,8 +2,8 @@
 derivatives.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.studies.identification.cases import CaseModel, CaseState, solve_case
 from headstock.studies.identification.observations import Observation, list_observations
 from headstock.studies.identification.pairings import Pairing, follow_modes, pair_targets
-from headstock.studies.identification.targets import FitTable, Parameter
+from headstock.studies.identification.targets import FitTable, Parameter, TargetCase
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +21,11 @@ class FitProblem:
     cases: tuple[CaseModel, ...]
     parameters: tuple[Parameter, ...]
     settings: FitTable
+
+    def change_cases(self, change: Callable[[TargetCase], TargetCase]) -> "FitProblem":
+        """Return the problem with other targets."""
+        models = (replace(model, case=change(model.case)) for model in self.cases)
+        return replace(self, cases=tuple(models))
 
     def coordinates(self, values: Sequence[float]) -> FloatArray:
         """Coordinates of parameter values."""

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from headstock.geometry.errors import NumberNameError
 from headstock.pipeline.numbers.numbers import Key, parse_key
 from headstock.reduction.coupling.slopes import ObservedDof
@@ -182,6 +184,11 @@ def _read_responses(
                 known = (*key, "point" if name == "force_at" and not entry.force_at else where)
                 _check_place(known, place, scene, findings, "xyz"[dof])
             motion, force = ("xyz"[end.dof] for end in ends.values())
+            root = entry.weight**0.5
+            deviations = np.array(pair.deviations) / root
+            sigma = (_relative(entry.tolerance, 1.0) or RESPONSE_TOLERANCE) / root
+            if len(deviations):
+                sigma = float(np.sqrt(np.mean(deviations**2)) / np.abs(pair.values).max())
             elsewhere = pair.force.observer != pair.motion.observer
             yield ResponseTarget(
                 name=f"{case} {pair.motion.observer} {motion}/F{force}"
@@ -190,7 +197,8 @@ def _read_responses(
                 force=pair.force,
                 frequencies_hz=pair.frequencies_hz,
                 values=pair.values,
-                sigma=(_relative(entry.tolerance, 1.0) or RESPONSE_TOLERANCE) / entry.weight**0.5,
+                sigma=sigma,
+                deviations=tuple(deviations.tolist()),
                 hold_out=entry.hold_out or table.hold_out,
             )
 
@@ -200,7 +208,12 @@ def _list_pairs(entry: ResponseTargetTable, folder: Path) -> list[MeasuredPair]:
     if entry.file is not None:
         low, high = entry.band or (0.0, math.inf)
         return read_pairs(
-            folder, entry.file, sensors=entry.sensors, band=(low, high), count=entry.count
+            folder,
+            entry.file,
+            sensors=entry.sensors,
+            band=(low, high),
+            count=entry.count,
+            noise=entry.noise,
         )
     if entry.point is None or entry.motion is None or entry.force is None:
         return []  # the schema reports it

@@ -2,8 +2,8 @@
 fitted to it, and what is made of them, in SI units.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Annotated, Any, Literal
 
@@ -214,12 +214,16 @@ class ResponseTargetTable(StrictTable):
     """most lines taken of each response of the file"""
     tolerance: RatioSpread | None = None
     """standard deviation of each line, relative to its size"""
+    noise: Flag = False
+    """in place of `tolerance`: lines of a file count by their noise (coherence, or scatter of neighbours); modes only lead the fit to them"""
     weight: PositiveNumber = 1.0
     """multiplies the squared residuals"""
     hold_out: Flag = False
     """compared, but not fitted"""
 
     def _faults(self) -> Iterator[str]:
+        if self.noise and (self.file is None or self.tolerance is not None):
+            yield "`noise` takes deviations from a file, in place of a tolerance; keep one of them"
         if any(line[1] == line[2] == 0.0 for line in self.lines):
             yield "has a line that is zero; leave it out"
         given = [self.point, self.motion, self.force, self.lines or None]
@@ -491,7 +495,10 @@ class ResponseTarget:
         motion: That is measured, along x, y or z.
         frequencies_hz: Lines ``(l,)`` [Hz], above zero.
         values: Displacement over force at each [m/N].
-        sigma: Standard deviation relative to the size, weight counted; of the phase in radians.
+        sigma: Standard deviation relative to the size, weight counted; of the phase in radians. With
+            deviations their root mean square over the largest size.
+        deviations: Standard deviations of the real and of the imaginary part at each line by noise
+            [m/N], weight counted; empty where lines are as good as their size.
         hold_out: Predicted, not fitted.
     """
 
@@ -501,6 +508,7 @@ class ResponseTarget:
     frequencies_hz: tuple[float, ...]
     values: tuple[complex, ...]
     sigma: float
+    deviations: tuple[float, ...] = ()
     hold_out: bool = False
 
 
@@ -541,6 +549,22 @@ class TargetCase:
     limit: ModeLimit | None = None
     like: str | None = None
     scene: str = ""
+
+    def hold_out_modes(self, names: Collection[str]) -> "TargetCase":
+        """Return the case with the modes of some names predicted and not fitted."""
+        modes = tuple(
+            replace(target, hold_out=True) if target.name in names else target
+            for target in self.modes
+        )
+        return replace(self, modes=modes)
+
+    @property
+    def is_led(self) -> bool:
+        """It has modes beside responses that count by their noise: they lead to these, which hold all
+        that modes taken from them say.
+        """
+        noisy = any(target.deviations and not target.hold_out for target in self.responses)
+        return noisy and not all(target.hold_out for target in self.modes)
 
     @property
     def ends(self) -> list[tuple[ObservedDof, ObservedDof]]:

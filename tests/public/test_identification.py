@@ -154,6 +154,33 @@ def test_a_measured_response_gives_stiffness_and_damping(block: Shell) -> None:
     assert found["noise_by_kind"]["response"]["degrees_of_freedom"] == approx(5.0, abs=1e-6)
 
 
+def test_responses_with_their_noise_come_last_and_modes_lead_to_them(block: Shell) -> None:
+    with_damping(block)
+    block.change(('ry = "6 MN m/rad"', 'ry = "6e6 MN m/rad"'))
+    hz, random = np.linspace(6.0, 15.0, 300), np.random.default_rng(2)
+    omega = 2.0 * np.pi * hz
+    clean = 1.0 / (4.4e6 * (1.0 + 0.02j) - 1000.0 * omega**2 + 1j * omega * 3e3)
+    parts = np.stack([clean.real, clean.imag], axis=1)
+    parts += 0.02 * np.abs(clean).max() * random.standard_normal(parts.shape)
+    head = ",".join(["frequency", *(f"tcp:+x/tcp:+x {part} [m/N]" for part in ("re", "im"))])
+    rows = (",".join(f"{value:.9g}" for value in row) for row in np.column_stack([hz, parts]))
+    (block.folder / "test.csv").write_text("\n".join([head, *rows, ""]))
+    measured = '{ file = "test.csv", noise = true, count = 300 }'
+    text = f"[cases.a]\nmodes = [{mode(1.1 * SHIFTS[0], 'x')}]\nresponses = [{measured}]\n"
+    found = identify(block, text, DAMPINGS, parameter("x"))
+    # the measured mode is 5 % too high, and responses know better
+    (frequency, response) = found["targets"]
+    assert (frequency["hold_out"], response["hold_out"]) == (True, False)
+    assert frequency["deviation"] == approx(np.sqrt(1.1) / 1.1 - 1.0, abs=2e-3)
+    for name, true in (("x", 4.4), ("viscous", 3.0)):
+        item = found["parameters"][name]
+        assert item["low_95"] < true < item["high_95"]
+    assert found["parameters"]["x"]["value"] == approx(4.4, rel=2e-3)
+    assert found["noise_by_kind"]["response"]["over_tolerance"] == approx(1.0, abs=0.15)
+    block.write(text.replace("noise", 'tolerance = "5 %", noise') + DAMPINGS, name="targets")
+    assert "keep one of them" in block.refuses(IDENTIFY)
+
+
 def test_damping_is_not_fitted_without_the_effect(block: Shell) -> None:
     block.write(
         '[cases.a]\nmodes = [{ frequency = "10 Hz", damping = "1 %" }]\n' + parameter("x"),
@@ -251,6 +278,22 @@ def test_held_out_targets_are_hidden_until_they_are_opened(block: Shell) -> None
     assert shown in opened and "-0.99 %" in opened
     assert "1 of 1 within ± and scatter; deviations 0.99 % rms" in opened
     assert "there are no hidden targets" in block.refuses("identify --open scene.toml")
+
+
+def test_each_mode_is_predicted_by_a_fit_to_the_others(block: Shell) -> None:
+    logs = np.log([1.03, 0.99, 1.0])
+    along = [mode(hz, way) for hz, way in zip(SHIFTS * np.exp(logs), "xyz", strict=True)]
+    free = f"{parameter('x')}multiplies = ['joints.feet.stiffness.y', 'joints.feet.stiffness.z']\n"
+    block.write(f"[cases.a]\nmodes = [{', '.join(along)}]\n{free}", name="targets")
+    printed = block.prints(f"{IDENTIFY} --leave-out-each")
+    rows = block.json("out/identification.json")["left_out_each"]
+    deviations = np.expm1((logs.sum() - logs) / 2.0 - logs)
+    assert [row["deviation"] for row in rows] == approx(deviations, rel=1e-4)
+    half = 1.959964 * 0.01 / np.sqrt(2.0)
+    assert [row["relative_spread_95"] for row in rows] == approx([half] * 3, rel=1e-4)
+    rms = 100.0 * np.sqrt(np.mean(deviations**2))
+    assert "Each mode by a fit to the others" in printed
+    assert f"1 of 3 within ± and scatter; deviations {rms:.2f} % rms" in printed
 
 
 RIVALS = """

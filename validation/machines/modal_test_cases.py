@@ -47,6 +47,7 @@ MACHINE = PROJECT / "machines" / "three_axis.toml"
 VARIANT = "calibrated+segmented+YCE"
 TIP = "k.z_slider_1"  # where the hammer hits
 UP_TO_HZ, LINES = 500.0, 900
+FITTED_LINES = 100  # of the responses, in the last stage of the fit
 FIRST_HZ = 40.0  # modes on air springs lie below
 NOISE = 0.05
 SPREAD = 0.15  # of the true stiffnesses about those of the scene, and of the dampings
@@ -315,9 +316,10 @@ def _watched_mac(found: Correlation) -> FloatArray:
 
 
 def _choose_parameters(targets: str) -> str:
-    """Return a target file with the eight springs as its parameters."""
+    """Return a target file with the eight springs as its parameters, and responses that are fitted last."""
     kept = re.sub(r"(?ms)^\[parameters\..*?(?=^\[(?!parameters)|\Z)", "", targets)
-    lines = [kept]
+    responses = f'responses = [{{ file = "test.mat", sensors = "k", noise = true, count = {FITTED_LINES} }}]'
+    lines = [kept.replace("[cases.test]\n", f"[cases.test]\n{responses}\n")]
     keys = _list_keys()
     for name, value in _start_values().items():
         unit = "N/m" if name.endswith("stiffness") else "N s/m"

@@ -1,0 +1,48 @@
+"""Every fitted mode predicted from all the others: how well a fit knows what it was not shown."""
+
+import functools
+
+from headstock.solvers.mpi import MPI
+from headstock.solvers.ranks import make_on_root
+from headstock.studies.identification.identification import (
+    FitEnds,
+    TargetOutcome,
+    assess_ends,
+    fit_targets,
+    start_at,
+)
+from headstock.studies.identification.targets import TargetCase
+
+
+def predict_each_mode(ends: FitEnds, *, comm: MPI.Comm) -> list[TargetOutcome]:
+    """Leave out one mode after another, its shape and damping too, and fit the others; collective.
+
+    Every fit begins where that of all modes ended.
+
+    Args:
+        ends: The same on every rank.
+
+    Returns:
+        The frequency of each mode, predicted; the same on every rank.
+
+    Raises:
+        HeadstockError: One of the fits could not be computed.
+    """
+    problem = start_at(ends.problem, ends)
+    targets = [target for model in problem.cases for target in model.case.modes]
+    predicted = []
+    for name in (target.name for target in targets if not target.hold_out):
+        others = problem.change_cases(functools.partial(_predict, name))
+        ends = fit_targets(others, comm=comm)
+        predicted.append(make_on_root(comm, functools.partial(_find_outcome, ends, name)))
+    return predicted
+
+
+def _predict(name: str, case: TargetCase) -> TargetCase:
+    return case.hold_out_modes({name})
+
+
+def _find_outcome(ends: FitEnds, name: str) -> TargetOutcome:
+    """Return the frequency of the mode of a name after a fit."""
+    outcomes = assess_ends(ends, name).outcomes
+    return next(item for item in outcomes if item.name == name and item.kind == "frequency")
