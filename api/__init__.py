@@ -16,7 +16,7 @@ from importlib import import_module
 _HOMES = {  # module to its public names
     "headstock.loading": ("load",),
     "headstock.previews": ("check", "plan"),
-    "headstock.exports": ("export", "Superelement"),
+    "headstock.exports": ("export", "state_space", "Superelement"),
     "headstock.runs": ("open", "run"),
     "headstock.repeated_runs": ("compare", "correlate", "fit_modes", "identify", "study", "sweep"),
     "headstock.machine": ("Machine",),
@@ -25,6 +25,7 @@ _HOMES = {  # module to its public names
         *("Plate", "Point", "Sensor", "Support", "Tube"),
     ),
     "headstock.geometry.errors": ("HeadstockError",),
+    "headstock.pipeline.exchange.state_spaces": ("MachineStateSpace",),
     "headstock.pipeline.results.results": ("Results",),
     "headstock.pipeline.results.files": ("read_mesh",),
     "headstock.studies.comparison": ("Comparison",),

@@ -1,4 +1,6 @@
-"""What leaves for other programs, and bodies made of matrices: ``export`` and ``Superelement``."""
+"""What leaves for other programs, and bodies made of matrices: ``export``, ``state_space`` and
+``Superelement``.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,20 +12,26 @@ from numpy.typing import ArrayLike
 from headstock.arguments import naming_arguments, read_name, read_path_argument, refuse
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.loading import Source, take_machine
-from headstock.machine import Noun
+from headstock.machine import Machine, Noun
 from headstock.pipeline.exchange.bodies import make_superelement
 from headstock.pipeline.exchange.matrices import BodyMatrices, ExchangeError, require_matrix
+from headstock.pipeline.exchange.state_spaces import MachineStateSpace
 from headstock.pipeline.exports import export as write_export
+from headstock.pipeline.state_space_export import find_state_space
 from headstock.pipeline.storage.superelements import write_superelement
+from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.building.loader import build_scene
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings
+from headstock.scene.scene import Scene
 from headstock.scene.schema.components import SolidTable
 from headstock.scene.schema.exports import ExportTable
 from headstock.solvers.mpi import MPI
 from headstock.values import Quantity, write_table
 
 UNNAMED = "export"
+
+type Channels = Sequence[str | Sequence[str]]
 
 
 def export(
@@ -34,6 +42,7 @@ def export(
     pose: str | None = None,
     hz: Quantity | None = None,
     step: Quantity | None = None,
+    balanced: Quantity | None = None,
     output: str | Path | None = None,
     comm: MPI.Comm | None = None,
 ) -> str:
@@ -46,7 +55,8 @@ def export(
         component: Which one leaves.
         pose: Of the machine; None for the first.
         hz: Modes up to here become states, as ``"500 Hz"``.
-        step: Of an FMU, as ``"1 ms"``.
+        step: Over which inputs are constant, as ``"1 ms"``.
+        balanced: Error that leaving out states may cause, as ``"1 %"`` of the largest response.
         output: File to write, of several files what their names begin with.
         comm: Ranks that compute together; all that were started where None.
 
@@ -57,17 +67,63 @@ def export(
         SceneError: The machine has problems, or the arguments do not go together.
         HeadstockError: A computation or the file failed.
     """
-    made = take_machine(machine, "export")
-    given = {"format": read_name(to, "export", "to"), "component": component, "pose": pose}
-    table = write_table(ExportTable, {**given, "hz": hz, "step": step})
-    raw = cast(TomlTable, {**made.table, "exports": {UNNAMED: table}})
-    with naming_arguments("export", f"exports.{UNNAMED}"):
-        scene = build_scene(raw, Findings("hs.export"), path=made.scene.path)
+    made, name = take_machine(machine, "export"), read_name(to, "export", "to")
+    given = {"format": name, "component": component, "pose": pose, "hz": hz, "step": step}
+    scene = _plan_export("export", made, {**given, "balanced": balanced})
     wanted = scene.exports[UNNAMED]
     path = wanted.name_file(component or made.scene.path.stem)
     if output is not None:
         path = read_path_argument(output, "export", "output")
     return write_export(scene, wanted, path, comm=comm or MPI.COMM_WORLD)
+
+
+def state_space(
+    machine: Source,
+    *,
+    hz: Quantity | None = None,
+    inputs: Channels | None = None,
+    outputs: Channels | None = None,
+    pose: str | None = None,
+    step: Quantity | None = None,
+    balanced: Quantity | None = None,
+    comm: MPI.Comm | None = None,
+) -> MachineStateSpace:
+    """Return the state space of a machine in a pose, with the damping of its scene; collective.
+
+    Args:
+        machine: Machine or path of a scene file.
+        hz: Modes up to here become states, the others act statically [Hz]; default: ``up_to`` of
+            ``[analyses.frf]``.
+        inputs: Where forces act, such as ``["tcp", ("table.top", "z")]``; default: those of
+            ``[analyses.frf]``, else x, y and z of every point.
+        outputs: Where motion is wanted; default: likewise, or the inputs where these are given.
+        pose: Name; default: the first.
+        step: Time over which inputs are constant [s]; None for continuous time.
+        balanced: Error that leaving out states may cause, as a share of the largest response; None
+            to keep all.
+        comm: Ranks that compute together; all that were started where None.
+
+    Raises:
+        SceneError: A channel or pose is unknown, or the step too long for a mode.
+        HeadstockError: A computation failed.
+    """
+    made = take_machine(machine, "state_space")
+    if hz is None and FrfRequest in made.scene.analyses:
+        hz = made.scene.analyses[FrfRequest].to_hz
+    given = {"format": "npz", "pose": pose, "hz": hz, "step": step, "balanced": balanced}
+    if inputs is not None or outputs is not None:
+        channels = {"inputs": inputs, "outputs": outputs}
+        frf = {name: listed for name, listed in channels.items() if listed is not None}
+        made = made.change({"analyses.frf": {"up_to": hz, **frf}})
+    scene = _plan_export("state_space", made, given)
+    return find_state_space(scene, scene.exports[UNNAMED], comm=comm or MPI.COMM_WORLD)
+
+
+def _plan_export(function: str, made: Machine, given: Mapping[str, object]) -> Scene:
+    """Return the scene with an export of what a function is given."""
+    raw = {**made.table, "exports": {UNNAMED: write_table(ExportTable, given)}}
+    with naming_arguments(function, f"exports.{UNNAMED}"):
+        return build_scene(cast(TomlTable, raw), Findings(f"hs.{function}"), path=made.scene.path)
 
 
 class Superelement(Noun, schema=SolidTable):

@@ -17,12 +17,10 @@ class ExportFormat:
         of: What leaves: matrices of a reduced component (``body``), its ``mesh``, a state space of the
             machine (``space``), or its modes and responses as a test has them (``test``).
         endings: Of its file, the usual one first; of several files that of the first.
-        stepped: It advances in steps over which inputs are constant.
     """
 
     of: Literal["body", "mesh", "space", "test"]
     endings: tuple[str, ...]
-    stepped: bool = False
 
 
 EXPORT_FORMATS = {
@@ -33,8 +31,8 @@ EXPORT_FORMATS = {
     "calculix": ExportFormat("body", (".sti",)),
     "mtx": ExportFormat("body", ("_K.mtx",)),
     "simscape": ExportFormat("body", (".mat",)),
-    "fmu3": ExportFormat("space", (".fmu",), stepped=True),
-    "fmu2": ExportFormat("space", (".fmu",), stepped=True),
+    "fmu3": ExportFormat("space", (".fmu",)),
+    "fmu2": ExportFormat("space", (".fmu",)),
     "mat": ExportFormat("space", (".mat",)),
     "npz": ExportFormat("space", (".npz",)),
     "uff": ExportFormat("test", (".uff", ".unv", ".uf")),
@@ -59,7 +57,9 @@ class Export:
         component: Which one leaves; None for the whole machine, or for the only one with a shape.
         pose: Of the machine; None for the first.
         hz: Modes up to here become states [Hz].
-        step: Over which inputs are constant [s].
+        step: Over which inputs are constant [s]; None for continuous time, and 1 ms of an FMU.
+        balanced: Error that leaving out states may cause, as a share of the largest response; None
+            to keep all states.
         file: What is written, of several files what their names begin with; None for the usual name.
     """
 
@@ -68,6 +68,7 @@ class Export:
     pose: str | None = None
     hz: float | None = None
     step: float | None = None
+    balanced: float | None = None
     file: str | None = None
 
     @property
@@ -99,13 +100,11 @@ class Export:
             yield f"{self.format} is of one component; name it"
         if kind.of == "space" and self.hz is None:
             yield f'{self.format} is a state space with modes up to a frequency; write hz, such as "500 Hz"'
-        if kind.of != "space" and self.hz is not None:
-            yield f"{self.format} takes no hz, which goes with {list_formats('space')}"
+        for name in ("hz", "step", "balanced"):
+            if kind.of != "space" and getattr(self, name) is not None:
+                yield f"{self.format} takes no {name}, which goes with {list_formats('space')}"
         if kind.of not in WHOLE_MACHINE and self.pose is not None:
             yield f"{self.format} takes no pose, which goes with {list_formats(*WHOLE_MACHINE)}"
-        if not kind.stepped and self.step is not None:
-            stepped = (name for name, form in EXPORT_FORMATS.items() if form.stepped)
-            yield f"{self.format} takes no step, which goes with {', '.join(stepped)}"
         named = Path(self.file or f"x{kind.endings[0]}")
         if kind.of in ("mesh", "test") and named.suffix.lower() not in kind.endings:
             yield f"file {self.file!r}: files of {self.format} end in {', '.join(kind.endings)}"

@@ -13,7 +13,14 @@ from headstock.app.terminal.guard import DONE
 from headstock.pipeline.exports import export
 from headstock.scene.building.loader import load_scene
 from headstock.scene.exports import EXPORT_FORMATS, Export
-from headstock.scene.reading.units import FREQUENCY, TIME, Dimension, UnitError, parse_quantity
+from headstock.scene.reading.units import (
+    FREQUENCY,
+    RATIO,
+    TIME,
+    Dimension,
+    UnitError,
+    parse_quantity,
+)
 from headstock.scene.scene import Scene
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
@@ -66,6 +73,7 @@ def read_export(options: ExportOptions) -> Export:
         options.pose,
         _read_positive("hz", options.hz, FREQUENCY),
         _read_positive("step", options.step, TIME),
+        _read_positive("balanced", options.balanced, RATIO),
         None if file is None else str(file),
     )
     for fault in wanted.find_faults():

@@ -153,7 +153,20 @@ class ExportOptions(SceneOptions):
         ),
     ] = None
     step: Annotated[
-        str | None, option("--step", "TIME", "Of an FMU, which holds its inputs over it [1 ms].")
+        str | None,
+        option(
+            "--step",
+            "TIME",
+            "Of a state space whose inputs are held over it [1 ms of an FMU, else continuous].",
+        ),
+    ] = None
+    balanced: Annotated[
+        str | None,
+        option(
+            "--balanced",
+            "ERROR",
+            'Leave out states of a state space up to an error, such as "1 %" of the largest response.',
+        ),
     ] = None
     pose: Annotated[str | None, option("--pose", "NAME", "Pose of the machine [the first].")] = None
     mesh: Annotated[

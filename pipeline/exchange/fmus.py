@@ -16,9 +16,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
+
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.exchange.matrices import ExchangeError
-from headstock.solvers.linear.held_inputs import HeldSystem
+from headstock.pipeline.exchange.state_spaces import MachineStateSpace
 
 SOURCES = Path(__file__).parent / "fmu"
 MODEL = "headstock"
@@ -34,6 +36,7 @@ CAPABILITIES = {
     ),
 }
 UNITS = {
+    "1": {},
     "s": {"s": "1"},
     "N": {"kg": "1", "m": "1", "s": "-2"},
     "m": {"m": "1"},
@@ -48,24 +51,32 @@ FIXED_TIME = (2026, 1, 1, 0, 0, 0)  # of the entries, so that the same machine i
 
 @dataclass(frozen=True, eq=False)
 class FmuModel:
-    """What an FMU is made of.
-
-    Attributes:
-        inputs: Name and unit of each input.
-        outputs: Name and unit of each output.
-        description: In a sentence.
-    """
+    """What an FMU is made of: the name of the machine, and its state space at a step."""
 
     name: str
-    system: HeldSystem
-    inputs: tuple[tuple[str, str], ...]
-    outputs: tuple[tuple[str, str], ...]
-    description: str = ""
+    space: MachineStateSpace
 
     @property
     def token(self) -> str:
         """What a model description and its library know each other by."""
-        return "{" + hashlib.sha256(_encode_numbers(self.system).encode()).hexdigest()[:32] + "}"
+        return "{" + hashlib.sha256(_encode_numbers(self.space).encode()).hexdigest()[:32] + "}"
+
+    @property
+    def description(self) -> str:
+        """In a sentence."""
+        return f"{self.name}: forces in, motions out; inputs are held over {self.space.step:g} s"
+
+    @property
+    def variables(self) -> list[tuple[str, str, str]]:
+        """Name, unit and causality of each variable, inputs first."""
+        return [
+            (".".join((kind, *name.rsplit(" ", 1))), unit, causality)
+            for kind, causality, names, units in (
+                ("force", "input", self.space.inputs, self.space.input_units),
+                ("motion", "output", self.space.outputs, self.space.output_units),
+            )
+            for name, unit in zip(names, units, strict=True)
+        ]
 
 
 def encode_fmu(model: FmuModel, version: int) -> bytes:
@@ -101,13 +112,15 @@ def _belongs(path: Path, version: int) -> bool:
     return path.name == "core.h" or path.name.startswith(f"fmi{version}")
 
 
-def _encode_numbers(system: HeldSystem) -> str:
+def _encode_numbers(space: MachineStateSpace) -> str:
+    paired = 2 * space.pairs
+    states = np.arange(paired).reshape(-1, 2)
     arrays = {
-        "BLOCKS": system.pairs,
-        "A": system.dense,
-        "B": system.b,
-        "C": system.c,
-        "D": system.d,
+        "BLOCKS": space.A[states[:, :, None], states[:, None, :]],
+        "A": space.A[paired:, paired:],
+        "B": space.B,
+        "C": space.C,
+        "D": space.D,
     }
     return "".join(_encode_array(name, array) for name, array in arrays.items())
 
@@ -119,18 +132,18 @@ def _encode_array(name: str, array: FloatArray) -> str:
 
 
 def _encode_header(model: FmuModel) -> str:
-    system = model.system
+    space = model.space
     sizes = {
-        "PAIRS": len(system.pairs),
-        "DENSE": len(system.dense),
-        "INPUTS": len(model.inputs),
-        "OUTPUTS": len(model.outputs),
-        "STEP": repr(system.step_s),
-        "STEP_TEXT": f'"{system.step_s:g}"',
+        "PAIRS": space.pairs,
+        "DENSE": len(space.A) - 2 * space.pairs,
+        "INPUTS": len(space.inputs),
+        "OUTPUTS": len(space.outputs),
+        "STEP": repr(space.step),
+        "STEP_TEXT": f'"{space.step:g}"',
         "TOKEN": f'"{model.token}"',
     }
     return "".join(f"#define {name} {value}\n" for name, value in sizes.items()) + _encode_numbers(
-        system
+        space
     )
 
 
@@ -143,7 +156,7 @@ def _describe_build() -> bytes:
 
 
 def _describe_model(model: FmuModel, version: int) -> bytes:
-    step = repr(model.system.step_s)
+    step = repr(model.space.step)
     root = ElementTree.Element(
         "fmiModelDescription",
         {"fmiVersion": VERSIONS[version], TOKENS[version]: model.token},
@@ -180,9 +193,7 @@ def _add_variables(root: ElementTree.Element, model: FmuModel, version: int) -> 
     if version == 3:
         time = {"causality": "independent", "variability": "continuous", "unit": "s"}
         ElementTree.SubElement(variables, "Float64", time, name="time", valueReference="0")
-    listed = [(*entry, "input") for entry in model.inputs]
-    listed += [(*entry, "output") for entry in model.outputs]
-    for reference, (name, unit, causality) in enumerate(listed, 1):
+    for reference, (name, unit, causality) in enumerate(model.variables, 1):
         common = {
             "name": name,
             "valueReference": str(reference),
@@ -196,7 +207,7 @@ def _add_variables(root: ElementTree.Element, model: FmuModel, version: int) -> 
             initial = {"initial": "calculated"} if causality == "output" else {}
             variable = ElementTree.SubElement(variables, "ScalarVariable", {**common, **initial})
             ElementTree.SubElement(variable, "Real", start)
-    outputs = range(1 + len(model.inputs), 1 + len(listed))
+    outputs = range(1 + len(model.space.inputs), 1 + len(model.variables))
     for tag in ("Output", "InitialUnknown"):
         parent = structure if version == 3 else ElementTree.SubElement(structure, f"{tag}s")
         for reference in outputs:

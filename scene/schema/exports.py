@@ -16,6 +16,19 @@ def _find_file_fault(name: str) -> str:
     )
 
 
+ErrorShare = Annotated[
+    types.Ratio,
+    types.without_fault(
+        lambda share: (
+            "" if 0.0 < share < 1.0 else f'is {share:g}; write a share of 1, such as "1 %"'
+        )
+    ),
+    types.describe_ratio(
+        "ratio above 0, below 1", (0.01, "1 %"), exclusiveMinimum=0.0, exclusiveMaximum=1.0
+    ),
+]
+
+
 class ExportTable(types.StrictTable):
     """What leaves for another program: `run` writes it into its folder, see [other programs](exchange.md)."""
 
@@ -28,7 +41,9 @@ class ExportTable(types.StrictTable):
     hz: types.PositiveFrequency | None = None
     """modes up to here become states of `fmu3, fmu2, mat, npz`, the others act statically"""
     step: types.PositiveTime | None = None
-    """step of `fmu3, fmu2`, over which inputs are constant; default: 1 ms"""
+    """step of `fmu3, fmu2, mat, npz`, over which inputs are constant; default: 1 ms of an FMU, else continuous time"""
+    balanced: ErrorShare | None = None
+    """leaves out states up to this error, as a share of the largest response: `"1 %"`"""
     file: Annotated[types.Text, types.without_fault(_find_file_fault)] | None = None
     """name of the file, of several files what their names begin with; default: the name of the export"""
 

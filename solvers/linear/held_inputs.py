@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from scipy.sparse.csgraph import connected_components
 
 from headstock.geometry.frames import FloatArray
@@ -23,30 +24,20 @@ class HeldSystem:
 
     Attributes:
         step_s: Length of the step [s].
-        pairs: ``(m, 2, 2)`` blocks of A, of states ``2k`` and ``2k + 1``.
-        dense: ``(r, r)`` block of A of the states behind them, which nothing takes apart.
-        b: ``(2 m + r, k)``.
-        c: ``(p, 2 m + r)``.
+        pairs: How many blocks of two states A begins with; behind them stands one block of states
+            that nothing takes apart.
+        a: ``(n, n)``.
+        b: ``(n, k)``.
+        c: ``(p, n)``.
         d: ``(p, k)``.
     """
 
     step_s: float
-    pairs: FloatArray
-    dense: FloatArray
+    pairs: int
+    a: FloatArray
     b: FloatArray
     c: FloatArray
     d: FloatArray
-
-    def follow(self, inputs: FloatArray) -> FloatArray:
-        """Return the outputs ``(n, p)`` after each step from rest, for inputs ``(n, k)``."""
-        count = 2 * len(self.pairs)
-        state = np.zeros(len(self.b))
-        outputs = np.zeros((len(inputs), len(self.c)))
-        for row, held in enumerate(inputs):
-            paired = np.einsum("kij,kj->ki", self.pairs, state[:count].reshape(-1, 2)).ravel()
-            state = np.concatenate([paired, self.dense @ state[count:]]) + self.b @ held
-            outputs[row] = self.c @ state + self.d @ held
-        return outputs
 
 
 def hold_inputs(space: StateSpace, step_s: float) -> HeldSystem:
@@ -69,8 +60,8 @@ def hold_inputs(space: StateSpace, step_s: float) -> HeldSystem:
     dense, dense_drive, _ = exact_step(space.a[np.ix_(rest, rest)], space.b[rest], step_s)
     return HeldSystem(
         step_s,
-        np.array([motion for motion, _, _ in steps]).reshape(-1, 2, 2),
-        dense,
+        len(pairs),
+        scipy.linalg.block_diag(*(motion for motion, _, _ in steps), dense),
         np.vstack([*(drive for _, drive, _ in steps), dense_drive]),
         np.hstack([*(columns for _, _, columns in pairs), space.c[:, rest]]),
         space.d,

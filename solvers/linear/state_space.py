@@ -1,17 +1,15 @@
-"""First-order form of a second-order system with named inputs and outputs, also for python-control:
-``x' = A x + B u``, ``y = C x + D u``.
+"""First-order form of a second-order system with named inputs and outputs: ``x' = A x + B u``,
+``y = C x + D u``.
 """
 
 import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.loading import load_library
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_little_mass, equivalent_viscous
 from headstock.solvers.linear.modal_analysis import ModalResult, solve_modal
@@ -29,7 +27,6 @@ from headstock.solvers.second_order import (
     Index,
     SecondOrderSystem,
     input_columns,
-    name_channel,
     output_rows,
 )
 from headstock.solvers.watched_outputs import Watch, WatchedOutputs
@@ -274,23 +271,3 @@ def _unsymmetric(
         f"{label} {part}" for part in ("displacement", "velocity") for label in system.labels
     )
     return StateSpace(a, b, c, np.zeros((len(outputs), len(inputs))), inputs, outputs, names)
-
-
-def to_control(space: StateSpace) -> Any:
-    """Return a ``control.StateSpace`` with the same matrices and names.
-
-    Raises:
-        ModelError: python-control is not installed.
-    """
-    try:
-        control = load_library("control")
-    except ImportError as error:
-        raise ModelError(
-            "python-control is not installed; install it by `pip install control`, or write a .mat file"
-        ) from error
-    return control.StateSpace(
-        space.a, space.b, space.c, space.d,
-        inputs=[name_channel(channel) for channel in space.inputs],
-        outputs=[name_channel(channel) for channel in space.outputs],
-        states=list(space.states),
-    )  # fmt: skip

@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.linalg
+import scipy.signal
 
+import headstock as hs
 from common import Shell, approx, read_json
+from headstock.geometry.frames import FloatArray
 
 STEP, STEPS = 1e-3, 200
 STEEL = """
@@ -138,6 +141,65 @@ def test_an_fmu_moves_as_the_discrete_state_space(shell: Shell, tmp_path: Path, 
     assert not fmu.instantiate(b"another machine")
 
 
+def respond(space: hs.MachineStateSpace, hz: FloatArray) -> FloatArray:
+    """Frequency response ``(n, p, k)`` by scipy."""
+    step = space.step or 0.0
+    points = np.exp(2j * np.pi * hz * step) if step else 2j * np.pi * hz
+    return np.array(
+        [
+            space.C @ np.linalg.solve(s * np.eye(len(space.A)) - space.A, space.B) + space.D
+            for s in points
+        ]
+    )
+
+
+def test_python_has_the_state_space_that_scipy_takes(shell: Shell) -> None:
+    scene = shell.write(HEAD)
+    shell(f"export {scene} --to npz --state-space 2kHz -o space.npz")
+    space, file = hs.state_space(scene, hz="2 kHz"), np.load("space.npz")
+    for name in ("A", "B", "C", "D", "inputs", "output_units", "pose"):
+        assert np.array_equal(getattr(space, name), file[name])
+    assert (space.step, space.input_units[0], space.pose) == (None, "N", "reference")
+    chosen = hs.state_space(scene, hz=2000.0, inputs=["tcp"], outputs=[("tcp", "z")], step=STEP)
+    assert (chosen.outputs, chosen.step) == (("tcp z",), STEP)
+    system = scipy.signal.StateSpace(space.A, space.B, space.C[2:], space.D[2:])
+    exact = scipy.signal.cont2discrete((system.A, system.B, system.C, system.D), STEP)
+    _, given = scipy.signal.dimpulse((chosen.A, chosen.B, chosen.C, chosen.D, STEP), n=50)
+    _, wanted = scipy.signal.dimpulse(exact, n=50)
+    assert np.array(given) == approx(np.array(wanted), abs=1e-9 * np.abs(wanted).max())
+
+
+def test_a_balanced_state_space_is_as_close_as_it_says(shell: Shell) -> None:
+    scene = shell.write(HEAD, ("damping = true", 'damping = { modal = "2 %" }'))
+    hz = np.linspace(0.0, 1000.0, 4001)
+    text = shell.prints(f"export {scene} --state-space 2kHz --to npz --balanced 30% -o small.npz")
+    whole = hs.state_space(scene, hz=2000.0)
+    small = hs.state_space(scene, hz=2000.0, balanced="30 %")
+    assert len(small.A) < len(whole.A) and 0.0 < small.bound <= 0.3
+    assert f"balanced: error at most {100.0 * small.bound:.2g} %" in text
+    assert np.array_equal(small.A, np.load("small.npz")["A"])
+    assert np.linalg.eigvals(small.A).real.max() < 0.0 and np.array_equal(small.D, whole.D)
+    error = np.abs(respond(small, hz) - respond(whole, hz)).max(axis=0)
+    assert error.max() > 0.0 and (error <= small.bounds).all()
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"hz": 0.0}, "hs.state_space: hz"),
+        ({"hz": None}, 'write hz, such as "500 Hz"'),
+        ({"inputs": ["tpc"]}, "tcp"),
+        ({"pose": "far"}, "unknown pose 'far'"),
+        ({"step": "9 ms"}, "9 ms is too long for a mode at"),
+    ],
+)
+def test_arguments_of_a_state_space_are_checked(
+    shell: Shell, changed: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(hs.SceneError, match=message):
+        hs.state_space(shell.write(HEAD), **({"hz": 500.0} | changed))
+
+
 @pytest.mark.parametrize(
     ("form", "solid"),
     [
@@ -177,7 +239,10 @@ def test_matrices_of_other_programs_are_a_part(shell: Shell, form: str, solid: s
         ("head --to op4 --hz 500Hz", "op4 takes no hz, which goes with fmu3, fmu2, mat, npz"),
         ("head --to op4 --pose a", "op4 takes no pose"),
         ("--to fmu", "format 'fmu' is unknown; of a component: h5, op4"),
-        ("--to mat --hz 500Hz --step 1ms", "mat takes no step, which goes with fmu3, fmu2"),
+        ("head --to op4 --step 1ms", "op4 takes no step, which goes with fmu3, fmu2, mat, npz"),
+        ("--hz 500Hz --step 9ms", "9 ms is too long for a mode at"),
+        ("--hz 500Hz --balanced 1m", '--balanced "1m" is a length, not a ratio'),
+        ("--hz 500Hz --balanced 0%", "--balanced 0% must be above zero"),
         ("--to uff -o head.txt", "files of uff end in .uff, .unv, .uf"),
         ("--mesh head.stl", "mesh files end in .msh"),
         ("head --mesh head.msh --to msh", "go without each other, --to and -o"),
@@ -279,8 +344,6 @@ def test_a_simscape_body_has_the_documented_shapes_mass_and_frequencies(shell: S
 
 
 def test_python_exports_and_takes_matrices(shell: Shell) -> None:
-    import headstock as hs
-
     scene = shell.write(BEAM)
     written = hs.export(scene, "simscape", component="beam", output="beam.mat")
     assert written.startswith("beam.mat, beam.m: beam")

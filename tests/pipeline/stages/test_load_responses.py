@@ -19,8 +19,9 @@ from headstock.app.tables.frf import tabulate_response
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.answer import find_answers
 from headstock.pipeline.answers.frf import PoseResponse
-from headstock.pipeline.exports import export_state_space
+from headstock.pipeline.state_space_export import export_state_space
 from headstock.scene.building.loader import load_scene
+from headstock.scene.exports import Export
 from headstock.scene.reading.findings import SceneError
 from headstock.solvers.second_order import ComplexArray
 from scene_runs import compute
@@ -88,7 +89,7 @@ def test_loads_are_inputs_of_an_exported_state_space_too(tmp_path: Path) -> None
     scene = load_scene(path, overrides=("components.beam.fidelity=segmented",
                                         'loads.wind={ at = "beam.tip", force = ["0 N", "0 N", "5 N"] }',
                                         'analyses.frf.inputs=["wind", ["tip", "z"]]'))  # fmt: skip
-    export_state_space(scene, tmp_path / "beam.mat", up_to_hz=400.0, pose=None, comm=MPI.COMM_SELF)
+    export_state_space(scene, Export("mat", hz=400.0), tmp_path / "beam.mat", comm=MPI.COMM_SELF)
     found = scipy.io.loadmat(tmp_path / "beam.mat")
     assert [str(name[0]) for name in found["inputs"].ravel()] == ["wind load", "tip z"]
     np.testing.assert_allclose(found["B"][:, 0], 5.0 * found["B"][:, 1], rtol=1e-12)

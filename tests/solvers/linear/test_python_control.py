@@ -14,13 +14,17 @@ from headstock.solvers.control.drive_loops import close_loops, open_plant
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
 from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import find_loop_poles
-from headstock.solvers.linear.state_space import to_control
+from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_drive
 
 control = pytest.importorskip("control")
 
 GAINS = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, current_lag=3e-4)
+
+
+def to_control(space: StateSpace) -> Any:
+    return control.ss(space.a, space.b, space.c, space.d)
 
 
 def plant_and_controller() -> tuple[SecondOrderSystem, DriveTrain, Any, Any]:

@@ -1,0 +1,142 @@
+"""The state space of a machine as a record, and its files for MATLAB and numpy."""
+
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.io
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Pose
+from headstock.pipeline.storage.provenance import Provenance
+from headstock.scene.scene import LOAD
+from headstock.solvers.linear.balanced_truncation import truncate_balanced
+from headstock.solvers.linear.held_inputs import hold_inputs
+from headstock.solvers.linear.state_space import StateSpace
+from headstock.solvers.second_order import name_channel
+
+FORCES = ("N", "N.m")
+MOTIONS = ("m", "rad")
+UNIT_OF_LOADS = "1"
+NAMES = ("inputs", "outputs", "states", "input_units", "output_units")
+
+
+@dataclass(frozen=True, eq=False)
+class MachineStateSpace:
+    """A machine between its channels: ``x' = A x + B u``, ``y = C x + D u``; at a step
+    ``x+ = A x + B u`` with u held over it.
+
+    Attributes:
+        A: ``(n, n)``.
+        B: ``(n, k)``.
+        C: ``(p, n)``.
+        D: ``(p, k)``.
+        inputs: Names of the ``k`` inputs, such as ``tcp x``.
+        outputs: Names of the ``p`` outputs.
+        states: Names of the ``n`` states.
+        input_units: N, N.m, or 1 for a load of the scene.
+        output_units: m or rad.
+        pose: Name of the pose.
+        positions: Position of each axis in the pose [m, rad].
+        step: Time over which inputs are held [s]; None in continuous time.
+        highest_hz: Highest frequency of a mode among the states [Hz].
+        bounds: ``(p, k)`` largest error of each entry of the frequency response by truncation, at any
+            frequency; zero where nothing is truncated.
+        bound: The same as a share of the largest response, channels scaled.
+        pairs: With a step, how many blocks of two states A begins with; else 0.
+    """
+
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    D: FloatArray
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    states: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_units: tuple[str, ...]
+    pose: str
+    positions: Mapping[str, float]
+    step: float | None
+    highest_hz: float
+    bounds: FloatArray
+    bound: float = 0.0
+    pairs: int = 0
+
+    @property
+    def contents(self) -> dict[str, Any]:
+        """What files hold; a step of 0 stands for continuous time."""
+        return {
+            **{name: getattr(self, name) for name in ("A", "B", "C", "D", "bounds", "pose")},
+            **{name: list(getattr(self, name)) for name in NAMES},
+            "axes": list(self.positions),
+            "positions": np.array(list(self.positions.values())),
+            "step": self.step or 0.0,
+        }
+
+
+def describe_space(
+    space: StateSpace,
+    *,
+    pose: Pose,
+    step_s: float | None = None,
+    balanced: float | None = None,
+) -> MachineStateSpace:
+    """Return the record of a state space.
+
+    Args:
+        space: Continuous in time.
+        step_s: Over which inputs are held [s]; None for continuous time.
+        balanced: Error that leaving out states may cause, as a share of the largest response; None
+            to keep all states.
+
+    Raises:
+        ModelError: No state can be left out.
+    """
+    units = [
+        [UNIT_OF_LOADS if dof == LOAD else kinds["r" in dof] for _, dof in channels]
+        for channels, kinds in ((space.inputs, FORCES), (space.outputs, MOTIONS))
+    ]
+    highest = float(np.abs(np.linalg.eigvals(space.a).imag).max(initial=0.0)) / (2.0 * np.pi)
+    bounds, bound = np.zeros_like(space.d), 0.0
+    if balanced is not None:
+        smaller = truncate_balanced(space, balanced, *units)
+        space, bounds, bound = smaller.space, smaller.bounds, smaller.share
+    names = [tuple(map(name_channel, channels)) for channels in (space.inputs, space.outputs)]
+    held = None if step_s is None else hold_inputs(space, step_s)
+    system = space if held is None else held
+    return MachineStateSpace(
+        system.a, system.b, system.c, system.d,
+        *names, space.states if held is None else tuple(f"state {n + 1}" for n in range(len(held.a))),
+        tuple(units[0]), tuple(units[1]),
+        pose=pose.name, positions=pose.positions, step=step_s, highest_hz=highest,
+        bounds=bounds, bound=bound, pairs=0 if held is None else held.pairs,
+    )  # fmt: skip
+
+
+def encode_npz(contents: Mapping[str, Any]) -> bytes:
+    """Return a file of numpy."""
+    image = io.BytesIO()
+    np.savez(image, **{name: np.asarray(value) for name, value in contents.items()})
+    return image.getvalue()
+
+
+def encode_mat(contents: Mapping[str, Any], origin: Provenance | None = None) -> bytes:
+    """Return a MATLAB 5 file: ``sys = ss(A, B, C, D, step, 'InputName', inputs, ...)``; where it comes
+    from as a structure.
+    """
+    image = io.BytesIO()
+    words = {} if origin is None else {"provenance": origin.summarise_for_export()}
+    scipy.io.savemat(image, _as_cells({**contents, **words}))
+    return image.getvalue()
+
+
+def _as_cells(content: Any) -> Any:
+    """Return tables with lists as cells, and nothing as an empty text."""
+    if isinstance(content, Mapping):
+        return {name: _as_cells(value) for name, value in content.items()}
+    if isinstance(content, list):
+        return np.array(content, dtype=object)
+    return "" if content is None else content
