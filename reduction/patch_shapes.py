@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.patches import Outline, in_plane_axes
+from headstock.meshing.scipy_library import scipy
 
 FIRST_LEVEL = 3  # shapes among the linear displacements; the other three are rotations
 TIE = 1e-6  # levels closer than this are one, so that a square's two directions are treated alike

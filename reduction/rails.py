@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # whose interpolation, a third of a second, is loaded where it is used
 
 from headstock.geometry.frames import FloatArray, rigid_transfer, skew
 from headstock.geometry.machine.carriages import (
@@ -18,6 +17,7 @@ from headstock.geometry.machine.carriages import (
 from headstock.geometry.machine.machine import show_position
 from headstock.geometry.parts.components import Component, Interface
 from headstock.geometry.parts.patches import OVERHANG_TOLERANCE
+from headstock.meshing.scipy_library import scipy
 from headstock.solvers.errors import ModelError
 
 CONTROL_POINT_DOFS = 4

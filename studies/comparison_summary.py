@@ -12,8 +12,8 @@ from headstock.pipeline.numbers.estimates import Estimate, list_left_out, scale_
 from headstock.pipeline.numbers.numbers import Numbers
 from headstock.pipeline.storage.json_texts import check_finite, null_open
 from headstock.pipeline.storage.provenance import ProvenanceSummary
-from headstock.reduction.motions.body_motions import name_families
 from headstock.reduction.motions.compliance_budget import PointBudget
+from headstock.reduction.motions.part_names import name_families
 from headstock.studies.comparison import Comparison, ModeRow
 from headstock.studies.kind_changes import select_compared
 from headstock.studies.responses import HOLDS, EntrySummary

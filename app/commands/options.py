@@ -1,5 +1,6 @@
 """Options that commands share, and the command that typer makes of a dataclass of options."""
 
+import gc
 import importlib
 import inspect
 import time
@@ -251,6 +252,7 @@ def load_action(place: str) -> Callable[..., int]:
     module, _, name = place.partition(":")
     with without_collecting():
         loaded = importlib.import_module(f"headstock.app.actions.{module}")
+        gc.freeze()  # modules are no garbage: no search has to go through them
     action: Callable[..., int] = getattr(loaded, name)
     return action
 

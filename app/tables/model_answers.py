@@ -12,7 +12,7 @@ from headstock.app.texts.curves import name_entry, response_unit
 from headstock.geometry.frames import DIRECTIONS
 from headstock.pipeline.numbers.kinds import KINDS
 from headstock.pipeline.numbers.numbers import parse_key
-from headstock.reduction.motions.body_motions import name_families
+from headstock.reduction.motions.part_names import name_families
 from headstock.solvers.second_order import Channel
 from headstock.studies.comparison_summary import (
     ComparisonSummary,

@@ -9,7 +9,7 @@ from headstock.app.texts.bounded_values import bound_size
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.static import UM_PER_KN, PointCompliance, StaticAnswer
 from headstock.pipeline.numbers.estimates import known_part, scale_shares, scale_total
-from headstock.reduction.motions.body_motions import name_families
+from headstock.reduction.motions.part_names import name_families
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # whose search of neighbours is loaded where it is used
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Patch
@@ -50,6 +49,7 @@ from headstock.meshing.elements.topology import cell_family, cell_shape_function
 from headstock.meshing.errors import MeshError, MeshQualityError, PatchError
 from headstock.meshing.files.patches import available_names, select_facets, set_nodes
 from headstock.meshing.process.job import MeshData
+from headstock.meshing.scipy_library import scipy
 
 # of the volume of tets that fill walls alone: a thinner wall is none, but slivers in thicker ones
 SLIVERS = 0.01

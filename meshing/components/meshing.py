@@ -17,10 +17,8 @@ from headstock.geometry.parts.mass_properties import (
     solid_volume,
 )
 from headstock.geometry.parts.patches import FACE_DIRECTIONS, PlanarSolid
-from headstock.geometry.parts.solid_checks import find_solid_faults
 from headstock.geometry.parts.solids import (
     Box,
-    HollowColumn,
     Imported,
     MeshFile,
     PointMass,
@@ -30,6 +28,13 @@ from headstock.geometry.parts.solids import (
 )
 from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.finishing import find_patch_faults, finish_mesh, patch_moments
+from headstock.meshing.components.mesh_request import (
+    Groups,
+    element_size,
+    has_plane_faces_only,
+    patch_groups,
+    require_sound,
+)
 from headstock.meshing.elements.hex_grid import count_grid_cells, grid_lines, mesh_box_grid
 from headstock.meshing.elements.quality import integrate_mesh
 from headstock.meshing.errors import MeshError, MeshQualityError, PatchError
@@ -42,7 +47,6 @@ from headstock.meshing.sizing import (
     ParametricSolid,
     budget_message,
     count_patch_cells,
-    default_size,
     estimate_tets,
     largest_extent,
     round_length,
@@ -59,7 +63,6 @@ LINE_LIKE = 1e-4
 # mesh costs less than a fine one
 REFINEMENTS = (1.0, 1.25, 1.6, 2.0, 4.0)
 
-Groups = dict[str, tuple[Patch, ...]]
 MeshJobText = str
 _ANSWERED: dict[tuple[MeshJobText, int | None], MeshData] = {}  # by question and age of its file
 
@@ -145,7 +148,7 @@ def describe_component(component: Component) -> SolidProperties:
     groups: Groups = {name: interface.patches for name, interface in component.interfaces.items()}
     solid = component.solid
     what = f"component {component.name!r}"
-    _check_solid(component)
+    require_sound(component)
     if isinstance(solid, MeshFile):
         mesh = finish_mesh(read_mesh_file(solid, what), component, groups)
         whole = integrate_mesh(mesh.points, mesh.cells, mesh.kind)
@@ -284,18 +287,6 @@ def _estimate_cells(component: Component) -> int:
     return _planned_cells(component)
 
 
-def element_size(component: Component) -> float:
-    """Return a parametric solid's element size [m]: as requested or by rule, to 12 digits."""
-    solid = component.solid
-    if isinstance(solid, Imported):
-        raise ValueError("only parametric solids have a size rule of their own")
-    if component.mesh.size is not None:
-        return round_length(component.mesh.size)
-    return round_length(
-        default_size(solid_volume(solid), thinnest_feature(solid), largest_extent(solid))
-    )
-
-
 def automatic_size(component: Component) -> float:
     """Return the element size that the sizing rules choose for a component, whatever it asks for
     [m].
@@ -349,26 +340,6 @@ def grid_of(
         raise ValueError("only boxes are meshed with hexes")
     patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
     return grid_lines(component.solid, patches, size, across)
-
-
-def patch_groups(
-    component: Component, supports: Sequence[Support], loads: Sequence[Load]
-) -> Groups:
-    """Return the patches of every group of a component, by group name.
-
-    Args:
-        supports: Of the machine; those on other components are left out.
-        loads: Of the machine; those on other components are left out.
-    """
-    groups: Groups = {name: interface.patches for name, interface in component.interfaces.items()}
-    for support in supports:
-        groups |= support.groups if support.component == component.name else {}
-    groups |= {
-        f"load:{load.name}": load.patches
-        for load in loads
-        if load.component == component.name and load.patches
-    }
-    return groups
 
 
 def _run_shape_job(
@@ -480,14 +451,6 @@ def _scaled_patch(patch: Patch, scale: float) -> Patch:
     )
 
 
-def has_plane_faces_only(component: Component) -> bool:
-    """Return whether a solid surely has no curved face, so that its mesh has no curved edge."""
-    solid = component.solid
-    return not isinstance(solid, StepFile | Tube) and not (
-        isinstance(solid, HollowColumn) and solid.core_hole > 0.0
-    )
-
-
 def _planned_cells(component: Component) -> int:
     solid = component.solid
     if isinstance(solid, Imported):
@@ -539,7 +502,7 @@ def read_mesh_file(solid: MeshFile, what: str, time_limit: float = DESCRIBE_TIME
 
 def _check_request(component: Component, groups: Groups) -> None:
     what = f"component {component.name!r}"
-    _check_solid(component)
+    require_sound(component)
     settings = component.mesh
     if settings.order not in (1, 2):
         raise MeshError(f"{what}: meshes have order 1 or 2, not {settings.order}")
@@ -558,12 +521,6 @@ def _check_request(component: Component, groups: Groups) -> None:
         for patch in patches:
             if patch.shape != "whole" and not forced:
                 _check_imprint(component, name, patch)
-
-
-def _check_solid(component: Component) -> None:
-    faults = find_solid_faults(component.solid)
-    if faults:
-        raise MeshError(f"component {component.name!r}: {'; '.join(faults)}")
 
 
 def _check_imprint(component: Component, name: str, patch: Patch) -> None:

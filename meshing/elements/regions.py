@@ -1,9 +1,6 @@
 """The faces of a mesh's surface: planes, and what is smooth between sharp edges."""
 
 import numpy as np
-import scipy  # whose search of minima, a tenth of a second, is loaded where it is used
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.cad_faces import (
@@ -16,6 +13,7 @@ from headstock.geometry.parts.cad_faces import (
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.elements.quality import facet_moments
 from headstock.meshing.elements.surface import MeshSurface, corner_normals
+from headstock.meshing.scipy_library import scipy
 
 FLAT_COSINE = float(np.cos(np.radians(0.2)))
 SHARP_COSINE = float(np.cos(np.radians(40.0)))
@@ -182,5 +180,9 @@ def _vector(values: FloatArray) -> Vector:
 
 
 def _connect(count: int, left: IntArray, right: IntArray) -> IntArray:
-    graph = coo_array((np.ones(len(left), dtype=np.int8), (left, right)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(left), dtype=np.int8), (left, right)), shape=(count, count)
+    )
+    return np.asarray(
+        scipy.sparse.csgraph.connected_components(graph, directed=False)[1], dtype=np.int64
+    )

@@ -5,13 +5,12 @@ tets that alone fill a wall.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray, SurfaceGaps
 from headstock.meshing.elements.quality import PLACES, facet_tables, scaled_jacobians
 from headstock.meshing.elements.topology import FACETS, cell_family, corner_count, local_facets
+from headstock.meshing.scipy_library import scipy
 
 FARTHEST = 0.5  # of a facet's size: what lies farther off is another part of the face
 TRUSTED = 0.25  # of the volume that the mesh misses, which the gaps must explain
@@ -102,11 +101,11 @@ def count_parts(cells: IntArray, kind: CellKind, n_points: int) -> tuple[int, In
     """
     corners = cells[:, : corner_count(kind)]
     rows = np.repeat(corners[:, 0], corners.shape[1] - 1)
-    graph = coo_array(
+    graph = scipy.sparse.coo_array(
         (np.ones(len(rows), dtype=np.int8), (rows, corners[:, 1:].ravel())),
         shape=(n_points, n_points),
     )
-    _, labels = connected_components(graph, directed=False)
+    _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
     parts, cell_parts = np.unique(labels[corners[:, 0]], return_inverse=True)
     return len(parts), cell_parts
 

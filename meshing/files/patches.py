@@ -4,8 +4,6 @@ faces by their number.
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
@@ -21,6 +19,7 @@ from headstock.meshing.elements.surface import (
 )
 from headstock.meshing.errors import MeshError
 from headstock.meshing.process.job import MeshData
+from headstock.meshing.scipy_library import scipy
 
 PLANE_TOLERANCE = 1e-5
 NORMAL_TOLERANCE = 1e-3
@@ -176,9 +175,9 @@ def _joined(corners: IntArray, chosen: NDArray[np.bool_], start: int) -> NDArray
     nodes, places = np.unique(corners, return_inverse=True)
     places = places.reshape(corners.shape)
     rows = np.repeat(np.flatnonzero(chosen), corners.shape[1])
-    graph = coo_array(
+    graph = scipy.sparse.coo_array(
         (np.ones(len(rows)), (rows, len(corners) + places[chosen].ravel())),
         shape=(len(corners) + len(nodes),) * 2,
     )
-    _, labels = connected_components(graph, directed=False)
+    _, labels = scipy.sparse.csgraph.connected_components(graph, directed=False)
     return chosen & (labels[: len(corners)] == labels[start])

@@ -9,7 +9,11 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import rail_pieces
 from headstock.geometry.parts.components import Component, Interface, Patch
 from headstock.geometry.parts.solids import Box, Imported
-from headstock.meshing.components.meshing import element_size, has_plane_faces_only, patch_groups
+from headstock.meshing.components.mesh_request import (
+    element_size,
+    has_plane_faces_only,
+    patch_groups,
+)
 from headstock.meshing.elements.hex_grid import grid_lines
 from headstock.meshing.errors import MeshError
 from headstock.reduction.components.rail_fits import (

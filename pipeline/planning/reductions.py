@@ -14,7 +14,7 @@ from itertools import product
 from headstock.geometry.parts.components import Component, ReductionSettings
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.component_mesh import CellKind
-from headstock.meshing.components.meshing import has_plane_faces_only
+from headstock.meshing.components.mesh_request import has_plane_faces_only
 from headstock.pipeline.planning.analyses import EXACT_MARGIN, is_dynamic, list_reaches
 from headstock.pipeline.planning.budgets import kernel_seconds, reduction_memory_mb
 from headstock.pipeline.planning.plan import Plan, Stage

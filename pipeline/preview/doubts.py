@@ -3,6 +3,7 @@ freely, parts of a size that no part has, joints whose ends lie far apart, suppo
 """
 
 import dataclasses
+import importlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,25 +19,16 @@ from headstock.geometry.parts.mass_properties import SolidProperties, closed_for
 from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.length_units import doubt_mesh_size
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
+from headstock.pipeline.preview.rigid_bodies import RigidMachine, place_rigid
 from headstock.pipeline.preview.watched_numbers import find_unknown_numbers
 from headstock.pipeline.storage.part_files import describe_solid, find_missing_patches
 from headstock.pipeline.storage.store import Store, default_store_root
-from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.coupling.channels import GRAVITY
-from headstock.reduction.coupling.coupling import CoupledMachine, couple
-from headstock.reduction.motions.body_motions import (
-    find_free_motions,
-    name_families,
-    split_number,
-    warn_of_free_motions,
-)
-from headstock.reduction.motions.compliance_budget import point_budget
+from headstock.reduction.motions.part_names import name_families, split_number
 from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene, choose_poses
-from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.static_response import solve_balanced
 
+COUPLING_MODULE = "headstock.pipeline.preview.free_motions"
 MOST_DEFLECTION = 1e-3  # of a support or joint under the weight that it carries [m]
 SLIDING = ("linear_guide", "ball_screw", "prismatic")
 TOUCHING = 0.01  # of the larger interface: areas that near lie on each other
@@ -293,11 +285,7 @@ def _doubt_deflections(machine: Machine, parts: Parts, pose: Pose) -> list[str]:
     """
     if machine.mechanism is not None or len(parts) < len(machine.components):
         return []
-    bodies = {
-        name: reduce_rigid(part, parts[name])
-        for name, part in machine.components.items()
-        if part.interfaces
-    }
+    bodies = {name: parts[name] for name, part in machine.components.items() if part.interfaces}
     held = {
         joint.name: joint
         for support in machine.supports.values()
@@ -308,21 +296,15 @@ def _doubt_deflections(machine: Machine, parts: Parts, pose: Pose) -> list[str]:
         machine,
         joints=joints | held,
         components={name: machine.components[name] for name in bodies},
-        points={},
-        sensors={},
-        loads={},
-        displacements={},
-        gravity_stiffening=False,
     )
-    coupled = couple(bodies, bare, pose, gravity=np.array(machine.gravity))
-    balance = solve_balanced(coupled.system, coupled.loads[GRAVITY][:, None])
-    if not balance.balanced[0]:
-        return []
-    moved = balance.displacements[:, 0]
+    rigid = place_rigid(bare, bodies, pose)
+    stretched = rigid.stretch_by_weight(np.array(machine.gravity))
     sunk = {
         spring.name: (deflection, float(spring.stiffness[:3, :3].max()))
-        for spring in coupled.joint_springs
-        for stretch in [(spring.rows @ moved)[:3] * (spring.stiffness[:3, :3].diagonal() > 0.0)]
+        for spring in rigid.springs
+        for stretch in [
+            stretched.get(spring.name, np.zeros(3)) * (spring.stiffness[:3, :3].diagonal() > 0.0)
+        ]
         if (deflection := float(np.linalg.norm(stretch))) > MOST_DEFLECTION
         and not machine.joints[spring.name].soft
     }
@@ -388,26 +370,25 @@ def free_motion_warnings(scene: Scene) -> tuple[str, ...]:
     that would take a mesh: imported parts, supports on faces or points, mechanisms.
     """
     try:
-        coupled = _couple_rigid(scene)
+        rigid = _place_rigid(scene)
+        if rigid is None or not rigid.held:
+            return ()
+        # where everything is held, which is usual, nothing that couples is loaded
+        coupling = importlib.import_module(COUPLING_MODULE)
+        points = scene.analyses[StaticRequest].at if StaticRequest in scene.analyses else ()
+        warnings: tuple[str, ...] = coupling.describe_free_motions(
+            rigid.layout.superelements,
+            scene.machine,
+            next(iter(choose_poses(scene).values())),
+            points,
+        )
+        return warnings
     except HeadstockError:
         # a solid or a joint that cannot be built is the matter of its own stage
         return ()
-    if coupled is None:
-        return ()
-    motions = [
-        motion
-        for motion in find_free_motions(coupled)
-        if not all(scene.machine.components[name].free for name in motion.bodies)
-    ]
-    if not motions:
-        return ()
-    points = scene.analyses[StaticRequest].at if StaticRequest in scene.analyses else ()
-    refused = [name for name in points if _has_no_answer(coupled, name)]
-    refusal = f"the static analysis will be refused: every force at {', '.join(refused)} does work on that motion"
-    return (warn_of_free_motions(motions), *([refusal] if refused else []))
 
 
-def _couple_rigid(scene: Scene) -> CoupledMachine | None:
+def _place_rigid(scene: Scene) -> RigidMachine | None:
     """The machine in its first pose with every body rigid; None where that is not known without a
     mesh or nothing can be free.
     """
@@ -426,17 +407,5 @@ def _couple_rigid(scene: Scene) -> CoupledMachine | None:
     ):
         return None
     store = Store(default_store_root())
-    bodies = {
-        name: reduce_rigid(part, describe_solid(part, store))
-        for name, part in machine.components.items()
-    }
-    bare = dataclasses.replace(machine, loads={}, sensors={})
-    return couple(bodies, bare, next(iter(choose_poses(scene).values())))
-
-
-def _has_no_answer(coupled: CoupledMachine, point: str) -> bool:
-    try:
-        point_budget(coupled, point)
-    except ModelError:
-        return True
-    return False
+    parts = {name: describe_solid(part, store) for name, part in machine.components.items()}
+    return place_rigid(machine, parts, next(iter(choose_poses(scene).values())))

@@ -51,13 +51,13 @@ from headstock.reduction.motions.body_motions import (
     FreeMotion,
     find_free_motions,
     free_motion_error,
-    name_families,
     rigid_dofs,
     solve_machine_static,
     warn_of_free_motions,
 )
 from headstock.reduction.motions.compliance_budget import find_weakest_link, point_budget
 from headstock.reduction.motions.mode_naming import NamedModes, name_modes
+from headstock.reduction.motions.part_names import name_families
 from headstock.reduction.motions.tool_deviation import fixed_offsets
 from headstock.scene.scene import Scene
 from headstock.solvers.errors import ModelError

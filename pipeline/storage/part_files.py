@@ -2,16 +2,21 @@
 kernel or a mesh file has to be asked for them, and patches that its file does not have.
 """
 
+import importlib
 from collections.abc import Callable
 
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties
-from headstock.meshing.components.meshing import describe_component, find_file_faults
+from headstock.geometry.parts.solids import MeshFile
+from headstock.meshing.components.mesh_request import require_sound
 from headstock.meshing.errors import MeshError, PartFileError, PatchError
 from headstock.pipeline.storage.content_keys import properties_key
 from headstock.pipeline.storage.store import Store, read_entry, write_entry
 from headstock.scene.reading.findings import KeyPath, Problem
 from headstock.scene.scene import Scene
+
+# loaded where a part has no closed form
+MESH_MODULE = "headstock.meshing.components.meshing"
 
 
 def describe_solid(
@@ -27,14 +32,16 @@ def describe_solid(
     Raises:
         MeshError: The solid cannot be built or a patch does not exist.
     """
-    if closed_form_properties(component) is not None:
-        return describe_component(component)
+    closed = closed_form_properties(component)
+    if closed is not None:
+        require_sound(component)
+        return closed
     key = properties_key(component)
     read = read_entry(store, key, SolidProperties)
     warn(read.warning)
     properties = read.value
     if properties is None:
-        properties = describe_component(component)
+        properties = importlib.import_module(MESH_MODULE).describe_component(component)
         warn(write_entry(store, key, properties))
     for remark in properties.remarks:
         warn(f"component {component.name!r}: {remark}")
@@ -48,8 +55,11 @@ def find_missing_patches(scene: Scene) -> tuple[list[Problem], list[str]]:
     problems, remarks = [], []
     supports, loads = tuple(scene.machine.supports.values()), tuple(scene.machine.loads.values())
     for name, component in scene.machine.components.items():
+        if not isinstance(component.solid, MeshFile):
+            continue
         try:
-            faults, notes = find_file_faults(component, supports, loads)
+            meshing = importlib.import_module(MESH_MODULE)
+            faults, notes = meshing.find_file_faults(component, supports, loads)
         except PartFileError as error:
             key = ("components", name, "solid", "mesh")
             problems.append(scene.findings.describe(key, str(error)))

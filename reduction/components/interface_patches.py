@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse
 
 from headstock.geometry.frames import FloatArray, rigid_map
 from headstock.meshing.component_mesh import ComponentMesh, IntArray
+from headstock.meshing.scipy_library import scipy
 
 DEPENDENCE_TOLERANCE = 1e-10
 
@@ -27,7 +27,7 @@ class MeshPatch:
     name: str
     nodes: IntArray
     points: FloatArray
-    weights: scipy.sparse.csr_matrix
+    weights: "scipy.sparse.csr_matrix"
     normals: FloatArray
     area: float
     centroid: FloatArray

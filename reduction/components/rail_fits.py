@@ -7,14 +7,14 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy  # whose interpolation, a third of a second, is loaded where it is used
 
 from headstock.geometry.frames import FloatArray, skew
 from headstock.geometry.machine.carriages import DEGREE
 from headstock.geometry.parts.components import Interface
-from headstock.reduction.components.interface_patches import MeshPatch
+from headstock.meshing.scipy_library import scipy
 from headstock.reduction.rails import (
     CONTROL_POINT_DOFS,
     Rail,
@@ -22,6 +22,9 @@ from headstock.reduction.rails import (
     place_knots,
 )
 from headstock.solvers.errors import ModelError
+
+if TYPE_CHECKING:
+    from headstock.reduction.components.interface_patches import MeshPatch
 
 # of the fit, dofs scaled alike: 20 to 60 on any mesh that distinguishes the control points, 1e6
 # where it just fails to
@@ -57,12 +60,17 @@ class RailFit:
     center: FloatArray
     knots: FloatArray
     points: FloatArray
-    patch: MeshPatch
+    patch: "MeshPatch"
     operator: FloatArray
 
 
 def fit_rail(
-    component: str, interface: Interface, patch: MeshPatch, *, order: int = 2, own_mesh: bool = True
+    component: str,
+    interface: Interface,
+    patch: "MeshPatch",
+    *,
+    order: int = 2,
+    own_mesh: bool = True,
 ) -> RailFit:
     """Return the least-squares fit of the motion of a strip by a spline of frames,
     ``integral |u - A d|^2 dA -> min``.
@@ -128,7 +136,7 @@ def free_rails(fits: Sequence[RailFit], first: int, size: int) -> dict[str, Rail
     return rails
 
 
-def _section_fields(patch: MeshPatch, axis: int, center: FloatArray) -> FloatArray:
+def _section_fields(patch: "MeshPatch", axis: int, center: FloatArray) -> FloatArray:
     """Return the displacement of the nodes ``(n, 3, f)`` under the motions of a section: x y z,
     about the rail, and about the axes across it.
     """

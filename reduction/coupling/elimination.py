@@ -12,11 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import qr
-from scipy.sparse import bmat, csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.meshing.scipy_library import scipy
 
 IntArray = NDArray[np.int64]
 
@@ -164,9 +162,14 @@ class _Split:
 
 def _tie_dofs(pattern: BoolArray, ends: IntArray) -> list[_Set]:
     """Return sets by where rows ``(m, n_all)`` have entries, and where their blocks end."""
-    sparse, (count, size) = csr_matrix(pattern), pattern.shape
-    graph = bmat([[csr_matrix((count, count)), sparse], [sparse.T, csr_matrix((size, size))]])
-    names = connected_components(graph, directed=False)[1]
+    sparse, (count, size) = scipy.sparse.csr_matrix(pattern), pattern.shape
+    graph = scipy.sparse.bmat(
+        [
+            [scipy.sparse.csr_matrix((count, count)), sparse],
+            [sparse.T, scipy.sparse.csr_matrix((size, size))],
+        ]
+    )
+    names = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     row_names, dof_names = np.split(names[:count], ends), names[count:]
     touched = np.flatnonzero(pattern.any(axis=0))
     return [
@@ -210,7 +213,9 @@ def _split_space(rows: FloatArray, null: FloatArray) -> _SplitSpan:
     """Split the span of ``null``."""
     if len(rows) == 0 or null.shape[1] == 0:
         return _SplitSpan(null[:, :0], null, np.arange(len(rows)))
-    orthogonal, triangular, pivots = qr((rows @ null).T, pivoting=True, check_finite=False)
+    orthogonal, triangular, pivots = scipy.linalg.qr(
+        (rows @ null).T, pivoting=True, check_finite=False
+    )
     sizes = np.abs(triangular.diagonal())
     rank = int(np.count_nonzero(sizes > RANK_TOLERANCE))
     turned = null @ orthogonal

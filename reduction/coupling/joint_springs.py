@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, frame_axes, rotate_dofs
 from headstock.geometry.machine.joints import GROUND, Joint, JointEnd, ScrewShaft, connected_groups
 from headstock.geometry.machine.machine import Machine
+from headstock.meshing.scipy_library import scipy
 from headstock.reduction.coupling.coupled_shapes import PlacedLayer, place_layer
 from headstock.reduction.coupling.dof_layout import (
     DOFS_OF_A_BODY,

@@ -2,14 +2,15 @@
 motions that nothing resists.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import qr
 
 from headstock.geometry.frames import FloatArray, rigid_transfer
+from headstock.meshing.scipy_library import scipy
 from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.motions.part_names import join_names
 from headstock.reduction.superelement_checks import characteristic_length, dof_scale
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.static_response import BalancedResult, solve_balanced
@@ -24,7 +25,6 @@ MOTION_NAMES = (
     "C rotation",
 )
 MOVING_SHARE = 1e-6
-FAMILIES_SHOWN = 4
 RANK_TOLERANCE = 1e-9
 
 
@@ -99,43 +99,6 @@ def split_motions(coupled: CoupledMachine, stacked: FloatArray) -> tuple[BodyMot
     return tuple(_body_motion(coupled, name, stacked) for name in coupled.offsets)
 
 
-def join_names(names: Sequence[str]) -> str:
-    """Return ``a + pad_1..4``: numbered names of one family together, cut with an ellipsis where
-    there are many.
-    """
-    families: dict[str, list[int]] = {}
-    for name in names:
-        stem, number = split_number(name)
-        families.setdefault(stem, []).extend([] if number is None else [number])
-    parts = [_join_family(stem, sorted(numbers)) for stem, numbers in families.items()]
-    shown = " + ".join(parts[:FAMILIES_SHOWN])
-    return f"{shown} ..." if len(parts) > FAMILIES_SHOWN else shown
-
-
-def name_families(names: Iterable[str]) -> dict[str, list[str]]:
-    """Return names that differ by a number only, by a common name: ``pad_1..4``."""
-    families: dict[str, list[str]] = {}
-    for name in sorted(names):
-        families.setdefault(split_number(name)[0], []).append(name)
-    return {join_names(members): members for members in families.values()}
-
-
-def split_number(name: str) -> tuple[str, int | None]:
-    """Split ``pad_3`` into ``("pad", 3)``; a name without a number into ``(name, None)``."""
-    stem, _, tail = name.rpartition("_")
-    if stem and tail.isdecimal() and str(int(tail)) == tail:
-        return stem, int(tail)
-    return name, None
-
-
-def _join_family(stem: str, numbers: Sequence[int]) -> str:
-    if not numbers:
-        return stem
-    if len(numbers) > 1 and numbers[-1] - numbers[0] == len(numbers) - 1:
-        return f"{stem}_{numbers[0]}..{numbers[-1]}"
-    return f"{stem}_{','.join(str(number) for number in numbers)}"
-
-
 @dataclass(frozen=True, eq=False)
 class FreeMotion:
     """One independent motion that meets no stiffness.
@@ -163,7 +126,7 @@ def find_free_motions(coupled: CoupledMachine) -> tuple[FreeMotion, ...]:
         return ()
     shapes = coupled.basis @ null.vectors
     rigid = np.column_stack([_stack_rigid(coupled, shape) for shape in shapes.T])
-    _, triangular, pivots = qr(rigid.T, mode="economic", pivoting=True)
+    _, triangular, pivots = scipy.linalg.qr(rigid.T, mode="economic", pivoting=True)
     rank = int(
         np.count_nonzero(
             np.abs(triangular.diagonal())

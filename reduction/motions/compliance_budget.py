@@ -7,11 +7,8 @@ import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray
 from headstock.reduction.coupling.coupling import CoupledMachine
-from headstock.reduction.motions.body_motions import (
-    free_motion_error,
-    name_families,
-    rigid_dofs,
-)
+from headstock.reduction.motions.body_motions import free_motion_error, rigid_dofs
+from headstock.reduction.motions.part_names import name_families
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.static_response import solve_balanced
 from headstock.solvers.linear.symmetric_matrices import absolute_product

@@ -14,12 +14,11 @@ from headstock.reduction.motions.body_motions import (
     MOTION_NAMES,
     BodyMotion,
     center_of_mass,
-    join_names,
     rigid_dofs,
     split_motions,
-    split_number,
 )
 from headstock.reduction.motions.compliance_budget import energy_shares
+from headstock.reduction.motions.part_names import join_names, split_number
 from headstock.solvers.linear.modal_analysis import ModalResult
 
 # difference of two moments of inertia over them up to which a body is round about the third axis

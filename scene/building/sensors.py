@@ -1,6 +1,7 @@
 """Sensors and point masses of a machine: built from their tables, and what may be wrong with them."""
 
 import dataclasses
+import importlib
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -23,8 +24,10 @@ from headstock.scene.schema.components import ComponentTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.sensors import MassTable, SensorTable
 from headstock.scene.test_data.errors import MeasurementError
-from headstock.scene.test_data.point_tables import TableRow, read_places
+from headstock.scene.test_data.records import TableRow
 
+# loaded for scenes with such a table
+TABLES = "headstock.scene.test_data.point_tables"
 SUFFIXES = (".csv", *UFF_SUFFIXES)
 OUTSIDE = 1e-9  # [m]: rounding of a place on a face
 type Vector = tuple[float, float, float]
@@ -56,7 +59,9 @@ def _build_places(name: str, table: MassTable, scene: SceneTable, folder: Path) 
         row = TableRow(0, name, table.component or "", (x, y, z), "", table.mass)
         yield _build_place(name, table, row, scene)
         return
-    for row in read_places(resolve_file(folder, table.file, SUFFIXES, TEST_DATA), table.unit or ""):
+    file = resolve_file(folder, table.file, SUFFIXES, TEST_DATA)
+    rows: tuple[TableRow, ...] = importlib.import_module(TABLES).read_places(file, table.unit or "")
+    for row in rows:
         try:
             yield _build_place(f"{name}.{row.name}", table, row, scene)
         except ValueError as error:

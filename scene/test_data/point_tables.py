@@ -3,7 +3,6 @@
 import csv
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from headstock.meshing.process.worker import Arrays
 from headstock.scene.reading.csv_files import CsvError
 from headstock.scene.reading.units import LENGTH, MASS, UnitError, quote_value, read_unit
 from headstock.scene.test_data.reading import read_test_data
-from headstock.scene.test_data.records import Vector
+from headstock.scene.test_data.records import TableRow, Vector
 
 POSITION = ("x", "y", "z")
 NAMES = {"part": "component", "point": "name", "sensor": "name", "direction": "directions"}
@@ -25,29 +24,6 @@ MOST_ROWS = 10_000
 SAME_DIRECTION = 0.9999  # cosine
 _HEADING = re.compile(r"([A-Za-z_]+)\s*(?:\[([^\[\]]*)\])?")
 _LABEL = re.compile(r"[A-Za-z0-9_-]{1,64}")
-
-
-@dataclass(frozen=True)
-class TableRow:
-    """A row of a table of places.
-
-    Attributes:
-        line: Of the file.
-        name: Label, or the number of the row where the table names none.
-        component: Name; empty where the table has no such column.
-        position: [m].
-        directions: As written; empty where the table has no such column.
-        mass: [kg]; None where the table has no such column.
-        measured: Unit vectors of what was measured or excited there; of files of test data.
-    """
-
-    line: int
-    name: str
-    component: str
-    position: Vector
-    directions: str
-    mass: float | None
-    measured: tuple[Vector, ...] = ()
 
 
 def read_places(path: Path, unit: str) -> tuple[TableRow, ...]:

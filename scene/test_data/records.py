@@ -115,3 +115,26 @@ class TestData:
     responses: MeasuredResponses | None = None
     modes: MeasuredModes | None = None
     remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class TableRow:
+    """A row of a table of places.
+
+    Attributes:
+        line: Of the file.
+        name: Label, or the number of the row where the table names none.
+        component: Name; empty where the table has no such column.
+        position: [m].
+        directions: As written; empty where the table has no such column.
+        mass: [kg]; None where the table has no such column.
+        measured: Unit vectors of what was measured or excited there; of files of test data.
+    """
+
+    line: int
+    name: str
+    component: str
+    position: Vector
+    directions: str
+    mass: float | None
+    measured: tuple[Vector, ...] = ()

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
 
 from headstock.geometry.errors import printable
 from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.meshing.scipy_library import scipy
 from headstock.scene.reading.csv_files import CsvError, Rows, parse_rows, read_lines
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.records import ComplexArray, TestChannel, TestData, as_vector

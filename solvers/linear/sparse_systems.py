@@ -5,10 +5,9 @@ mostly zero.
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import ArpackError, LinearOperator, SuperLU, eigsh, onenormest, splu
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.scipy_library import scipy
 from headstock.solvers.errors import ConvergenceError
 
 SMALLEST = 1200  # dofs from which a matrix is looked at
@@ -33,8 +32,8 @@ class _SparseFactor:
             law of inertia).
     """
 
-    factor: SuperLU
-    scaled: sp.csc_matrix
+    factor: "scipy.sparse.linalg.SuperLU"
+    scaled: "scipy.sparse.csc_matrix"
     scale: FloatArray
     negative: int
 
@@ -49,29 +48,31 @@ class _SparseFactor:
         """Return the reciprocal condition of the scaled matrix in the 1-norm, estimated (Higham and
         Tisseur 2000).
         """
-        inverse = LinearOperator(
+        inverse = scipy.sparse.linalg.LinearOperator(
             self.scaled.shape, matvec=self.factor.solve, rmatvec=self.factor.solve, dtype=float
         )
-        return 1.0 / float(abs(self.scaled).sum(axis=0).max() * onenormest(inverse))
+        return 1.0 / float(
+            abs(self.scaled).sum(axis=0).max() * scipy.sparse.linalg.onenormest(inverse)
+        )
 
 
-def find_sparse(matrix: FloatArray) -> sp.csc_matrix | None:
+def find_sparse(matrix: FloatArray) -> "scipy.sparse.csc_matrix | None":
     """Find entries that are not zero, or None where they are many or the matrix is small."""
     size = len(matrix)
     if size < SMALLEST or np.count_nonzero(matrix) > FILLED * size * size:
         return None
-    return sp.csc_matrix(matrix)
+    return scipy.sparse.csc_matrix(matrix)
 
 
-def factorise_sparse(matrix: sp.csc_matrix) -> _SparseFactor | None:
+def factorise_sparse(matrix: "scipy.sparse.csc_matrix") -> _SparseFactor | None:
     """Factorise a sparse matrix; None where a pivot is zero or lies off the diagonal."""
     diagonal = np.abs(matrix.diagonal())
     if not diagonal.all():
         return None
     scale = 1.0 / np.sqrt(diagonal)
-    scaled = sp.csc_matrix(matrix.multiply(scale[:, None]).multiply(scale))
+    scaled = scipy.sparse.csc_matrix(matrix.multiply(scale[:, None]).multiply(scale))
     try:
-        factor = splu(
+        factor = scipy.sparse.linalg.splu(
             scaled,
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
@@ -116,14 +117,14 @@ def lowest_sparse_modes(
         or inertia.reciprocal_condition() < LEAST_MASS
     ):
         return None
-    inverse = LinearOperator(sparse.shape, matvec=factor.solve, dtype=float)
+    inverse = scipy.sparse.linalg.LinearOperator(sparse.shape, matvec=factor.solve, dtype=float)
     start = np.random.default_rng(0).normal(size=size)
     count = wanted + SPARE
     try:
-        eigenvalues, shapes = eigsh(
+        eigenvalues, shapes = scipy.sparse.linalg.eigsh(
             sparse, count, heavy, sigma=0.0, OPinv=inverse, v0=start, ncv=3 * count, tol=0.0
         )
-    except ArpackError as error:
+    except scipy.sparse.linalg.ArpackError as error:
         raise ConvergenceError(
             f"Lanczos' method for the lowest {count} modes of {size} dofs stopped: {error}"
         ) from error
@@ -134,7 +135,7 @@ def lowest_sparse_modes(
     if not gaps.max() > GAP:
         return None
     shifted = factorise_sparse(
-        sp.csc_matrix(sparse - np.sqrt(eigenvalues[kept - 1] * eigenvalues[kept]) * heavy)
+        scipy.sparse.csc_matrix(sparse - np.sqrt(eigenvalues[kept - 1] * eigenvalues[kept]) * heavy)
     )
     if shifted is None or shifted.negative != kept:
         return None

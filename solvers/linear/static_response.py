@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_solve
-from scipy.linalg.lapack import dpocon, dpotrf
 
 from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.meshing.scipy_library import scipy
 from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear.sparse_systems import factorise_sparse, find_sparse
 from headstock.solvers.linear.symmetric_matrices import (
@@ -161,10 +160,12 @@ def _solve_symmetric(system: SecondOrderSystem, loads: FloatArray) -> FloatArray
         return thin.solve(loads)
     scale = 1.0 / np.sqrt(diagonal)
     scaled = stiffness * scale * scale[:, None]
-    factor, info = dpotrf(scaled, lower=1)
+    factor, info = scipy.linalg.lapack.dpotrf(scaled, lower=1)
     suspect = info != 0
     if not suspect:
-        reciprocal, _ = dpocon(factor, np.abs(scaled).sum(axis=0).max(), uplo="L")
+        reciprocal, _ = scipy.linalg.lapack.dpocon(
+            factor, np.abs(scaled).sum(axis=0).max(), uplo="L"
+        )
         suspect = reciprocal < _least_condition(len(scale))
     if suspect:
         _raise_if_mechanism(stiffness, system.labels)
@@ -172,10 +173,11 @@ def _solve_symmetric(system: SecondOrderSystem, loads: FloatArray) -> FloatArray
         raise ModelError(
             "the stiffness matrix is not positive definite; look for joint stiffnesses that differ by more than 14 decades"
         )
-    solution = scale[:, None] * cho_solve((factor, True), scale[:, None] * loads)
+    solution = scale[:, None] * scipy.linalg.cho_solve((factor, True), scale[:, None] * loads)
     correction = loads - stiffness @ solution
     return np.asarray(
-        solution + scale[:, None] * cho_solve((factor, True), scale[:, None] * correction)
+        solution
+        + scale[:, None] * scipy.linalg.cho_solve((factor, True), scale[:, None] * correction)
     )
 
 

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigvalsh, solve_triangular
-from scipy.linalg.lapack import dpstrf
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.scipy_library import scipy
 from headstock.solvers.errors import ModelError
 
 IntArray = NDArray[np.int64]
@@ -78,19 +77,21 @@ def find_null_space(matrix: FloatArray, *, what: str = "stiffness") -> NullSpace
         raise _indefinite(what, int(np.argmin(diagonal)))
     scale = np.where(live, 1.0 / np.sqrt(np.where(live, diagonal, 1.0)), 0.0)
     scaled = matrix * scale * scale[:, None]
-    factor, pivots, rank, _ = dpstrf(scaled, tol=PIVOT_FACTOR * size * EPS, lower=1)
+    factor, pivots, rank, _ = scipy.linalg.lapack.dpstrf(
+        scaled, tol=PIVOT_FACTOR * size * EPS, lower=1
+    )
     order = np.asarray(pivots, dtype=np.int64) - 1
     kept, rest = order[:rank], order[rank:]
     lower = np.tril(factor)[:, :rank]
     schur = scaled[np.ix_(rest, rest)] - lower[rank:] @ lower[rank:].T
-    if len(schur) and eigvalsh(schur, check_finite=False)[0] < -INDEFINITE_LIMIT:
+    if len(schur) and scipy.linalg.eigvalsh(schur, check_finite=False)[0] < -INDEFINITE_LIMIT:
         raise _indefinite(what, None)
     unscale = np.where(live, scale, 1.0)
     vectors = np.zeros((size, size - rank))
     if len(rest):
         vectors[rest] = np.eye(len(rest))
         if rank:
-            solved = solve_triangular(
+            solved = scipy.linalg.solve_triangular(
                 lower[:rank], lower[rank:].T, lower=True, trans="T", check_finite=False
             )
             vectors[kept] = -unscale[kept, None] * solved / unscale[rest]
@@ -148,6 +149,8 @@ def is_symmetric(matrix: FloatArray) -> bool:
     """Return whether ``|A - A^T|`` stays below 1e-12 of the largest entry; False too when a value
     is not finite.
     """
+    if len(matrix) <= PIECE and (matrix == matrix.T).all():
+        return bool(np.isfinite(matrix).all())
     # without copies of the matrix; what is not a number stays one in a sum
     largest = max(matrix.max(initial=0.0), -matrix.min(initial=0.0))
     if not np.isfinite(largest):

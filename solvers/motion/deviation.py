@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
-import scipy  # whose filters, a quarter of a second, are loaded where they are used
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.scipy_library import scipy
 from headstock.solvers.motion.set_points import (
     SetPoint,
 )

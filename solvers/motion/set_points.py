@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import scipy  # whose interpolation, a third of a second, is loaded where it is used
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.scipy_library import scipy
 from headstock.solvers.second_order import Channel
 
 RampKind = Literal["linear", "s_curve", "exponential"]

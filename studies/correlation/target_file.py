@@ -11,7 +11,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Sensor
 from headstock.pipeline.stages.machine import DAMPING
-from headstock.reduction.motions.body_motions import split_number
+from headstock.reduction.motions.part_names import split_number
 from headstock.scene.reading.files import TomlTable, TomlValue, write_toml, write_value
 from headstock.scene.reading.findings import show_key
 from headstock.scene.reading.keys import read_entries, read_number, write_number, written_unit

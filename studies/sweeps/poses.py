@@ -24,8 +24,8 @@ from headstock.pipeline.stages.run_state import MachineParts, PoseModel
 from headstock.reduction.coupling.coupling import couple
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.coupling.elimination import CouplingMemo
-from headstock.reduction.motions.body_motions import join_names, split_number
 from headstock.reduction.motions.compliance_budget import point_budget
+from headstock.reduction.motions.part_names import join_names, split_number
 from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.analyses.lobes import LobesRequest

@@ -9,7 +9,6 @@ import pytest
 from headstock.app.command_line import main
 
 MACHINES = Path(__file__).parents[2] / "machines"
-SLOW_PARTS = {f"scipy.{part}" for part in ("interpolate", "optimize", "spatial", "fft", "stats")}
 COARSE = ("components.column.mesh.size=50 mm", "components.column.reduction.modes_to=1 kHz")
 
 
@@ -38,8 +37,9 @@ def run_code(words: list[str]) -> str:
 def test_a_check_loads_no_more_than_it_needs(code: str) -> None:
     loaded = list_loaded(code)
     assert "headstock.scene.building.loader" in loaded
-    others = {"pint", "h5py", "matplotlib", "headstock.pipeline.planning.planner"}
-    assert loaded & (SLOW_PARTS | others) == set()
+    libraries = {"scipy", "pint", "h5py", "matplotlib"}
+    ours = {"pipeline.planning.planner", "meshing.components.finishing", "scene.test_data.reading"}
+    assert loaded & (libraries | {f"headstock.{module}" for module in ours}) == set()
 
 
 def test_a_command_line_loads_neither_rich_nor_other_actions() -> None:

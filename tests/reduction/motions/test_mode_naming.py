@@ -12,7 +12,6 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.motions.body_motions import join_names
 from headstock.reduction.motions.mode_naming import (
     NamedModes,
     _is_ball,
@@ -21,6 +20,7 @@ from headstock.reduction.motions.mode_naming import (
     _round_axis,
     name_modes,
 )
+from headstock.reduction.motions.part_names import join_names
 from headstock.reduction.superelement import Superelement
 from headstock.solvers.linear.modal_analysis import solve_modal
 from lumped_machines import joint_between, lumped_machine, rigid_body, two_node_body
