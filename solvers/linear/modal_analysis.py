@@ -9,6 +9,7 @@ every mode of a cluster in the border (Mills-Curran 1988), so that repeated eige
 system solvable.
 """
 
+import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +29,7 @@ from headstock.solvers.linear.symmetric_modes import (
 from headstock.solvers.second_order import SecondOrderSystem
 
 RESIDUAL_LIMIT = 1e-7
+PROBES, PROBE_SAFETY = 8, 10.0
 # entries of a shape that differ by less than this share of the largest are equal
 EQUAL_ENTRIES = 1e-6
 FEW = 0.5  # of all modes: from here on all of them cost no more
@@ -48,7 +50,8 @@ class ModalResult:
             not listed.
         residuals: ``(m,)`` ``K x - omega^2 M x`` against the shape, each dof weighed by ``k_ii +
             omega^2 m_ii``; of rigid-body modes by the highest ``omega`` found, because nothing but
-            roundoff is left of their own.
+            roundoff is left of their own. Of many modes no more than these where even that is
+            below the limit.
     """
 
     frequencies_hz: FloatArray
@@ -115,7 +118,9 @@ def _finish_modes(
     frequencies[: pairs.rigid_count] = 0.0
     kept = _count_lowest(frequencies, pairs.rigid_count, up_to_hz)
     shapes = _with_sign(pairs.shapes[:, :kept])
-    residuals = _residuals(system, pairs, shapes)
+    residuals = _bound_residuals(system, pairs, shapes)
+    if residuals is None or not (residuals <= largest_residual).all():
+        residuals = _residuals(system, pairs, shapes)
     _require_small(residuals, frequencies, largest_residual)
     return ModalResult(
         frequencies[:kept], shapes, pairs.rigid_count, pairs.infinite_count, residuals
@@ -160,6 +165,34 @@ def _with_sign(shapes: FloatArray) -> FloatArray:
     first = np.argmax(sizes >= (1.0 - EQUAL_ENTRIES) * sizes.max(axis=0), axis=0)
     largest = shapes[first, np.arange(shapes.shape[1])]
     return shapes * np.where(largest < 0.0, -1.0, 1.0)
+
+
+def _bound_residuals(
+    system: SecondOrderSystem, pairs: ModalPairs, shapes: FloatArray
+) -> FloatArray | None:
+    """Return what the residuals ``(m,)`` of many shapes do not exceed, at a tenth of their cost, from
+    random sums of their rows; None where all are found as quickly, or a dof has no stiffness.
+
+    The mean square of such sums is the square of the residual's length, a tenth of which eight of
+    them miss once in ten million times.
+
+    Source: Freivalds (1977), Probabilistic machines can use less running time; Rademacher signs.
+    """
+    count, stiffness = shapes.shape[1], system.stiffness.diagonal()
+    if count <= 4 * PROBES or pairs.rigid_count or not stiffness.min() > 0.0:
+        return None
+    eigenvalues = pairs.eigenvalues[:count]
+    signs = _draw_signs(len(stiffness)) / np.sqrt(stiffness)
+    sums = (signs @ system.stiffness) @ shapes - (signs @ system.mass) @ shapes * eigenvalues
+    squares = shapes**2
+    sizes = stiffness @ squares + eigenvalues * (system.mass.diagonal() @ squares)
+    return PROBE_SAFETY * np.sqrt(np.einsum("ij,ij->j", sums, sums) / (PROBES * sizes))
+
+
+@functools.cache
+def _draw_signs(size: int) -> FloatArray:
+    """Return the same random signs ``(PROBES, size)`` every time."""
+    return np.random.default_rng(size).choice([-1.0, 1.0], (PROBES, size))
 
 
 def _residuals(system: SecondOrderSystem, pairs: ModalPairs, shapes: FloatArray) -> FloatArray:

@@ -6,7 +6,8 @@ import scipy.linalg
 
 from common import approx
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.errors import ModelError
+from headstock.solvers.errors import AccuracyError, ModelError
+from headstock.solvers.linear import modal_analysis
 from headstock.solvers.linear.modal_analysis import solve_lowest_modes, solve_modal
 from headstock.solvers.linear.symmetric_matrices import find_null_space
 from headstock.solvers.second_order import SecondOrderSystem
@@ -79,6 +80,30 @@ def test_shapes_are_mass_normalised_and_diagonalise_both_matrices(
     )
     assert np.abs(scaled - np.diag(scaled.diagonal())).max() < 1e-8
     assert modal.residuals.max() < 1e-10
+
+
+@pytest.mark.parametrize("condition", [1.0, 1e6])
+def test_residuals_of_many_modes_are_bounded_closely_and_a_spoiled_shape_is_refused(
+    condition: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    system = random_system(60, condition=condition)
+    modal = solve_modal(system)
+    shapes, squares = modal.shapes, (2.0 * np.pi * modal.frequencies_hz) ** 2
+    weights = system.stiffness.diagonal()[:, None] + system.mass.diagonal()[:, None] * squares
+    left = (system.stiffness @ shapes - system.mass @ shapes * squares) / np.sqrt(weights)
+    exact = np.abs(left).max(axis=0) / np.sqrt((shapes**2 * weights).sum(axis=0))
+    assert (exact <= modal.residuals).all() and modal.residuals.max() < 1e2 * exact.max()
+
+    solve = modal_analysis.solve_symmetric_modes
+
+    def spoil(*matrices: FloatArray, **options: float) -> modal_analysis.ModalPairs:
+        pairs = solve(*matrices)
+        pairs.shapes[7, 30] += 1e-4 * np.abs(pairs.shapes[:, 30]).max()
+        return pairs
+
+    monkeypatch.setattr(modal_analysis, "solve_symmetric_modes", spoil)
+    with pytest.raises(AccuracyError, match="mode 31 "):
+        solve_modal(system)
 
 
 def test_repeated_frequencies_keep_their_multiplicity() -> None:
