@@ -14,7 +14,6 @@ from headstock.solvers.linear.symmetric_modes import solve_symmetric_modes
 from headstock.studies.identification.cases import CaseState, make_case, solve_case
 from headstock.studies.identification.identification import Identification
 from headstock.studies.identification.observations import list_observations
-from headstock.studies.identification.pairings import Pairing
 from headstock.studies.identification.sensors import DIRECTIONS, list_channels
 from headstock.studies.identification.targets import ComplianceTarget
 
@@ -63,7 +62,7 @@ def _list_candidates(found: Identification) -> Iterator[tuple[str, FloatArray]]:
     scale = found.problem.value_slopes(found.point.coordinates)
     for number, state in enumerate(found.point.states):
         case = state.model.case
-        paired = found.point.pairings[number].modes
+        paired = found.point.pairings[number]
         highest = max((mode + 1 for mode in paired), default=0)
         for mode in range(min(len(state.eigenvalues), highest + 3)):
             if mode not in paired:
@@ -108,7 +107,7 @@ def _list_compliances(
     asked = dataclasses.replace(case, modes=(), compliances=targets, responses=(), limit=None)
     model = state.model
     measured = make_case(asked, model.parametric, model.pose, model.parameters)
-    for item in list_observations(solve_case(measured, state.values), Pairing(())):
+    for item in list_observations(solve_case(measured, state.values), ()):
         yield item.name, item.find_slopes() * scale
 
 

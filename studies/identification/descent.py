@@ -133,7 +133,7 @@ def _linearise(problem: FitProblem, point: FitPoint) -> list[_LinearCase]:
                 shape_costs=shape_costs(state),
                 rows=tuple(rows),
                 shape_rows=tuple(shape_rows),
-                modes=pairing.modes,
+                modes=pairing,
                 fixed=pairing if state.model.case.like else None,
             )
         )
@@ -150,9 +150,9 @@ def _places(problem: FitProblem, point: FitPoint) -> FloatArray:
 
 def _pair(case: _LinearCase, move: FloatArray) -> Pairing:
     if case.fixed is not None or not len(case.wanted):
-        return case.fixed or Pairing(())
+        return case.fixed or ()
     logs = case.logs + case.slopes @ move
-    return Pairing(match_frequencies(logs, case.wanted, sigmas=case.sigmas, costs=case.shape_costs))
+    return match_frequencies(logs, case.wanted, sigmas=case.sigmas, costs=case.shape_costs)
 
 
 def _solve(
@@ -166,12 +166,12 @@ def _solve(
     residuals, jacobian = linear[0].copy(), linear[1].copy()
     shapes = 0.0
     for case, pairing in zip(cases, pairings, strict=True):
-        for target, (rows, mode) in enumerate(zip(case.shape_rows, pairing.modes, strict=True)):
+        for target, (rows, mode) in enumerate(zip(case.shape_rows, pairing, strict=True)):
             if rows.stop and mode != case.modes[target]:
                 # of another mode the shape is known here, and not how it changes
                 residuals[rows], jacobian[rows] = 0.0, 0.0
                 shapes += float(case.shape_costs[target, mode])
-        for target, (row, mode) in enumerate(zip(case.rows, pairing.modes, strict=True)):
+        for target, (row, mode) in enumerate(zip(case.rows, pairing, strict=True)):
             if row >= 0:
                 residuals[row] = (case.logs[mode] - case.wanted[target]) / case.sigmas[target]
                 jacobian[row] = case.slopes[mode] / case.sigmas[target]

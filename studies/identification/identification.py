@@ -537,7 +537,7 @@ def _mesh_errors(state: CaseState) -> list[float]:
 
 
 def _extra_modes(point: FitPoint, index: int) -> tuple[float, ...]:
-    state, paired = point.states[index], set(point.pairings[index].modes)
+    state, paired = point.states[index], set(point.pairings[index])
     case = state.model.case
     top = max(
         [target.frequency_hz for target in case.modes]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray, find_axis
 from headstock.reduction.coupling.slopes import ObservedDof
 from headstock.scene.reading.files import resolve_file
 from headstock.scene.test_data.reading import PARSERS, read_test_data
@@ -15,7 +15,7 @@ from headstock.scene.test_data.records import MeasuredResponses, TestChannel
 from headstock.solvers.modal_fitting.noise import LEAST_NOISE, noise_from_neighbours
 
 NOISE_LINES = 8  # fewer do not show how they scatter
-ALIGNED = 1.0 - 1e-4  # cosine between a measured direction and an axis
+SAME_LINE = 1e-4  # of the cosine between a measured direction and an axis
 
 
 @dataclass(frozen=True)
@@ -102,11 +102,10 @@ def _find_noise(file: str, responses: MeasuredResponses) -> FloatArray:
 
 def _find_sensor(channel: TestChannel, sensors: str) -> tuple[ObservedDof, float]:
     """Return the sensor and dof of a channel, and the sign of its direction."""
-    dof = int(np.argmax(np.abs(channel.direction)))
-    size = channel.direction[dof]
-    if abs(size) < ALIGNED:
+    axis = find_axis(channel.direction, SAME_LINE)
+    if axis is None:
         raise ValueError(
             f"point {channel.point} was measured along {channel.direction}, which is no axis of its sensor"
         )
     name = f"{sensors}.{channel.point}" if sensors else channel.point
-    return ObservedDof(name, dof), float(np.sign(size))
+    return ObservedDof(name, DIRECTIONS.index(axis[0])), axis[1]

@@ -90,7 +90,7 @@ def list_observations(state: CaseState, pairing: Pairing) -> Iterator[Observatio
         pairing: Which mode each of its targets goes with.
     """
     case = state.model.case
-    for target, mode in zip(case.modes, pairing.modes, strict=True):
+    for target, mode in zip(case.modes, pairing, strict=True):
         yield _observe_frequency(state, target, mode)
         if target.shape is not None:
             yield _observe_shape(state, target, target.shape, mode)

@@ -2,23 +2,16 @@
 machine to another.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.pairing.mode_pairing import assign_modes, match_frequencies
+from headstock.solvers.pairing.mode_pairing import assign_modes, correlate_modes, match_frequencies
 from headstock.studies.identification.cases import CaseState, shape_rows
 from headstock.studies.identification.targets import ShapeTarget
 
+# which mode of a case meets which target: index into modes above the floor, one per target
+type Pairing = tuple[int, ...]
 OTHER_NUMBER = 1e12  # cost of a mode of another number than the one that a target names
-
-
-@dataclass(frozen=True)
-class Pairing:
-    """Which mode of a case meets which target: index into modes above the floor, one per target."""
-
-    modes: tuple[int, ...]
 
 
 def pair_targets(state: CaseState) -> Pairing:
@@ -30,13 +23,11 @@ def pair_targets(state: CaseState) -> Pairing:
     """
     targets = state.model.case.modes
     if not targets:
-        return Pairing(())
+        return ()
     wanted = np.log([target.frequency_hz for target in targets])
     sigmas = np.array([target.sigma for target in targets])
-    return Pairing(
-        match_frequencies(
-            np.log(state.frequencies_hz), wanted, sigmas=sigmas, costs=shape_costs(state)
-        )
+    return match_frequencies(
+        np.log(state.frequencies_hz), wanted, sigmas=sigmas, costs=shape_costs(state)
     )
 
 
@@ -55,13 +46,8 @@ def shape_costs(state: CaseState) -> FloatArray:
 
 
 def compare_shape(state: CaseState, shape: ShapeTarget) -> FloatArray:
-    """Return the MAC ``(m,)`` of a target shape with every undamped mode.
-
-    Source: Allemang and Brown (1982).
-    """
-    observed, wanted = shape_rows(state, shape) @ state.motions, shape.direction
-    sizes = np.maximum(np.einsum("ij,ij->j", observed, observed), np.finfo(float).tiny)
-    return np.asarray(np.abs(wanted.conj() @ observed) ** 2 / sizes)
+    """Return the MAC ``(m,)`` of a target shape with every undamped mode."""
+    return correlate_modes(shape.direction[:, None], shape_rows(state, shape) @ state.motions)[0]
 
 
 def follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairing:
@@ -75,9 +61,9 @@ def follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairi
         pairing: Which of its modes each target goes with.
         state: The same machine after a step of the parameters, or with modifications.
     """
-    if not pairing.modes:
+    if not pairing:
         return pairing
-    weighed = before.slopes.times("mass", before.motions[:, list(pairing.modes)])
+    weighed = before.slopes.times("mass", before.motions[:, list(pairing)])
     offsets, others = before.coupled.offsets, state.coupled.offsets
     moved = np.zeros((len(before.motions), state.motions.shape[1]))
     for name, rows in offsets.items():
@@ -88,4 +74,4 @@ def follow_modes(before: CaseState, pairing: Pairing, state: CaseState) -> Pairi
     sizes = np.einsum("ij,ij->j", moved, before.slopes.times("mass", moved))
     macs = products / np.maximum(sizes, np.finfo(float).tiny)
     pairs = assign_modes(macs, np.zeros(1), mac_threshold=0.0)
-    return Pairing(tuple(pair.second for pair in pairs))
+    return tuple(pair.second for pair in pairs)

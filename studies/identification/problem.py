@@ -134,15 +134,14 @@ def _pair_anew(states: Sequence[CaseState]) -> tuple[Pairing, ...]:
     cases = [state.model.case for state in states]
     places = {case.name: number for number, case in enumerate(cases)}
     pairings = [
-        Pairing(()) if case.like else pair_targets(state)
-        for case, state in zip(cases, states, strict=True)
+        () if case.like else pair_targets(state) for case, state in zip(cases, states, strict=True)
     ]
     for number, case in enumerate(cases):
         if case.like is not None:
             base = places[case.like]
             labels = [target.label for target in cases[base].modes]
-            modes = [pairings[base].modes[labels.index(target.label)] for target in case.modes]
-            pairings[number] = follow_modes(states[base], Pairing(tuple(modes)), states[number])
+            modes = [pairings[base][labels.index(target.label)] for target in case.modes]
+            pairings[number] = follow_modes(states[base], tuple(modes), states[number])
     return tuple(pairings)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import linregress
 
 
 @dataclass(frozen=True)
@@ -47,18 +48,15 @@ def fit_line(record: Sequence[tuple[float, float]]) -> LineFit:
         raise ValueError(
             "its forces, or its displacements, are all equal: no line has a slope there"
         )
-    centered = forces - forces.mean()
-    square = float(centered @ centered)
-    compliance = float(centered @ motions) / square
-    left = motions - motions.mean() - compliance * centered
-    if compliance == 0.0:
+    line = linregress(forces, motions)
+    if line.slope == 0.0:
         raise ValueError("its displacements do not depend on the force")
-    scatter = float(left @ left) / (len(record) - 2)
+    left = motions - line.intercept - line.slope * forces
     following = np.roll(forces, -1), np.roll(motions, -1)
     area = 0.5 * abs(float(forces @ following[1] - motions @ following[0]))
     return LineFit(
-        compliance=compliance,
-        error=float(np.sqrt(scatter / square)) / abs(compliance),
-        residual=float(np.sqrt(left @ left / len(record))),
+        compliance=float(line.slope),
+        error=float(line.stderr / abs(line.slope)),
+        residual=float(np.sqrt(np.mean(left**2))),
         hysteresis=area / (reach * stroke),
     )

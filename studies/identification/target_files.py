@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +57,69 @@ RESPONSE_TOLERANCE = 0.1
 DAMPING = "damping"
 
 
+MOST_NAMED = 3  # unknown places
+
+
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """A case of a target file as it is read.
+
+    Attributes:
+        scene: Whose places its targets name.
+        findings: Where problems go.
+        unknown: Places that the scene has not, with the key that names each first.
+    """
+
+    name: str
+    table: CaseTable
+    scene: Scene
+    findings: Findings
+    unknown: dict[str, KeyPath] = field(default_factory=dict)
+
+    @property
+    def spread(self) -> float:
+        """Relative standard deviation of targets without their own."""
+        return _relative(self.table.tolerance, 1.0, DEFAULT_TOLERANCE)
+
+    def add(self, message: str, *key: str | int) -> None:
+        """Report a problem at a key below that of the case."""
+        self.findings.add(("cases", self.name, *key), message)
+
+    def check_place(self, place: str, directions: str, *key: str | int) -> None:
+        """Report directions that a sensor does not measure, and keep a place that there is not."""
+        machine = self.scene.machine
+        component, _, interface = place.partition(".")
+        sensor = machine.sensors.get(place)
+        if sensor is not None and sensor.directions:
+            for direction in set(directions) & set("xyz") - sensor.directions.keys():
+                self.add(describe_unmeasured(sensor, direction), *key)
+        elif place not in machine.points and not (
+            component in machine.components
+            and interface in machine.components[component].interfaces
+        ):
+            self.unknown.setdefault(place, key)
+
+    def report_unknown(self) -> None:
+        """Report all places that there are not, at the first."""
+        if not self.unknown:
+            return
+        machine, names = self.scene.machine, list(self.unknown)
+        observers = [
+            *machine.points,
+            *(name for name, sensor in machine.sensors.items() if sensor.directions),
+            *(
+                f"{name}.{other}"
+                for name, item in machine.components.items()
+                for other in item.interfaces
+            ),
+        ]
+        shown = ", ".join(repr(name[:80]) for name in names[:MOST_NAMED])
+        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
+        what = f"unknown point{'s' * (len(names) > 1)} {shown}{more}"
+        hint = suggest_names(names[0], observers, what="points, sensors and interfaces")
+        self.add(f"{what}; {hint}", *self.unknown[names[0]])
+
+
 def _read_case(
     name: str, table: CaseTable, scene: Scene, fit: FitTable, findings: Findings
 ) -> TargetCase:
@@ -65,47 +128,38 @@ def _read_case(
     Args:
         findings: Where problems go.
     """
-    key: KeyPath = ("cases", name)
-    pose = table.pose
-    if pose is not None and pose not in scene.poses:
-        findings.add(
-            (*key, "pose"),
-            f"unknown pose {pose[:80]!r}; {suggest_names(pose, scene.poses, what='poses')}",
-        )
-    spread = _relative(table.tolerance, 1.0) or DEFAULT_TOLERANCE
-    targets = [
-        *_read_modes(name, table, spread, scene, findings),
-        *_read_compliances(name, table, spread, scene, findings),
-        *_read_numbers(name, table, spread, pose, scene, findings),
-    ]
-    responses = tuple(_read_responses(name, table, scene, findings))
-    modes = [target for target in targets if isinstance(target, ModeTarget)]
-    compliances = [target for target in targets if isinstance(target, ComplianceTarget)]
+    source = _Source(name, table, scene, findings)
+    if (pose := table.pose) is not None and pose not in scene.poses:
+        hint = suggest_names(pose, scene.poses, what="poses")
+        source.add(f"unknown pose {pose[:80]!r}; {hint}", "pose")
+    numbers = [*_read_numbers(source)]
+    modes = [*_read_modes(source), *(one for one in numbers if isinstance(one, ModeTarget))]
     modes.sort(key=lambda mode: mode.frequency_hz)
+    compliances = [*_read_compliances(source)]
+    compliances += [one for one in numbers if isinstance(one, ComplianceTarget)]
+    responses = tuple(_read_responses(source))
+    source.report_unknown()
     floor = (table.modes_above if table.modes_above is not None else fit.modes_above) or 0.0
     for mode in modes:
         if mode.frequency_hz <= floor:
-            findings.add(
-                key,
-                f"{mode.frequency_hz:g} Hz lies below modes_above ({floor:g} Hz), so no mode can meet it; lower that",
+            source.add(
+                f"{mode.frequency_hz:g} Hz lies below modes_above ({floor:g} Hz), so no mode can meet it; lower that"
             )
-    shaped = tuple(_fill_shape(mode, scene) for mode in modes)
-    limit = None
-    if (at_most := table.at_most) is not None:
-        sigma = _relative(at_most.tolerance, 1.0) or LIMIT_TOLERANCE
-        limit = ModeLimit(at_most.modes, at_most.below, sigma)
     damped = bool(responses) or any(mode.damping is not None for mode in modes)
     if damped and DAMPING not in scene.effects:
-        findings.add(
-            key,
-            "damping and responses are fitted with the effect damping; name it in the scene's effects",
+        source.add(
+            "damping and responses are fitted with the effect damping; name it in the scene's effects"
         )
+    limit = None
+    if (at_most := table.at_most) is not None:
+        sigma = _relative(at_most.tolerance, 1.0, LIMIT_TOLERANCE)
+        limit = ModeLimit(at_most.modes, at_most.below, sigma)
     return TargetCase(
         name=name,
         variant=table.variant,
         pose=pose,
         floor_hz=floor,
-        modes=shaped,
+        modes=tuple(modes),
         compliances=tuple(compliances),
         responses=responses,
         limit=limit,
@@ -114,84 +168,78 @@ def _read_case(
     )
 
 
-def _read_modes(
-    case: str, table: CaseTable, spread: float, scene: Scene, findings: Findings
-) -> Iterator[ModeTarget]:
+def _read_modes(source: _Source) -> Iterator[ModeTarget]:
     """Yield the targets of frequencies, with and without shapes."""
+    case, table = source.name, source.table
     for frequency in table.frequencies or ():
-        yield ModeTarget(f"{case} {frequency:g} Hz", frequency, spread, None, table.hold_out)
+        yield ModeTarget(f"{case} {frequency:g} Hz", frequency, source.spread, None, table.hold_out)
     for index, entry in enumerate(table.modes or ()):
-        _check_shape(("cases", case, "modes", index), entry, scene, findings)
-        hz, hold_out = entry.frequency, entry.hold_out or table.hold_out
-        sigma = (_relative(entry.tolerance, hz) or spread) / entry.weight**0.5
+        _check_shape(source, entry, "modes", index)
+        hz, hold_out, root = entry.frequency, entry.hold_out or table.hold_out, entry.weight**0.5
+        sigma = _relative(entry.tolerance, hz, source.spread) / root
         name = f"{case} {hz:g} Hz" + (f" {entry.name}" if entry.name else "")
         damping = None
         if entry.damping is not None:
-            spread_of_damping = _relative(entry.damping_tolerance, 1.0) or DAMPING_TOLERANCE
-            damping = MeasuredDamping(entry.damping.value, spread_of_damping / entry.weight**0.5)
-        shape = _read_shape(entry)
+            spread = _relative(entry.damping_tolerance, 1.0, DAMPING_TOLERANCE)
+            damping = MeasuredDamping(entry.damping.value, spread / root)
+        shape = _read_shape(entry, source.scene)
         yield ModeTarget(name, hz, sigma, shape, hold_out, label=entry.name, damping=damping)
 
 
-def _read_compliances(
-    case: str, table: CaseTable, spread: float, scene: Scene, findings: Findings
-) -> Iterator[ComplianceTarget]:
+def _read_compliances(source: _Source) -> Iterator[ComplianceTarget]:
     """Yield the targets of compliances."""
-    for index, entry in enumerate(table.compliances or ()):
-        key: KeyPath = ("cases", case, "compliances", index)
-        _check_place((*key, "point"), entry.point, scene, findings, entry.motion)
-        force = (*key, "point" if entry.force_at is None else "force_at")
-        _check_place(force, entry.force_at or entry.point, scene, findings, entry.force)
-        record, value = None, entry.value
+    for index, entry in enumerate(source.table.compliances or ()):
+        key = ("compliances", index)
+        source.check_place(entry.point, entry.motion, *key, "point")
+        force_key = "point" if entry.force_at is None else "force_at"
+        source.check_place(entry.force_at or entry.point, entry.force, *key, force_key)
+        record, value, spread = None, entry.value, source.spread
         if entry.record is not None:
             try:
                 record = fit_line(entry.record)
             except ValueError as error:
-                findings.add((*key, "record"), str(error))
+                source.add(str(error), *key, "record")
                 continue
-            value = record.compliance
+            value, spread = record.compliance, max(record.error, LEAST_ERROR)
         if value is None:
             continue  # the schema reports it
-        own_spread = spread if record is None else max(record.error, LEAST_ERROR)
         yield ComplianceTarget(
-            name=f"{case} {entry.point} d{entry.motion}/F{entry.force}"
+            name=f"{source.name} {entry.point} d{entry.motion}/F{entry.force}"
             + (f" at {entry.force_at}" if entry.force_at else ""),
             motion=ObservedDof(entry.point, "xyz".index(entry.motion)),
             force=ObservedDof(entry.force_at or entry.point, "xyz".index(entry.force)),
             value=value,
-            sigma=(_relative(entry.tolerance, value) or own_spread) / entry.weight**0.5,
+            sigma=_relative(entry.tolerance, value, spread) / entry.weight**0.5,
             either_sign=entry.either_sign,
-            hold_out=entry.hold_out or table.hold_out,
+            hold_out=entry.hold_out or source.table.hold_out,
             record=record,
         )
 
 
-def _read_responses(
-    case: str, table: CaseTable, scene: Scene, findings: Findings
-) -> Iterator[ResponseTarget]:
+def _read_responses(source: _Source) -> Iterator[ResponseTarget]:
     """Yield the targets of frequency responses."""
-    for index, entry in enumerate(table.responses or ()):
-        key: KeyPath = ("cases", case, "responses", index)
+    for index, entry in enumerate(source.table.responses or ()):
+        key = ("responses", index)
         try:
-            pairs = _list_pairs(entry, Path(findings.path).parent)
+            pairs = _list_pairs(entry, Path(source.findings.path).parent)
         except (ValueError, MeasurementError) as error:
-            findings.add((*key, "file"), str(error))
+            source.add(str(error), *key, "file")
             continue
         for pair in pairs:
             ends = {"point": pair.motion, "force_at": pair.force}
             for name, (place, dof) in ends.items():
                 where = name if entry.file is None else "file"
-                known = (*key, "point" if name == "force_at" and not entry.force_at else where)
-                _check_place(known, place, scene, findings, "xyz"[dof])
+                where = "point" if name == "force_at" and not entry.force_at else where
+                source.check_place(place, "xyz"[dof], *key, where)
             motion, force = ("xyz"[end.dof] for end in ends.values())
             root = entry.weight**0.5
             deviations = np.array(pair.deviations) / root
-            sigma = (_relative(entry.tolerance, 1.0) or RESPONSE_TOLERANCE) / root
+            sigma = _relative(entry.tolerance, 1.0, RESPONSE_TOLERANCE) / root
             if len(deviations):
                 sigma = float(np.sqrt(np.mean(deviations**2)) / np.abs(pair.values).max())
             elsewhere = pair.force.observer != pair.motion.observer
             yield ResponseTarget(
-                name=f"{case} {pair.motion.observer} {motion}/F{force}"
+                name=f"{source.name} {pair.motion.observer} {motion}/F{force}"
                 + (f" at {pair.force.observer}" if elsewhere else ""),
                 motion=pair.motion,
                 force=pair.force,
@@ -199,7 +247,7 @@ def _read_responses(
                 values=pair.values,
                 sigma=sigma,
                 deviations=tuple(deviations.tolist()),
-                hold_out=entry.hold_out or table.hold_out,
+                hold_out=entry.hold_out or source.table.hold_out,
             )
 
 
@@ -227,43 +275,31 @@ def _list_pairs(entry: ResponseTargetTable, folder: Path) -> list[MeasuredPair]:
     ]
 
 
-def _read_numbers(
-    case: str,
-    table: CaseTable,
-    spread: float,
-    pose: str | None,
-    scene: Scene,
-    findings: Findings,
-) -> Iterator[ModeTarget | ComplianceTarget]:
+def _read_numbers(source: _Source) -> Iterator[ModeTarget | ComplianceTarget]:
     """Yield the targets of measured numbers: frequencies and compliances."""
+    table, spread = source.table, source.spread
+    pose = table.pose or next(iter(source.scene.poses))
     for text, measured in (table.numbers or {}).items():
-        path: KeyPath = ("cases", case, "numbers", text)
-        key = _read_number(text, measured, pose or next(iter(scene.poses)), path, findings)
+        key = _read_number(source, text, measured, pose)
         if key is None:
             continue
-        name, hold_out = f"{case} {text}", table.hold_out
+        name, hold_out = f"{source.name} {text}", table.hold_out
         if key.kind == "frequency":
             mode = int(key["mode"])
             yield ModeTarget(name, measured.value, spread, hold_out=hold_out, number=mode)
             continue
         point, direction = str(key["point"]), str(key["direction"])
-        _check_place(path, point, scene, findings, direction)
+        source.check_place(point, direction, "numbers", text)
         motion, force = (ObservedDof(point, "xyz".index(direction[end])) for end in (0, -1))
         yield ComplianceTarget(name, motion, force, measured.value, spread, hold_out=hold_out)
 
 
-def _read_number(
-    text: str, measured: Quantity, pose: str, path: KeyPath, findings: Findings
-) -> Key | None:
-    """Return the key of a measured number; None for one that cannot be fitted, which is reported.
-
-    Args:
-        findings: Where problems go.
-    """
+def _read_number(source: _Source, text: str, measured: Quantity, pose: str) -> Key | None:
+    """Return the key of a measured number; None for one that cannot be fitted, which is reported."""
     try:
         key = parse_key(text)
     except NumberNameError as error:
-        findings.add(path, str(error))
+        source.add(str(error), "numbers", text)
         return None
     needed = {"frequency": ("mode",), "compliance": ("point", "direction")}.get(key.kind)
     unit = FREQUENCY if key.kind == "frequency" else COMPLIANCE
@@ -283,117 +319,63 @@ def _read_number(
         problem = "is zero; leave an entry that should vanish out, or give what was measured"
     else:
         return key
-    findings.add(path, problem)
+    source.add(problem, "numbers", text)
     return None
 
 
-def _relative(spread: Quantity | None, size: float) -> float | None:
+def _relative(spread: Quantity | None, size: float, default: float) -> float:
     """A spread as a share of a value."""
     if spread is None:
-        return None
+        return default
     return spread.value if spread.dimension == RATIO else spread.value / abs(size)
 
 
-def _read_shape(table: ModeTargetTable) -> ShapeTarget | None:
-    """Return the shape as written; bodies a description is silent about are filled in by
-    ``_fill_shape``.
+def _read_shape(table: ModeTargetTable, scene: Scene) -> ShapeTarget | None:
+    """Return the shape of a mode; bodies that a description in words is silent about stand still, those
+    to be ignored are left out.
     """
+    entries: list[tuple[str, int, complex]] = []
     if table.vectors is not None:
-        motions = [
-            (observer, dof, value)
-            for observer, vector in table.vectors.items()
-            for dof, value in enumerate(vector)
-            if value is not None
-        ]
-        return ShapeTarget(
-            tuple(motions), table.shape_tolerance or VECTOR_TOLERANCE, described=False
-        )
+        for observer, vector in table.vectors.items():
+            entries += [(observer, dof, v) for dof, v in enumerate(vector) if v is not None]
+        tolerance = table.shape_tolerance or VECTOR_TOLERANCE
+        return ShapeTarget(tuple(entries), tolerance, described=False)
     if table.moves is None:
         return None
-    entries_moved: list[tuple[str, int, complex]] = []
+    named: dict[tuple[str, int], float] = {}
     for move in table.moves:
         letter = move.rotation or move.translation or ""
         dof = "xyz".index(letter[-1]) + (3 if move.rotation else 0)
-        entries_moved += [
-            (body, dof, -1.0 if letter.startswith("-") else 1.0) for body in move.bodies
-        ]
-    ignored = [(body, -1, 0.0) for body in table.ignore or ()]
-    return ShapeTarget(
-        (*entries_moved, *ignored),
-        table.shape_tolerance or DESCRIBED_TOLERANCE,
-        described=True,
-        insist=table.insist,
-    )
-
-
-def _fill_shape(mode: ModeTarget, scene: Scene) -> ModeTarget:
-    """Return a mode whose described shape has every body: one that is not named stands still, one to
-    be ignored is left out.
-    """
-    if mode.shape is None or not mode.shape.described:
-        return mode
-    named = {(body, dof): value for body, dof, value in mode.shape.entries if dof >= 0}
-    ignored = {body for body, dof, _ in mode.shape.entries if dof < 0}
-    kinds = (range(3), range(3, 6))
-    dofs = [dof for kind in kinds if any(d in kind for _, d in named) for dof in kind]
-    entries = tuple(
+        named |= {(body, dof): -1.0 if letter.startswith("-") else 1.0 for body in move.bodies}
+    kinds = {dof // 3 for _, dof in named}  # translations, rotations
+    bodies = [body for body in scene.machine.components if body not in (table.ignore or ())]
+    entries = [
         (body, dof, named.get((body, dof), 0.0))
-        for body in scene.machine.components
-        if body not in ignored
-        for dof in dofs
-    )
-    return dataclasses.replace(mode, shape=dataclasses.replace(mode.shape, entries=entries))
+        for body in bodies
+        for dof in range(6)
+        if dof // 3 in kinds
+    ]
+    tolerance = table.shape_tolerance or DESCRIBED_TOLERANCE
+    return ShapeTarget(tuple(entries), tolerance, described=True, insist=table.insist)
 
 
-def _check_shape(key: KeyPath, table: ModeTargetTable, scene: Scene, findings: Findings) -> None:
+def _check_shape(source: _Source, table: ModeTargetTable, *key: str | int) -> None:
     for observer, vector in (table.vectors or {}).items():
         given = [dof for dof, value in zip("xyz", vector, strict=True) if value is not None]
-        _check_place((*key, "vectors", observer), observer, scene, findings, "".join(given))
+        source.check_place(observer, "".join(given), *key, "vectors", observer)
     if table.vectors is not None and not any(any(vector) for vector in table.vectors.values()):
-        findings.add((*key, "vectors"), "every vector is zero; give the motions that were measured")
+        source.add("every vector is zero; give the motions that were measured", *key, "vectors")
     bodies = [
-        ((*key, "moves", i, "bodies", j), body)
+        (("moves", i, "bodies", j), body)
         for i, m in enumerate(table.moves or ())
         for j, body in enumerate(m.bodies)
     ]
-    bodies += [((*key, "ignore", i), body) for i, body in enumerate(table.ignore or ())]
-    components = scene.machine.components
+    bodies += [(("ignore", i), body) for i, body in enumerate(table.ignore or ())]
+    components = source.scene.machine.components
     for where, body in bodies:
         if body not in components:
-            findings.add(
-                where,
-                f"unknown component {body[:80]!r}; {suggest_names(body, components, what='components')}",
-            )
-
-
-def _check_place(
-    key: KeyPath, place: str, scene: Scene, findings: Findings, directions: str
-) -> None:
-    """Report a place that there is not, and a direction that a sensor there does not measure."""
-    machine = scene.machine
-    component, _, interface = place.partition(".")
-    if place in machine.points or (
-        component in machine.components and interface in machine.components[component].interfaces
-    ):
-        return
-    sensor = machine.sensors.get(place)
-    if sensor is not None and sensor.directions:
-        for direction in set(directions) & set("xyz") - sensor.directions.keys():
-            findings.add(key, describe_unmeasured(sensor, direction))
-        return
-    observers = [
-        *machine.points,
-        *(name for name, sensor in machine.sensors.items() if sensor.directions),
-        *(
-            f"{name}.{other}"
-            for name, item in machine.components.items()
-            for other in item.interfaces
-        ),
-    ]
-    findings.add(
-        key,
-        f"unknown point {place[:80]!r}; {suggest_names(place, observers, what='points, sensors and interfaces')}",
-    )
+            hint = suggest_names(body, components, what="components")
+            source.add(f"unknown component {body[:80]!r}; {hint}", *key, *where)
 
 
 @dataclass(frozen=True, eq=False)
@@ -447,17 +429,7 @@ def load_targets(
             None,
             f"{written.path} sets the machine up with [orientation]; take it out for the fit, it changes no frequency",
         )
-    machines = {"": written}
-    scenes: dict[MachineKey, Scene] = {}
-    for name, entry in table.cases.items():
-        if entry.scene is not None and entry.scene not in machines:
-            try:
-                file = resolve_file(path.parent, entry.scene, (".toml",))
-            except ValueError as error:
-                findings.add(("cases", name, "scene"), str(error))
-                continue
-            machines[entry.scene] = load_scene(file)
-        _load_variant(name, entry, machines, load_scene if entry.scene else load, scenes, findings)
+    scenes = _load_scenes(table, written, load, path.parent, findings)
     cases = [
         _read_case(name, entry, scenes[entry.machine], table.fit, findings)
         for name, entry in table.cases.items()
@@ -496,6 +468,34 @@ def _change_parameters(
     return kept | rival.parameters
 
 
+def _load_scenes(
+    table: TargetsTable,
+    written: Scene,
+    load: Callable[..., Scene],
+    folder: Path,
+    findings: Findings,
+) -> dict[MachineKey, Scene]:
+    """Return the scene of each machine and variant that the cases name.
+
+    Args:
+        written: The scene that is fitted.
+        load: Loads a variant of it.
+        folder: Of the target file, beside which other scenes are.
+    """
+    machines: dict[str, Scene] = {"": written}
+    scenes: dict[MachineKey, Scene] = {}
+    for name, entry in table.cases.items():
+        if entry.scene is not None and entry.scene not in machines:
+            try:
+                file = resolve_file(folder, entry.scene, (".toml",))
+            except ValueError as error:
+                findings.add(("cases", name, "scene"), str(error))
+                continue
+            machines[entry.scene] = load_scene(file)
+        _load_variant(name, entry, machines, load_scene if entry.scene else load, scenes, findings)
+    return scenes
+
+
 def _load_variant(
     name: str,
     entry: CaseTable,
@@ -524,19 +524,14 @@ def _load_variant(
 
 def _check_likes(cases: Sequence[TargetCase], findings: Findings) -> None:
     """Refuse modified cases whose modes are not those of an unmodified one."""
-    known = {case.name: case for case in cases}
+    known = {case.name: case for case in cases if case.like is None}
     for case in cases:
         if case.like is None:
             continue
         base, key = known.get(case.like), ("cases", case.name, "like")
-        if base is None or base is case or base.like is not None:
-            others = [
-                name for name, other in known.items() if other.like is None and other is not case
-            ]
-            text = (
-                f"is no other case without `like`; {suggest_names(case.like, others, what='cases')}"
-            )
-            findings.add(key, text)
+        if base is None:
+            hint = suggest_names(case.like, known, what="cases")
+            findings.add(key, f"is no other case without `like`; {hint}")
             continue
         labels = [target.label for target in base.modes if target.label]
         unknown = [target for target in case.modes if target.label not in labels]
