@@ -1,5 +1,6 @@
 """Right-handed Cartesian frames and the rigid-body maps between them."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -44,6 +45,18 @@ class Frame:
             )
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "rotation", rotation)
+
+
+def find_axis(direction: Iterable[float], tolerance: float = 1e-9) -> tuple[str, float] | None:
+    """Return letter and sign of a unit vector along an axis; None for others.
+
+    Args:
+        tolerance: Of the cosine between both.
+    """
+    vector = np.array([*direction], dtype=float)
+    axis = int(np.argmax(np.abs(vector)))
+    along = float(vector[axis])
+    return (DIRECTIONS[axis], float(np.sign(along))) if abs(along) > 1.0 - tolerance else None
 
 
 def compose_frames(parent: Frame, child: Frame) -> Frame:

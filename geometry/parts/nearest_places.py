@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.parts.skins import Skin
 
 
@@ -70,27 +70,31 @@ def encloses(skin: Skin, place: FloatArray) -> bool:
 
 def describe_distance(
     component: str,
+    position: FloatArray,
     nearest: FloatArray,
     distance: float,
-    others: Mapping[str, tuple[Skin, FloatArray]],
+    skins: Mapping[str, Skin],
+    frames: Mapping[str, Frame],
 ) -> str:
     """Say how far a place lies outside a component, the nearest place of its surface, and which other
     component is nearer, if one is.
 
     Args:
-        nearest: ``(3,)`` in the component frame [m].
+        position: ``(3,)`` in the component frame [m].
+        nearest: ``(3,)``, the same.
         distance: To it [m].
-        others: Component to its surface and the place ``(3,)`` in its own frame [m].
+        skins: Component to its surface in its frame.
+        frames: Of these components.
     """
     at = ", ".join(f'"{round(1e3 * float(value), 2) + 0.0:g} mm"' for value in nearest)
     text = f'lies {1e3 * distance:.3g} mm outside "{component}"; nearest place of its surface: at = [{at}]'
-    gap, name = min(
-        (
-            (0.0 if encloses(skin, place) else find_nearest_place(skin, place)[1], name)
-            for name, (skin, place) in others.items()
-        ),
-        default=(np.inf, ""),
-    )
+    place = frames[component].origin + frames[component].rotation @ position
+    gaps = []
+    for name in skins.keys() - {component}:
+        local = frames[name].rotation.T @ (place - frames[name].origin)
+        inside = encloses(skins[name], local)
+        gaps.append((0.0 if inside else find_nearest_place(skins[name], local)[1], name))
+    gap, name = min(gaps, default=(np.inf, ""))
     if gap < distance:
         text += f"; {name} is nearer ({1e3 * gap + 0.0:.3g} mm with all axes at zero)"
     return text

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray, Frame, compose_frames
+from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Sensor
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.nearest_places import (
@@ -102,14 +102,19 @@ def _observe(
 def _locate_place(state: RunState, error: SensorPlaceError) -> SceneError:
     """The error of a sensor with its place in the scene, and the component that is nearer."""
     scene, sensor, components = state.scene, error.sensor, state.scene.machine.components
-    place = compose_frames(components[sensor.component].placement, Frame(np.array(sensor.position)))
-    others = {}
+    skins = {}
     for name, component in components.items():
         skin = solid_skin(component.solid)
         if skin is None and name in state.reduced:
             skin = state.reduced[name].skin
-        if skin is not None and name != sensor.component:
-            frame = component.placement
-            others[name] = skin, frame.rotation.T @ (place.origin - frame.origin)
-    text = describe_distance(sensor.component, error.nearest, error.distance, others)
+        if skin is not None:
+            skins[name] = skin
+    text = describe_distance(
+        sensor.component,
+        np.array(sensor.position),
+        error.nearest,
+        error.distance,
+        skins,
+        {name: component.placement for name, component in components.items()},
+    )
     return SceneError([scene.findings.describe(sensor_key(sensor), f"{sensor.name} {text}")])

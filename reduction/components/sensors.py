@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Sensor
 from headstock.geometry.parts.nearest_places import describe_distance
 from headstock.reduction.superelement import SensorRows, StaticLoad, Superelement
@@ -30,9 +30,9 @@ class SensorPlaceError(ModelError):
     def __init__(self, sensor: Sensor, nearest: FloatArray, distance: float) -> None:
         """Say how far off it is."""
         self.sensor, self.nearest, self.distance = sensor, nearest, distance
-        super().__init__(
-            f"{sensor.name} {describe_distance(sensor.component, nearest, distance, {})}"
-        )
+        place, frames = np.array(sensor.position), {sensor.component: Frame()}
+        text = describe_distance(sensor.component, place, nearest, distance, {}, frames)
+        super().__init__(f"{sensor.name} {text}")
 
 
 def observe_recovered(element: Superelement, sensors: Iterable[Sensor]) -> dict[str, SensorRows]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from headstock.geometry.frames import DIRECTIONS, FloatArray, Frame
+from headstock.geometry.frames import DIRECTIONS, FloatArray, Frame, find_axis
 from headstock.geometry.machine.machine import Machine, Sensor
 from headstock.geometry.parts.nearest_places import describe_distance, find_nearest_place
 from headstock.geometry.parts.patches import PlanarSolid, planar_boxes
@@ -90,7 +90,7 @@ def _build_place(name: str, table: MassTable, row: TableRow, scene: SceneTable) 
             written = _read_directions(row.directions)
         return dataclasses.replace(
             sensor,
-            directions=_name_directions(written),
+            directions=name_directions(written),
             fixed_axes=table.axes == "machine",
             is_loaded=table.residual_modes,
         )
@@ -123,18 +123,16 @@ def _read_directions(text: str) -> list[str | Vector]:
         ) from error
 
 
-def _name_directions(written: Iterable[str | Vector]) -> dict[str, Vector]:
+def name_directions(written: Iterable[str | Vector]) -> dict[str, Vector]:
     """Return the vector of each dof: letters and vectors along axes are axes, others take the letters
     that are left in their order.
     """
     vectors = [types.read_direction(one) if isinstance(one, str) else one for one in written]
-    letters = [types.show_direction(vector).strip('"-') for vector in vectors]
-    left = iter([letter for letter in DIRECTIONS if letter not in letters])
-    named = {letter: types.read_direction(letter) for letter in letters if letter in DIRECTIONS} | {
-        next(left): vector
-        for letter, vector in zip(letters, vectors, strict=True)
-        if letter not in DIRECTIONS
-    }
+    axes = [find_axis(vector) for vector in vectors]
+    named = {axis[0]: types.read_direction(axis[0]) for axis in axes if axis is not None}
+    left = [letter for letter in DIRECTIONS if letter not in named]
+    oblique = [vector for vector, axis in zip(vectors, axes, strict=True) if axis is None]
+    named |= dict(zip(left, oblique, strict=False))
     return {dof: named[dof] for dof in DIRECTIONS if dof in named}
 
 
@@ -162,24 +160,16 @@ def _find_place_fault(sensor: Sensor, draft: Draft) -> str:
     solid, place = draft.solids.get(sensor.component), np.array(sensor.position)
     if not isinstance(solid, PlanarSolid | Tube) or _lies_inside(place, solid):
         return ""
-    skins = {name: solid_skin(other) for name, other in draft.solids.items()}
-    skin = skins.pop(sensor.component)
-    if skin is None:
+    parts = draft.table.components
+    drawn = {name: solid_skin(draft.solids[name]) for name in draft.solids.keys() & parts.keys()}
+    skins = {name: skin for name, skin in drawn.items() if skin is not None}
+    if sensor.component not in skins:
         return ""
-    nearest, distance = find_nearest_place(skin, place)
+    nearest, distance = find_nearest_place(skins[sensor.component], place)
     if distance <= sensor.reach:
         return ""
-    frames = {
-        name: build_frame(part.at, part.rotate) for name, part in draft.table.components.items()
-    }
-    own = frames[sensor.component]
-    place = own.origin + own.rotation @ place
-    others = {
-        name: (other, frames[name].rotation.T @ (place - frames[name].origin))
-        for name, other in skins.items()
-        if other is not None and name in frames
-    }
-    return describe_distance(sensor.component, nearest, distance, others)
+    frames = {name: build_frame(part.at, part.rotate) for name, part in parts.items()}
+    return describe_distance(sensor.component, place, nearest, distance, skins, frames)
 
 
 def _lies_inside(place: FloatArray, solid: PlanarSolid | Tube) -> bool:

@@ -34,7 +34,7 @@ from pydantic_core.core_schema import (
     no_info_before_validator_function,
 )
 
-from headstock.geometry.frames import DOF_NAMES
+from headstock.geometry.frames import DOF_NAMES, find_axis
 from headstock.geometry.machine.joints import GROUND, JointEnd
 from headstock.scene.reading import units
 from headstock.scene.reading.units import (
@@ -576,9 +576,8 @@ def read_direction(value: object) -> tuple[float, float, float]:
 def show_direction(vector: Iterable[float]) -> str:
     """A unit vector as a scene writes it: ``"x"``, ``"-z"`` or three numbers."""
     numbers = [float(number) for number in vector]
-    for letter, number in zip("xyz", numbers, strict=True):
-        if abs(number) > 1.0 - 1e-9:
-            return f'"{"-" if number < 0.0 else ""}{letter}"'
+    if (axis := find_axis(numbers)) is not None:
+        return f'"{"-" if axis[1] < 0.0 else ""}{axis[0]}"'
     return f"[{', '.join(f'{number:.4g}' for number in numbers)}]"
 
 
