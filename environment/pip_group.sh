@@ -8,7 +8,10 @@ install_pip_group() {
     environment=${root##*/}
     # inside a root its own groups are found again
     if [ -z "$root" ] && [ -e /etc/headstock-root ]; then read -r environment </etc/headstock-root; fi
-    key=$({ echo "$environment $python"; cat -- "$requirements"; } | sha256sum | cut -c1-12)
+    # programs of Debian that it takes besides
+    programs=$project/environment/$1.packages
+    [ -f "$programs" ] || programs=
+    key=$({ echo "$environment $python"; cat -- "$requirements" ${programs:+"$programs"}; } | sha256sum | cut -c1-12)
     group_folder=$cache/pip-$1-$key
     shift
     if [ -z "$dry_run" ] && [ ! -d "$group_folder" ]; then
@@ -42,10 +45,34 @@ fill_pip_group() {
         rm -rf -- "$growing"
         return 1
     fi
+    # without a root there may be no apt: tests that need the programs are skipped
+    [ -z "$programs" ] || [ -z "$root" ] || unpack_programs || { rm -rf -- "$growing"; return 1; }
     # the symbol tables of VTK's libraries are a quarter of their size
     # in a shell of its own, as above: entering the root changes the settings of certificates, which the next group needs as they are
     [ ! -d "$growing/vtkmodules" ] || (run_inside find "$growing/vtkmodules" -name '*.so*' -exec strip --strip-unneeded {} +) >>"$log" 2>&1 || :
     mv -- "$growing" "$group_folder"
+}
+
+# Programs of an earlier Debian and their libraries, unpacked into the group: apt checks their signatures with the root's keys.
+unpack_programs() {
+    # shellcheck disable=SC2016
+    (run_inside sh -euc '
+        list=$1 growing=$2 final=$3
+        apt=$growing/apt debian=$growing/debian
+        mkdir -p "$apt/lists/partial" "$apt/archives/partial" "$debian" "$growing/bin"
+        sed -n "s/^\\(deb [^ ]*\\) trixie main/\\1 bookworm main/p" /etc/apt/sources.list >"$apt/sources.list"
+        cd "$apt"
+        set -- -q -o "Dir::State=$apt" -o "Dir::Cache=$apt" -o Dir::State::status=/var/lib/dpkg/status \
+            -o "Dir::Etc::sourcelist=$apt/sources.list" -o Dir::Etc::sourceparts=- -o APT::Sandbox::User=
+        apt-get "$@" update
+        apt-get "$@" download $(grep -v "^#" "$list")
+        for package in *.deb; do dpkg-deb -x "$package" "$debian"; done
+        for program in "$debian"/usr/bin/*; do
+            name=${program##*/}
+            printf "#!/bin/sh\nLD_LIBRARY_PATH=%s exec %s \"\$@\"\n" "$final/debian/usr/lib/x86_64-linux-gnu" "$final/debian/usr/bin/$name" >"$growing/bin/$name"
+            chmod 755 "$growing/bin/$name"
+        done
+        rm -rf -- "$apt"' sh "$programs" "$growing" "$group_folder") >>"$log" 2>&1
 }
 
 # A group that was asked for: its log's end where it cannot be had.

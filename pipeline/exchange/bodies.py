@@ -10,7 +10,7 @@ import scipy.linalg
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, rigid_map
 from headstock.meshing.component_mesh import IntArray
-from headstock.pipeline.exchange.matrices import BodyMatrices, ExchangeError
+from headstock.pipeline.exchange.matrices import MOST_DOFS, BodyMatrices, ExchangeError
 from headstock.reduction.superelement import InterfaceMap, Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.errors import AccuracyError
@@ -34,14 +34,22 @@ def make_superelement(body: BodyMatrices, *, supported: bool = False) -> Superel
             would be right where units, order or axes explain it.
     """
     numbers = sorted({int(node) for node, dof in body.nodes if dof > 0})
+    if not numbers:
+        raise ExchangeError(
+            f"{body.name}: no row is the dof of a node, so nothing could be attached; add the list of dofs NAME.dof, or cards GRID"
+        )
     for number in numbers:
         if number not in body.points:
             raise ExchangeError(
                 f"{body.name}: node {number} has dofs but no place; name a file with its GRID card, or its line in a table of points"
             )
+    size = len(DOF_NAMES) * len(numbers)
+    if size + len(body.scalar_nodes) > MOST_DOFS:
+        raise ExchangeError(
+            f"{body.name}: {len(numbers)} nodes with six dofs each are more than {MOST_DOFS}; reduce the model further"
+        )
     if not supported:
         _require_rigid_motions(body)
-    size = len(DOF_NAMES) * len(numbers)
     places = _place_rows(body, numbers)
     full = {letter: _spread(matrix, places, size) for letter, matrix in body.matrices.items()}
     mass, center, inertia = _find_mass(body)
@@ -61,7 +69,7 @@ def make_superelement(body: BodyMatrices, *, supported: bool = False) -> Superel
         stiffness=full["K"],
         mass=full["M"],
         damping=full.get("C"),
-        constraints=_follow_body(body, places, size, size + scalars),
+        constraints=_bind_missing(body, places, size, size + scalars, supported=supported),
         modal_frequencies_hz=(frequencies := _find_modal_frequencies(body)),
         cutoff_hz=float(frequencies[-1]) if scalars else np.inf,
         full_dofs=len(body.nodes),
@@ -98,8 +106,11 @@ def _spread(matrix: FloatArray, places: IntArray, size: int) -> FloatArray:
     return result
 
 
-def _follow_body(body: BodyMatrices, places: IntArray, size: int, count: int) -> FloatArray:
-    """Return the constraints ``(m, count)`` by which dofs that nodes lack follow the body.
+def _bind_missing(
+    body: BodyMatrices, places: IntArray, size: int, count: int, *, supported: bool
+) -> FloatArray:
+    """Return the constraints ``(m, count)`` by which dofs that nodes lack follow the body; translations
+    that those of a supported body lack are held.
 
     Raises:
         ExchangeError: Its nodes are too few to say how it turns.
@@ -128,7 +139,8 @@ def _follow_body(body: BodyMatrices, places: IntArray, size: int, count: int) ->
     }
     for row, dof in enumerate(missing):
         number, own = numbers[dof // len(DOF_NAMES)], dof % len(DOF_NAMES)
-        rows[row, places] -= whole[number][own] @ fit
+        if not (supported and own < 3):
+            rows[row, places] -= whole[number][own] @ fit
         rows[row, dof] += 1.0
     return rows
 

@@ -11,6 +11,8 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.meshing.component_mesh import IntArray
+from headstock.meshing.errors import MeshError
+from headstock.meshing.files.abaqus_deck import DeckReader
 from headstock.meshing.files.nastran_cards import read_cards
 from headstock.meshing.process.strangers import PART, read_apart
 from headstock.meshing.process.worker import Arrays
@@ -44,6 +46,7 @@ FAMILIES: tuple[dict[str, str], ...] = (
     {"K": "_K.mtx", "M": "_M.mtx", "C": "_C.mtx"},
     TABLES,
 )
+DECK = ".inp"  # of Abaqus or CalculiX, for the points of matrices
 EVERY_DOF = "123456"
 OWN = (".h5", ".hdf5")
 
@@ -87,7 +90,7 @@ def read_body(file: SuperelementFile) -> Superelement:
 
 
 def read_points(path: Path) -> Points:
-    """Read the GRID, SPOINT and ASET1 cards of bulk data, with limits.
+    """Read the GRID, SPOINT and ASET1 cards of bulk data, or the nodes of a deck, with limits.
 
     Raises:
         HeadstockError: The file is damaged, or has points in coordinate systems of their own.
@@ -98,7 +101,9 @@ def read_points(path: Path) -> Points:
 
 
 def parse_points(path: Path) -> Arrays:
-    """Read the points of bulk data in this process."""
+    """Read the points of bulk data, or of a deck, in this process."""
+    if path.suffix == DECK:
+        return _parse_deck(path)
     places: dict[int, FloatArray] = {}
     dofs: list[tuple[int, int]] = []
     chosen: dict[int, str] = {}
@@ -124,6 +129,23 @@ def parse_points(path: Path) -> Arrays:
         "numbers": np.array(list(places), dtype=np.int64),
         "places": np.array(list(places.values()), dtype=float).reshape(-1, 3),
         "nodes": np.array(sorted(dofs), dtype=np.int64).reshape(-1, 2),  # as Nastran orders them
+    }
+
+
+def _parse_deck(path: Path) -> Arrays:
+    """Read the nodes of a deck of Abaqus or CalculiX."""
+    try:
+        nodes = DeckReader(path).read().root.nodes
+    except MeshError as error:
+        raise ExchangeError(str(error)) from error
+    if not nodes:
+        raise ExchangeError(
+            f"{path.name} has no *NODE outside of parts; write a deck without parts and instances"
+        )
+    return {
+        "numbers": np.array(list(nodes), dtype=np.int64),
+        "places": np.array(list(nodes.values()), dtype=float),
+        "nodes": np.zeros((0, 2), dtype=np.int64),
     }
 
 

@@ -181,7 +181,9 @@ def check_floating(draft: Draft) -> None:
     if scene.free or scene.is_lumped or not complete:
         return
     for group in _floating_groups(scene.components, _edges(scene).values()):
-        if any(scene.components[name].free for name in group):
+        if any(
+            scene.components[name].free or scene.components[name].solid.supported for name in group
+        ):
             continue
         verb = "floats" if len(group) == 1 else "float together"
         draft.add(

@@ -73,7 +73,7 @@ FILE_SUFFIXES: dict[str, tuple[str, ...]] = {
     "step": (".step", ".stp"),
     "mesh": MESH_SUFFIXES,
     "superelement": (".h5", ".hdf5", ".op4", *BULK_DATA, ".mtx", ".sti"),
-    "points": BULK_DATA,
+    "points": (*BULK_DATA, ".inp"),
 }
 ARRAY_SUFFIXES = (".h5", ".hdf5")
 # matrices from a file bring their own stiffness and mass
