@@ -31,8 +31,7 @@ from headstock.solvers.ranks import make_on_root
 from headstock.studies.correlation.correlation import Correlation
 from headstock.studies.correlation.job import CorrelationJob, load_correlation, run_correlation
 from headstock.studies.correlation.modal_fit import ModalFit, read_modes
-from headstock.studies.correlation.modal_summary import summarise_fit
-from headstock.studies.correlation.summary import summarise_correlation
+from headstock.studies.correlation.summary import summarise_correlation, summarise_fit
 
 PAGE_FILE, JSON_FILE = "correlate.html", "correlate.json"
 MODES_JSON, MODES_UFF, MODES_CSV = "modes.json", "modes.uff", "modes.csv"

@@ -25,7 +25,7 @@ from headstock.app.tables.comparison import (
     list_points,
     variant_error_words,
 )
-from headstock.app.tables.correlation import list_correlation_tables, list_mode_lines, shorten
+from headstock.app.tables.correlation import list_correlation_tables, shorten
 from headstock.app.tables.model_answers import (
     CANNOT,
     cannot_words,
@@ -221,11 +221,11 @@ def render_correlation(
 def _caption_modes(found: Correlation) -> list[Caption]:
     """Say of each row of the table what the viewer shows of it."""
     captions = []
-    for index, row in enumerate(list_mode_lines(found)):
+    for index, row in enumerate(found.modes):
         measured = "" if row.measured_hz is None else f"measured {row.measured_hz:.4g} Hz"
         computed = "" if row.computed_hz is None else f"computed {row.computed_hz:.4g} Hz"
         lead = " / ".join(filter(None, (measured, computed)))
-        captions.append(Caption(f"mode:{index}", lead, f"MAC {row.mode.mac:.2f}, {row.text}"))
+        captions.append(Caption(f"mode:{index}", lead, f"MAC {row.mac:.2f}, {row.text}"))
     return captions
 
 

@@ -6,8 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from headstock.app.tables.table import Column, Listing, find_known, show_percent
+from headstock.app.tables.table import (
+    Column,
+    Listing,
+    show_percent,
+)
 from headstock.app.texts.bounded_values import show_bound, show_damping
+from headstock.pipeline.storage.json_texts import find_known
 from headstock.studies.correlation.correlation import CorrelatedMode, Correlation
 from headstock.studies.correlation.responses import response_channel
 
@@ -16,97 +21,9 @@ MOST_ROWS = 12  # of tables that begin with the worst, on the screen and in the 
 LEAST_SHARE = 0.03  # of the largest motion under a force: smaller responses are listed last
 
 
-@dataclass(frozen=True, eq=False)
-class ModeLine:
-    """A measured mode, a computed one, or a pair, as a row: None where there is no number."""
-
-    of: Correlation
-    mode: CorrelatedMode
-
-    @property
-    def name(self) -> str | None:
-        """Name of the measured mode; None without one."""
-        place = self.mode.measured
-        return None if place is None else self.of.mode_names[place] or None
-
-    @property
-    def measured_hz(self) -> float | None:
-        """Measured frequency [Hz]."""
-        place = self.mode.measured
-        return None if place is None else float(self.of.measured.frequencies_hz[place])
-
-    @property
-    def measured_error_hz(self) -> float | None:
-        """± of the measured frequency [Hz]."""
-        place = self.mode.measured
-        return None if place is None else find_known(self.of.fit.frequency_errors[place])
-
-    @property
-    def collinearity(self) -> float | None:
-        """Modal phase collinearity of the measured shape."""
-        place = self.mode.measured
-        return None if place is None else find_known(self.of.fit.collinearity[place])
-
-    @property
-    def measured_damping(self) -> float | None:
-        """Measured damping ratio."""
-        place = self.mode.measured
-        return None if place is None else find_known(self.of.measured.damping[place])
-
-    @property
-    def number(self) -> int | None:
-        """Number of the computed mode, from 1."""
-        place = self.mode.computed
-        return None if place is None else self.of.number(place)
-
-    @property
-    def computed_hz(self) -> float | None:
-        """Computed frequency [Hz]."""
-        place = self.mode.computed
-        return None if place is None else float(self.of.computed.frequencies_hz[place])
-
-    @property
-    def error_hz(self) -> float | None:
-        """± of the computed frequency [Hz]; None where a source has no bound."""
-        place = self.mode.computed
-        return None if place is None else self.of.computed.error_hz[place]
-
-    @property
-    def error_text(self) -> str | None:
-        """The same as it is written behind the frequency, with what is known of it."""
-        place = self.mode.computed
-        if place is None:
-            return None
-        known = self.of.computed.list_errors()[place].known
-        return show_bound(self.computed_hz, self.error_hz, known).replace(" ", NO_BREAK)
-
-    @property
-    def measured_error_text(self) -> str | None:
-        """± of the measured frequency as it is written behind it."""
-        error = self.measured_error_hz
-        return None if error is None else show_bound(self.measured_hz, error).replace(" ", NO_BREAK)
-
-    @property
-    def computed_damping(self) -> float | None:
-        """Computed damping ratio."""
-        place = self.mode.computed
-        return None if place is None else self.of.computed.damping_ratio[place]
-
-    @property
-    def orthogonality(self) -> float | None:
-        """Cross-orthogonality of a pair."""
-        table, first, second = self.of.orthogonality, self.mode.measured, self.mode.computed
-        return None if table is None or first is None or second is None else table[first, second]
-
-    @property
-    def text(self) -> str:
-        """Name of the computed mode, and what is to be said of the pair."""
-        name = "" if self.mode.computed is None else self.of.computed.mode_names[self.mode.computed]
-        if self.mode.computed is None:
-            return "missing in the model"
-        if self.mode.measured is None:
-            return f"{name}: not measured"
-        return "; ".join([name, *self.mode.doubts])
+def _show_error(hz: float | None, error: float | None, known: float | None = None) -> str | None:
+    """± of a frequency as it is written behind it."""
+    return None if hz is None else show_bound(hz, error, known).replace(" ", NO_BREAK)
 
 
 def _show_hz(value: float) -> str:
@@ -121,22 +38,30 @@ def _show_signed(share: float) -> str:
     return f"{100.0 * share:+.2f} %"
 
 
-_MODE_COLUMNS: tuple[Column[ModeLine], ...] = (
-    Column(lambda row: row.name, "name", "name", "Name"),
+_MODE_COLUMNS: tuple[Column[CorrelatedMode], ...] = (
+    Column(lambda row: row.label, "name", "name", "Name"),
     Column(
         lambda row: row.measured_hz, "measured [Hz]", ">measured Hz", "Measured [Hz]", show=_show_hz
     ),
-    Column(lambda row: row.measured_error_text, screen="<±", report="±"),
+    Column(
+        lambda row: _show_error(
+            row.measured_hz if row.measured_error_hz is not None else None, row.measured_error_hz
+        ),
+        screen="<±",
+        report="±",
+    ),
     Column(lambda row: row.measured_error_hz, "measured ± [Hz]"),
     Column(lambda row: row.number, "computed mode", ">mode", "Mode"),
     Column(
         lambda row: row.computed_hz, "computed [Hz]", ">computed Hz", "Computed [Hz]", show=_show_hz
     ),
-    Column(lambda row: row.error_text, screen="<±", report="±"),
-    Column(lambda row: row.error_hz, "computed ± [Hz]"),
     Column(
-        lambda row: row.mode.deviation, "deviation", ">deviation", "Deviation", show=_show_signed
+        lambda row: _show_error(row.computed_hz, row.computed_error_hz, row.computed_known_hz),
+        screen="<±",
+        report="±",
     ),
+    Column(lambda row: row.computed_error_hz, "computed ± [Hz]"),
+    Column(lambda row: row.deviation, "deviation", ">deviation", "Deviation", show=_show_signed),
     Column(
         lambda row: row.measured_damping,
         "measured damping ratio",
@@ -151,10 +76,10 @@ _MODE_COLUMNS: tuple[Column[ModeLine], ...] = (
         "Damping, computed",
         show=show_damping,
     ),
-    Column(lambda row: row.collinearity, "MPC", "", "MPC", show=_show_mac),
-    Column(lambda row: row.mode.mac, "MAC", ">MAC", "MAC", show=_show_mac),
+    Column(lambda row: row.phase_collinearity, "MPC", "", "MPC", show=_show_mac),
+    Column(lambda row: row.mac, "MAC", ">MAC", "MAC", show=_show_mac),
     Column(
-        lambda row: row.orthogonality,
+        lambda row: row.cross_orthogonality,
         "cross-orthogonality",
         ">cross-orth.",
         "Cross-orthogonality",
@@ -188,11 +113,6 @@ _CHANNEL_COLUMNS: tuple[Column[ChannelLine], ...] = (
         digits=3,
     ),
 )
-
-
-def list_mode_lines(found: Correlation) -> list[ModeLine]:
-    """Return the pairs, then what is missing on either side."""
-    return [ModeLine(found, mode) for mode in found.modes]
 
 
 def list_channels(found: Correlation) -> list[ChannelLine]:
@@ -269,7 +189,7 @@ def list_correlation_tables(found: Correlation) -> Iterator[Listing[Any]]:
     yield Listing(
         f"Measured modes of {found.test} and modes of {found.scene} in pose {found.pose}",
         _MODE_COLUMNS,
-        list_mode_lines(found),
+        found.modes,
         "pairs",
     )
     if found.pairs:

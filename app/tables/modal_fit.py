@@ -1,73 +1,46 @@
 """Modes of a test in rows."""
 
-from typing import NamedTuple
-
-from headstock.app.tables.table import Column, Listing, find_known
+from headstock.app.tables.table import Column, Listing
 from headstock.app.texts.bounded_values import show_bound, show_damping_error
-from headstock.studies.correlation.modal_fit import ModalFit
+from headstock.studies.correlation.modal_fit import FittedMode, ModalFit
 
-
-class _ModeRow(NamedTuple):
-    """A mode of a fit."""
-
-    fit: ModalFit
-    place: int
-
-    @property
-    def hz(self) -> float:
-        """Undamped natural frequency [Hz]."""
-        return float(self.fit.modes.frequencies_hz[self.place])
-
-    @property
-    def error_hz(self) -> float | None:
-        """± of it [Hz]."""
-        return find_known(self.fit.frequency_errors[self.place])
-
-    @property
-    def damping(self) -> float | None:
-        """Damping ratio."""
-        return find_known(self.fit.modes.damping[self.place])
-
-    @property
-    def damping_error(self) -> float | None:
-        """± of it."""
-        return find_known(self.fit.damping_errors[self.place])
-
-    @property
-    def damping_texts(self) -> tuple[str, str]:
-        """Damping ratio and its ± as they are written."""
-        return show_damping_error(self.damping, self.damping_error, rigid=False)
+type _Row = tuple[int, FittedMode]  # with its number
 
 
 def _show_share(value: float) -> str:
     return f"{value:.3f}"
 
 
-_COLUMNS: tuple[Column[_ModeRow], ...] = (
-    Column(lambda row: row.place + 1, "mode", ">mode"),
-    Column(lambda row: row.hz, "undamped [Hz]", ">undamped Hz", error=lambda row: row.error_hz),
-    Column(lambda row: show_bound(row.hz, row.error_hz), screen="<± Hz"),
-    Column(lambda row: row.error_hz, "± [Hz]"),
-    Column(lambda row: row.damping_texts[0], screen=">damping"),
-    Column(lambda row: row.damping_texts[1], screen="<±"),
-    Column(lambda row: row.damping, "damping ratio"),
-    Column(lambda row: row.damping_error, "± of damping ratio"),
+def _show_damping(row: _Row) -> tuple[str, str]:
+    """Damping ratio and its ± as they are written."""
+    return show_damping_error(row[1].damping_ratio, row[1].damping_error, rigid=False)
+
+
+_COLUMNS: tuple[Column[_Row], ...] = (
+    Column(lambda row: row[0], "mode", ">mode"),
     Column(
-        lambda row: float(row.fit.collinearity[row.place]),
+        lambda row: row[1].frequency_hz,
+        "undamped [Hz]",
+        ">undamped Hz",
+        error=lambda row: row[1].frequency_error_hz,
+    ),
+    Column(lambda row: show_bound(row[1].frequency_hz, row[1].frequency_error_hz), screen="<± Hz"),
+    Column(lambda row: row[1].frequency_error_hz, "± [Hz]"),
+    Column(lambda row: _show_damping(row)[0], screen=">damping"),
+    Column(lambda row: _show_damping(row)[1], screen="<±"),
+    Column(lambda row: row[1].damping_ratio, "damping ratio"),
+    Column(lambda row: row[1].damping_error, "± of damping ratio"),
+    Column(
+        lambda row: row[1].phase_collinearity,
         "phase collinearity",
         ">phase collinearity",
         show=_show_share,
     ),
-    Column(
-        lambda row: find_known(row.fit.one_shape[row.place]),
-        "share of one shape",
-        ">one shape",
-        show=_show_share,
-    ),
+    Column(lambda row: row[1].one_shape, "share of one shape", ">one shape", show=_show_share),
 )
 
 
-def list_modes(fit: ModalFit) -> Listing[_ModeRow]:
+def list_modes(fit: ModalFit) -> Listing[_Row]:
     """Return the modes of a fit as a table."""
-    rows = [_ModeRow(fit, place) for place in range(len(fit.modes.frequencies_hz))]
+    rows = list(enumerate(fit.list_modes(), 1))
     return Listing("Modes of the test, ± at 95 %", _COLUMNS, rows, "modes")

@@ -4,11 +4,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from headstock.app.tables.table import Cell, Column, PlainTable, find_known, show_deviation
+from headstock.app.tables.table import (
+    Cell,
+    Column,
+    PlainTable,
+    show_deviation,
+)
 from headstock.app.texts.bounded_values import bound_size
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.pipeline.answers.static import UM_PER_KN, PointCompliance, StaticAnswer
 from headstock.pipeline.numbers.estimates import known_part, scale_shares, scale_total
+from headstock.pipeline.storage.json_texts import find_known
 from headstock.reduction.motions.part_names import name_families
 
 

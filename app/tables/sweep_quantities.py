@@ -3,11 +3,12 @@
 from collections import Counter
 from dataclasses import dataclass
 
-from headstock.app.tables.table import PlainTable, find_known
+from headstock.app.tables.table import PlainTable
 from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.lobes import MM
 from headstock.pipeline.answers.static import UM_PER_KN
+from headstock.pipeline.storage.json_texts import find_known
 from headstock.studies.sweeps.results import PointMap, SweepResults
 
 FIGURE_TITLES = {

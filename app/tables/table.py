@@ -13,6 +13,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.numbers.estimates import scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, make_key
+from headstock.pipeline.storage.json_texts import find_known
 
 type Cell = str | float | None
 
@@ -209,11 +210,6 @@ def find_unit[Row](column: Column[Row]) -> str:
 def drop_noise(value: float, scale: float) -> float:
     """A number, or zero where it is roundoff beside a scale."""
     return 0.0 if abs(value) < NOISE * scale else value
-
-
-def find_known(value: float | None) -> float | None:
-    """Return a number for a cell; None where it is not known or not finite."""
-    return float(value) if value is not None and math.isfinite(value) else None
 
 
 def show_percent(share: float) -> str:

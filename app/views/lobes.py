@@ -8,7 +8,6 @@ from headstock.app.tables.table import (
     Column,
     Listing,
     PlainTable,
-    find_known,
     show_percent,
     tabulate,
 )
@@ -18,6 +17,7 @@ from headstock.pipeline.answers.lobes import HZ, MM, DirectionLobes, Lobe, PoseL
 from headstock.pipeline.numbers.estimates import scale_total
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.results import Results
+from headstock.pipeline.storage.json_texts import find_known
 
 
 class _LobeRow(NamedTuple):

@@ -4,11 +4,16 @@ run shows: its components and stages.
 
 import importlib
 
-from headstock.app.tables.table import Column, PlainTable, find_known, tabulate
+from headstock.app.tables.table import (
+    Column,
+    PlainTable,
+    tabulate,
+)
 from headstock.app.views.view import View
 from headstock.pipeline.answers.answer import Entry
 from headstock.pipeline.results.results import ComponentFacts, Results
 from headstock.pipeline.results.summary import summarise_stage
+from headstock.pipeline.storage.json_texts import find_known
 
 NAMES = (
     "static",

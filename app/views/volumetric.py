@@ -18,7 +18,6 @@ from headstock.app.tables.table import (
     Listing,
     NumbersRow,
     PlainTable,
-    find_known,
     show_deviation,
     tabulate,
 )
@@ -38,6 +37,7 @@ from headstock.pipeline.answers.volumetric import (
 from headstock.pipeline.numbers.estimates import scale_parts, scale_total
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.results import Results
+from headstock.pipeline.storage.json_texts import find_known
 from headstock.solvers.linear.volumetric import Squareness, measure_range
 
 

@@ -12,6 +12,7 @@ from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer, Entry
 from headstock.pipeline.numbers.estimates import Estimate, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Number, Series, make_key
+from headstock.pipeline.storage.json_texts import find_known
 
 MM = 1e3
 RPM = 30.0 / np.pi
@@ -230,7 +231,7 @@ class PoseLobes(Answer):
                 {
                     "rpm": float(rpm[place]),
                     "limit_depth_mm": float(MM * own.depths[place]),
-                    "error_mm": _finite(MM * sizes[place]),
+                    "error_mm": find_known(MM * sizes[place]),
                     "limited": bool(own.limited[place]),
                 }
                 for place in own.best
@@ -238,11 +239,11 @@ class PoseLobes(Answer):
             "lobes": [self._summarise_lobe(own, lobe) for lobe in own.lobes],
             "series": {
                 "rpm": list(map(float, rpm)),
-                "limit_depth_mm": list(map(_finite, MM * own.depths)),
-                "error_mm": list(map(_finite, MM * sizes)),
+                "limit_depth_mm": list(map(find_known, MM * own.depths)),
+                "error_mm": list(map(find_known, MM * sizes)),
                 "limited": list(map(bool, own.limited)),
                 "zeroth_order_mm": list(map(float, MM * own.zeroth)),
-                "chatter_hz": list(map(_finite, HZ * own.chatter)),
+                "chatter_hz": list(map(find_known, HZ * own.chatter)),
                 "lobe": [None if value < 0 else int(value) for value in own.owner],
             },
         }
@@ -261,8 +262,3 @@ class PoseLobes(Answer):
             "mode_share": lobe.mode_share,
             "part": lobe.part,
         }
-
-
-def _finite(value: float) -> float | None:
-    """A number for JSON; None for NaN."""
-    return float(value) if np.isfinite(value) else None

@@ -15,11 +15,10 @@ from headstock.geometry.mechanisms.exechon import (
 )
 from headstock.pipeline.answers.answer import Answer, Entry
 from headstock.pipeline.numbers.numbers import Number, Series, make_key
-from headstock.pipeline.storage.json_texts import check_finite
+from headstock.pipeline.storage.json_texts import check_finite, nest_known
 
 # ending of the name of a quantity: its SI unit, and the factor to it
 UNITS = {"_hz": ("Hz", 1.0), "_n_per_um": ("N/m", 1e6), "_m": ("m", 1.0)}
-type Grid = list[Grid | float | None]  # an axis of the map at each depth
 
 
 class PoseGrid(Protocol):
@@ -111,7 +110,7 @@ class WorkspaceMap(Answer):
             "crossings": list(self.crossings),
             "tracking_breaks": self.tracking_breaks,
             "f1_and_mean_leg_correlation": self.trend,
-            "quantities": {name: nest_grid(values) for name, values in self.quantities.items()},
+            "quantities": {name: nest_known(values) for name, values in self.quantities.items()},
         }
 
 
@@ -126,13 +125,6 @@ def name_axes(grid: PoseGrid) -> dict[str, FloatArray]:
         f"{axis} [{grid.axis_units[axis]}]": values
         for axis, values in zip(grid.axes, grid.positions, strict=True)
     }
-
-
-def nest_grid(values: FloatArray) -> Grid:
-    """A grid as nested lists, None for NaN."""
-    return [
-        nest_grid(row) if row.ndim else (float(row) if np.isfinite(row) else None) for row in values
-    ]
 
 
 @dataclass(frozen=True)

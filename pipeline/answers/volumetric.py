@@ -10,10 +10,10 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer, Entry
-from headstock.pipeline.answers.map import name_axes, nest_grid
+from headstock.pipeline.answers.map import name_axes
 from headstock.pipeline.numbers.estimates import scale_parts, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
-from headstock.pipeline.storage.json_texts import check_finite
+from headstock.pipeline.storage.json_texts import check_finite, nest_known
 from headstock.solvers.linear.volumetric import AxisMotions, Squareness, measure_range
 
 SYMBOLS = ("EX", "EY", "EZ", "EA", "EB", "EC")
@@ -128,7 +128,7 @@ class VolumetricAnswer(Answer):
                 check_finite("positions of the volumetric map", values) for values in self.positions
             ],
             "fixed": self.fixed,
-            "quantities": {name: nest_grid(values) for name, values in self.quantities.items()},
+            "quantities": {name: nest_known(values) for name, values in self.quantities.items()},
             "ranges": {
                 source: _by_symbol(measure_range(values)) for source, values in every.items()
             },

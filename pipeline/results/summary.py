@@ -1,6 +1,5 @@
 """``summary.json``: what a run found as one typed mapping."""
 
-import math
 from typing import Any
 
 from headstock.pipeline.answers.answer import Answer, Entry
@@ -8,6 +7,7 @@ from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import StaticAnswer
 from headstock.pipeline.planning.plan import StageRecord
 from headstock.pipeline.results.results import ComponentFacts, Results
+from headstock.pipeline.storage.json_texts import find_known
 
 type RunSummary = dict[str, Any]  # ``summary_keys.py`` lists its keys
 
@@ -74,7 +74,7 @@ def _summarise_component(facts: ComponentFacts) -> Entry:
         "full_dofs": facts.full_dofs,
         "reduced_dofs": facts.reduced_dofs,
         "mass_kg": facts.mass_kg,
-        "cutoff_hz": _number_or_null(facts.cutoff_hz),
+        "cutoff_hz": find_known(facts.cutoff_hz),
         "residual": facts.residual,
     }
     if facts.quality is not None:
@@ -82,13 +82,8 @@ def _summarise_component(facts: ComponentFacts) -> Entry:
             "minimum_scaled_jacobian": facts.quality.minimum_scaled_jacobian,
             "repaired": facts.quality.repaired,
             "volume": facts.quality.volume,
-            "cad_volume": _number_or_null(facts.quality.cad_volume),
+            "cad_volume": find_known(facts.quality.cad_volume),
         }
     if facts.corrected:
         summary["mesh_corrected"] = True
     return summary
-
-
-def _number_or_null(value: float) -> float | None:
-    # infinite cut-offs and missing CAD volumes are legal and have no JSON number
-    return float(value) if math.isfinite(value) else None

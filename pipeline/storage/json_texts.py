@@ -1,6 +1,7 @@
 """Strict JSON: lists, mappings, texts and finite numbers, in one layout."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -50,3 +51,13 @@ def null_open(what: str, values: FloatArray, *, free: bool) -> list[list[float |
     """
     check_finite(what, values[~np.isnan(values)] if free else values.ravel())
     return [[None if np.isnan(value) else float(value) for value in row] for row in values]
+
+
+def find_known(value: float | None) -> float | None:
+    """Return a number for JSON or a cell; None where it is not known or not finite."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def nest_known(values: FloatArray) -> list[JsonValue]:
+    """Return an array as nested lists; None for what is not finite."""
+    return [nest_known(row) if row.ndim else find_known(row) for row in values]

@@ -1,17 +1,17 @@
 """Tables of sensors and point masses in CSV files: one place on a component in each row."""
 
-import csv
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.strangers import TEST_POINTS, read_apart
 from headstock.meshing.process.worker import Arrays
-from headstock.scene.reading.csv_files import CsvError
+from headstock.scene.reading.csv_files import CsvError, Rows, read_lines
 from headstock.scene.reading.units import LENGTH, MASS, UnitError, quote_value, read_unit
 from headstock.scene.test_data.reading import read_test_data
 from headstock.scene.test_data.records import TableRow, Vector
@@ -91,50 +91,51 @@ def _read_point_table(path: Path, unit: str) -> tuple[TableRow, ...]:
 
 def _parse_rows(path: Path, unit: str) -> Arrays:
     """The columns of a table, its size unchecked."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [(line, row) for line, row in enumerate(csv.reader(stream), 1) if any(row)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise CsvError(f"{path.name} cannot be read: {error}") from error
-    if len(rows) < 2:
-        raise CsvError(f"{path.name} holds no rows; the first line names the columns: {EXAMPLE}")
-    if len(rows) > MOST_ROWS:
-        raise CsvError(f"{path.name}: more than {MOST_ROWS} rows; leave out what is not needed")
-    factors = _read_head(path.name, rows[0][1], unit)
-    names: dict[str, int] = {}
-    entries = []
-    for number, (line, row) in enumerate(rows[1:], 1):
-        if len(row) != len(factors):
-            raise CsvError(
-                f"{path.name}:{line} has {len(row)} entries, the first line has {len(factors)}"
-            )
-        entry = {name: text.strip() for name, text in zip(factors, row, strict=True)}
-        name = entry.setdefault("name", str(number))
-        if _LABEL.fullmatch(name) is None:
-            raise CsvError(
-                f"{path.name}:{line}: {quote_value(name)} is no name of a point; write letters, digits, _ and -"
-            )
-        if name in names:
-            raise CsvError(f"{path.name}:{line} repeats point {name} of line {names[name]}")
-        names[name] = line
-        entries.append(entry)
 
-    def read_numbers(columns: Sequence[str]) -> FloatArray:
-        return np.array(
-            [
-                [_read_number(path.name, line, entry[name], factors[name]) for name in columns]
-                for entry, line in zip(entries, names.values(), strict=True)
-            ]
-        )
+    def parse(head: list[str], rows: Rows) -> Arrays:
+        factors = _read_head(path.name, head, unit)
+        entries: dict[str, tuple[int, dict[str, str]]] = {}
+        for number, (line, row) in enumerate(rows, 1):
+            where = f"{path.name}:{line}"
+            if number > MOST_ROWS:
+                raise CsvError(f"{where}: more than {MOST_ROWS} rows; leave out what is not needed")
+            if len(row) != len(head):
+                raise CsvError(f"{where} has {len(row)} entries, the first line has {len(head)}")
+            entry = {name: text.strip() for name, text in zip(factors, row, strict=True)}
+            name = entry.setdefault("name", str(number))
+            if _LABEL.fullmatch(name) is None:
+                raise CsvError(
+                    f"{where}: {quote_value(name)} is no name of a point; write letters, digits, _ and -"
+                )
+            if name in entries:
+                raise CsvError(f"{where} repeats point {name} of line {entries[name][0]}")
+            entries[name] = line, entry
+        if not entries:
+            raise CsvError(
+                f"{path.name} holds no rows; the first line names the columns: {EXAMPLE}"
+            )
 
-    return {
-        "lines": np.array(list(names.values())),
-        "names": np.array(list(names)),
-        "components": np.array([entry.get("component", "") for entry in entries]),
-        "directions": np.array([entry.get("directions", "") for entry in entries]),
-        "positions": read_numbers(POSITION),
-        "masses": read_numbers(("mass",))[:, 0] if "mass" in factors else np.zeros(0),
-    }
+        def read_numbers(column: str) -> FloatArray:
+            return np.array(
+                [
+                    _read_number(f"{path.name}:{line}", entry[column], factors[column])
+                    for line, entry in entries.values()
+                ]
+            )
+
+        def read_texts(column: str) -> NDArray[np.str_]:
+            return np.array([entry.get(column, "") for _, entry in entries.values()])
+
+        return {
+            "lines": np.array([line for line, _ in entries.values()]),
+            "names": np.array(list(entries)),
+            "components": read_texts("component"),
+            "directions": read_texts("directions"),
+            "positions": np.stack([read_numbers(column) for column in POSITION], axis=1),
+            "masses": read_numbers("mass") if "mass" in factors else np.zeros(0),
+        }
+
+    return read_lines(path, parse)
 
 
 def _read_head(file: str, head: list[str], unit: str) -> dict[str, Decimal]:
@@ -149,17 +150,7 @@ def _read_head(file: str, head: list[str], unit: str) -> dict[str, Decimal]:
             )
         if name in factors:
             raise CsvError(f"{file}:1 names column {name} twice")
-        written = match[2] or (unit if name in POSITION else "")
-        factors[name] = Decimal(1)
-        if name not in (*POSITION, "mass"):
-            continue
-        example = f"{name} [g]" if name == "mass" else f"{name} [mm]"
-        if not written:
-            raise CsvError(f'{file}:1: column {name} has no unit; write "{example}"')
-        try:
-            factors[name] = read_unit(written, MASS if name == "mass" else LENGTH).factor
-        except UnitError as error:
-            raise CsvError(f"{file}:1: column {name}: {error}") from error
+        factors[name] = _read_factor(file, name, match[2] or "", unit)
     missing = [name for name in POSITION if name not in factors]
     if missing:
         raise CsvError(
@@ -168,11 +159,25 @@ def _read_head(file: str, head: list[str], unit: str) -> dict[str, Decimal]:
     return factors
 
 
-def _read_number(file: str, line: int, text: str, factor: Decimal) -> float:
+def _read_factor(file: str, name: str, written: str, unit: str) -> Decimal:
+    """Return the factor of a column to SI units; one of a column of texts."""
+    if name not in (*POSITION, "mass"):
+        return Decimal(1)
+    example, dimension = ("g", MASS) if name == "mass" else ("mm", LENGTH)
+    written = written or ("" if name == "mass" else unit)
+    if not written:
+        raise CsvError(f'{file}:1: column {name} has no unit; write "{name} [{example}]"')
+    try:
+        return read_unit(written, dimension).factor
+    except UnitError as error:
+        raise CsvError(f"{file}:1: column {name}: {error}") from error
+
+
+def _read_number(where: str, text: str, factor: Decimal) -> float:
     try:
         value = float(Decimal(text) * factor)
     except ArithmeticError:
         value = np.nan
     if not np.isfinite(value):
-        raise CsvError(f"{file}:{line}: {quote_value(text)} is no finite number")
+        raise CsvError(f"{where}: {quote_value(text)} is no finite number")
     return value

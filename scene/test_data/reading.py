@@ -1,13 +1,13 @@
 """Files of test data by their endings, read in a process apart where they are not small."""
 
-import json
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from headstock.meshing.process.strangers import MATLAB, TEST_DATA, read_apart
 from headstock.meshing.process.worker import Arrays
@@ -19,7 +19,6 @@ from headstock.scene.test_data.records import (
     TestChannel,
     TestData,
     TestPoint,
-    as_vector,
 )
 from headstock.scene.test_data.tables import parse_csv, parse_mat, parse_text
 from headstock.scene.test_data.uff import parse_uff
@@ -48,68 +47,49 @@ def _parse(path: Path) -> Arrays:
     return _pack(PARSERS[path.suffix.lower()](path))
 
 
+@dataclass(frozen=True)
+class _Texts:
+    """What of test data is no array."""
+
+    points: tuple[TestPoint, ...]
+    lines: tuple[tuple[str, ...], ...]
+    remarks: tuple[str, ...]
+    motions: tuple[TestChannel, ...] = ()
+    forces: tuple[TestChannel, ...] = ()
+    channels: tuple[TestChannel, ...] = ()
+    scaled: bool = False
+
+
 def _pack(data: TestData) -> Arrays:
     """Test data as arrays, which a worker process hands over."""
-    content: dict[str, object] = {
-        "points": [asdict(point) for point in data.points.values()],
-        "lines": data.lines,
-        "remarks": data.remarks,
-    }
+    texts = _Texts(tuple(data.points.values()), data.lines, data.remarks)
     arrays: dict[str, NDArray[Any]] = {}
-    if data.responses is not None:
-        content["motions"] = list(map(asdict, data.responses.motions))
-        content["forces"] = list(map(asdict, data.responses.forces))
-        arrays["lines_hz"] = data.responses.frequencies_hz
-        arrays["responses"] = data.responses.values
-        if data.responses.deviations is not None:
-            arrays["deviations"] = data.responses.deviations
-    if data.modes is not None:
-        content["channels"] = list(map(asdict, data.modes.channels))
-        content["scaled"] = data.modes.scaled
-        arrays["modes_hz"] = data.modes.frequencies_hz
-        arrays["damping"] = data.modes.damping
-        arrays["shapes"] = data.modes.shapes
-    return {"content": np.frombuffer(json.dumps(content).encode(), np.uint8), **arrays}
+    if (responses := data.responses) is not None:
+        texts = replace(texts, motions=responses.motions, forces=responses.forces)
+        arrays |= {"lines_hz": responses.frequencies_hz, "responses": responses.values}
+        if responses.deviations is not None:
+            arrays["deviations"] = responses.deviations
+    if (modes := data.modes) is not None:
+        texts = replace(texts, channels=modes.channels, scaled=modes.scaled)
+        arrays |= {"modes_hz": modes.frequencies_hz, "damping": modes.damping}
+        arrays["shapes"] = modes.shapes
+    return {"texts": np.frombuffer(TypeAdapter(_Texts).dump_json(texts), np.uint8), **arrays}
 
 
 def _unpack(arrays: Arrays) -> TestData:
-    content = json.loads(arrays["content"].tobytes())
-
-    def channels(key: str) -> tuple[TestChannel, ...]:
-        return tuple(
-            TestChannel(each["point"], as_vector(each["direction"])) for each in content[key]
-        )
-
-    points = [
-        TestPoint(
-            each["name"],
-            as_vector(each["position"]),
-            tuple(map(as_vector, each["axes"])),
-            each["part"],
-        )
-        for each in content["points"]
-    ]
+    texts = TypeAdapter(_Texts).validate_json(arrays["texts"].tobytes())
     responses = modes = None
     if "responses" in arrays:
         responses = MeasuredResponses(
             arrays["lines_hz"],
-            channels("motions"),
-            channels("forces"),
+            texts.motions,
+            texts.forces,
             arrays["responses"],
             arrays.get("deviations"),
         )
     if "shapes" in arrays:
         modes = MeasuredModes(
-            arrays["modes_hz"],
-            arrays["damping"],
-            channels("channels"),
-            arrays["shapes"],
-            content["scaled"],
+            arrays["modes_hz"], arrays["damping"], texts.channels, arrays["shapes"], texts.scaled
         )
-    return TestData(
-        {point.name: point for point in points},
-        tuple(map(tuple, content["lines"])),
-        responses,
-        modes,
-        tuple(content["remarks"]),
-    )
+    points = {point.name: point for point in texts.points}
+    return TestData(points, texts.lines, responses, modes, texts.remarks)

@@ -3,7 +3,7 @@
 Everything is SI, in the axes of the test: placing them on a model is a later step.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from headstock.geometry.frames import FloatArray
 
+IntArray = npt.NDArray[np.int64]
 ComplexArray = npt.NDArray[np.complex128]
 type Vector = tuple[float, float, float]
 
@@ -74,6 +75,33 @@ class MeasuredResponses:
     forces: tuple[TestChannel, ...]
     values: ComplexArray
     deviations: FloatArray | None = None
+
+    def pick(
+        self,
+        *,
+        lines: Sequence[int] | IntArray | None = None,
+        motions: Sequence[int] | IntArray | None = None,
+        forces: Sequence[int] | IntArray | None = None,
+    ) -> "MeasuredResponses":
+        """Return some of them by their indices; all where None."""
+        chosen = [
+            np.arange(size) if some is None else np.asarray(some, dtype=np.int64)
+            for some, size in zip((lines, motions, forces), self.values.shape, strict=True)
+        ]
+        part = np.ix_(*chosen)
+        return MeasuredResponses(
+            self.frequencies_hz[chosen[0]],
+            tuple(self.motions[index] for index in chosen[1]),
+            tuple(self.forces[index] for index in chosen[2]),
+            self.values[part],
+            None if self.deviations is None else self.deviations[part],
+        )
+
+    def exchange(self) -> "MeasuredResponses":
+        """Return them with motions and forces exchanged, which reciprocity allows."""
+        deviations = None if self.deviations is None else self.deviations.transpose(0, 2, 1)
+        values = self.values.transpose(0, 2, 1)
+        return MeasuredResponses(self.frequencies_hz, self.forces, self.motions, values, deviations)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.geometry.frames import FloatArray, find_axis
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.records import ComplexArray, MeasuredResponses, TestChannel
 from headstock.solvers.modal_fitting.noise import noise_from_neighbours
@@ -186,8 +186,6 @@ def _name_pair(response: Response) -> str:
 
 def label_channel(channel: TestChannel) -> str:
     """Return ``12:+x`` for a channel along an axis, ``12:(0.6,0,0.8)`` for others."""
-    vector = np.array(channel.direction)
-    axis = int(np.argmax(np.abs(vector)))
-    if abs(abs(vector[axis]) - 1.0) < 1e-9:
-        return f"{channel.point}:{'+' if vector[axis] > 0 else '-'}{DIRECTIONS[axis]}"
-    return f"{channel.point}:({','.join(f'{part:.4g}' for part in vector)})"
+    if (axis := find_axis(channel.direction)) is not None:
+        return f"{channel.point}:{'+' if axis[1] > 0 else '-'}{axis[0]}"
+    return f"{channel.point}:({','.join(f'{part:.4g}' for part in channel.direction)})"

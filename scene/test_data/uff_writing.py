@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from headstock.geometry.errors import printable
-from headstock.geometry.frames import DIRECTIONS, FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray, find_axis
 from headstock.scene.test_data.records import (
     ComplexArray,
     MeasuredModes,
@@ -13,6 +13,7 @@ from headstock.scene.test_data.records import (
     TestChannel,
     TestData,
 )
+from headstock.scene.test_data.responses import label_channel
 
 MOTION, FORCE, HEADER_LINES = 8, 13, 11
 FREQUENCY_RESPONSE, FREQUENCY = 4, 18
@@ -87,11 +88,10 @@ def _label(text: str) -> str:
 
 def _direction(channel: TestChannel) -> int:
     """Direction of a channel, 1 to 3 or against it."""
-    vector = np.array(channel.direction)
-    axis = int(np.argmax(np.abs(vector)))
-    if abs(abs(vector[axis]) - 1.0) > 1e-9:
+    axis = find_axis(channel.direction)
+    if axis is None:
         raise ValueError(f"the channel at {channel.point} lies between axes: {channel.direction}")
-    return int(np.sign(vector[axis])) * (axis + 1)
+    return int(axis[1]) * (DIRECTIONS.index(axis[0]) + 1)
 
 
 def _mode_sets(modes: MeasuredModes, numbers: Mapping[str, int], title: str) -> Iterator[bytes]:
@@ -158,10 +158,7 @@ def _response_set(
     named = [
         f"{'NONE':>10}{numbers[channel.point]:10}{_direction(channel):4}" for channel in channels
     ]
-    title_channels = " over ".join(
-        f"{channel.point} {'-' if _direction(channel) < 0 else '+'}{DIRECTIONS[abs(_direction(channel)) - 1]}"
-        for channel in channels
-    )
+    title_channels = " over ".join(label_channel(one).replace(":", " ") for one in channels)
     header = [
         _label(title),
         _label(title_channels),

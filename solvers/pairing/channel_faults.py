@@ -6,13 +6,13 @@ misfit is that of orthogonal residuals, each over its expected noise; what a hyp
 more than noise can give, and most of the misfit of the rows it touches.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
@@ -31,8 +31,8 @@ Kind = Literal[
     "scaled",
 ]
 
-type _Sensors = list[list[int]]
-type _Moves = Iterator[tuple[list[int], list[int], list[int]]]  # rows, sources, signs
+# rows, sources, signs
+type _Move = tuple[Kind, Sequence[int], Sequence[int], Sequence[int]]
 
 LEAST_NOISE = 0.05  # of a motion: models agree no better with channels
 LEAST_GAIN = 40.0  # in variances of the noise
@@ -40,11 +40,8 @@ LEFT = 0.5  # of the misfit of the rows of a hypothesis may remain
 DEAD = 0.1  # of the expected motion, or less
 SCALED = 1.5  # times too large or too small, or more
 MOST_FAULTS = 20
+AS_MUCH = 0.98  # of the largest gain: as large
 AS_GOOD = 0.8  # of the largest gain: then both hypotheses are named
-LEFT_OUT = 0.2  # of the sensors may be faulty where shapes are paired
-AT_LEAST = 0.2  # of the squares of a computed shape stay with the others
-SURE = 0.6  # MAC without them of a pair
-TINY = float(np.finfo(float).tiny)
 _CHUNK = 1 << 18  # entries of rows by columns at once
 
 
@@ -97,8 +94,7 @@ def find_channel_faults(
         Faults of different channels; none where the data fit, or fit nothing.
     """
     data = np.array(measured, dtype=complex)
-    every = [list(sensor) for sensor in sensors]
-    hypotheses = [_hypotheses(every, kind) for kind in _KINDS]
+    hypotheses = _list_hypotheses(sensors)
     faults: list[ChannelFault] = []
     concerned: set[int] = set()
     while len(faults) < MOST_FAULTS:
@@ -110,25 +106,8 @@ def find_channel_faults(
         ]
         if not candidates:
             break
-        best = max(candidates, key=lambda fault: fault.gain)
-        # of two that explain the same, the one that concerns fewer channels
-        best = min(
-            (
-                fault
-                for fault in candidates
-                if fault.gain >= 0.98 * best.gain and _shares(fault, best)
-            ),
-            key=lambda fault: (len(fault.rows), -fault.gain),
-        )
-        rivals = sorted(
-            (
-                fault
-                for fault in candidates
-                if fault is not best and fault.gain >= AS_GOOD * best.gain and _shares(fault, best)
-            ),
-            key=lambda fault: -fault.gain,
-        )
-        faults.append(replace(best, rivals=tuple(rivals[:2])))
+        best = _choose(candidates)
+        faults.append(best)
         concerned.update(best.rows)
         if best.kind in ("dead", "scaled"):
             data[list(best.rows)] = np.nan
@@ -138,45 +117,26 @@ def find_channel_faults(
     return sorted(faults, key=lambda fault: -fault.gain)
 
 
-def pair_despite_faults(
-    measured: Field, computed: Field, sensors: Sequence[Sequence[int]]
-) -> tuple[IntArray, IntArray]:
-    """Pair shapes whose MAC is high without the few sensors that agree least: one that is turned may
-    move most of all.
-
-    Args:
-        measured: ``(c, k)``.
-        computed: ``(c, m)``.
-        sensors: Channels of each.
-
-    Returns:
-        Columns of the measured and of the computed shapes, pair by pair.
+def _choose(candidates: Sequence[ChannelFault]) -> ChannelFault:
+    """Return the hypothesis that explains most, with those on its channels that explain nearly as much;
+    of two that explain the same the one that concerns fewer channels.
     """
-    products = np.array([measured[rows].T @ computed[rows].conj() for rows in map(list, sensors)])
-    first = np.array([(np.abs(measured[rows]) ** 2).sum(axis=0) for rows in map(list, sensors)])
-    second = np.array([(np.abs(computed[rows]) ** 2).sum(axis=0) for rows in map(list, sensors)])
-    # what each sensor adds, for each pair of shapes ``(s, k, m)``
-    one = np.broadcast_to(first[:, :, None], products.shape).copy()
-    other = np.broadcast_to(second[:, None, :], products.shape).copy()
-    least = AT_LEAST * other.sum(axis=0)
-    for _ in range(max(1, round(LEFT_OUT * len(sensors)))):
-        rest = [sizes.sum(axis=0) - sizes for sizes in (products, one, other)]
-        allowed = rest[2] > least
-        mac = np.where(allowed, np.abs(rest[0]) ** 2 / (rest[1] * rest[2] + TINY), 0.0)
-        worst = np.argmax(mac, axis=0)[None]
-        taken = np.take_along_axis(allowed, worst, axis=0)
-        for sizes in (products, one, other):
-            kept = np.take_along_axis(sizes, worst, axis=0)
-            np.put_along_axis(sizes, worst, np.where(taken, 0.0, kept), axis=0)
-    sums = [sizes.sum(axis=0) for sizes in (products, one, other)]
-    mac = np.abs(sums[0]) ** 2 / (sums[1] * sums[2] + TINY)
-    rows, columns = scipy.optimize.linear_sum_assignment(-mac)
-    sure = mac[rows, columns] >= SURE
-    return rows[sure], columns[sure]
 
+    def shares(one: ChannelFault, other: ChannelFault) -> bool:
+        return bool(set(one.rows) & set(other.rows))
 
-def _shares(one: ChannelFault, other: ChannelFault) -> bool:
-    return bool(set(one.rows) & set(other.rows))
+    most = max(candidates, key=lambda fault: fault.gain)
+    best = min(
+        (one for one in candidates if one.gain >= AS_MUCH * most.gain and shares(one, most)),
+        key=lambda fault: (len(fault.rows), -fault.gain),
+    )
+    rivals = [
+        one
+        for one in candidates
+        if one is not best and one.gain >= AS_GOOD * best.gain and shares(one, best)
+    ]
+    rivals.sort(key=lambda fault: -fault.gain)
+    return replace(best, rivals=tuple(rivals[:2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,76 +270,48 @@ class _Fit:
         )
 
 
-def _reversed(sensors: _Sensors) -> _Moves:
+def _list_moves(sensors: Sequence[Sequence[int]]) -> Iterator[_Move]:
+    """Yield every hypothesis."""
     for sensor in sensors:
-        for row in sensor:
-            yield [row], [row], [-1]
-        # two or three axes: a sensor turned by half a revolution, or one on the other side
-        for count in range(2, len(sensor) + 1):
-            for rows in combinations(sensor, count):
-                yield list(rows), list(rows), [-1] * count
-
-
-def _exchanged(sensors: _Sensors) -> _Moves:
-    for sensor in sensors:
-        for first, second in combinations(sensor, 2):
-            yield [first, second], [second, first], [1, 1]
-
-
-def _turned(sensors: _Sensors) -> _Moves:
-    """Axes in another order and with other signs: turned by a quarter or third of a revolution, or
-    against a hand.
-    """
-    for sensor in sensors:
-        for order in permutations(range(len(sensor))):
-            for signs in product((1, -1), repeat=len(sensor)):
-                moved = [at for at, source in enumerate(order) if at != source]
-                exchange = len(moved) == 2 and all(sign == 1 for sign in signs)
-                if moved and not exchange:
-                    yield sensor, [sensor[source] for source in order], list(signs)
-
-
-def _swapped_sensors(sensors: _Sensors) -> _Moves:
+        # turned by a quarter or third of a revolution, or against a hand; two or three axes reversed:
+        # by half a revolution, or a sensor on the other side
+        signs = list(product((1, -1), repeat=len(sensor)))
+        for order, turned in product(permutations(sensor), signs):
+            moved = sum(row != source for row, source in zip(sensor, order, strict=True))
+            upright = all(sign == 1 for sign in turned)
+            if moved == 0 and not upright:
+                yield "reversed", sensor, order, turned
+            elif moved:
+                yield "exchanged" if moved == 2 and upright else "turned", sensor, order, turned
     for one, other in combinations(sensors, 2):
         if len(one) == len(other) > 1:
-            yield [*one, *other], [*other, *one], [1] * (2 * len(one))
-
-
-def _swapped_channels(sensors: _Sensors) -> _Moves:
-    for one, other in combinations(sensors, 2):
+            yield "swapped sensors", [*one, *other], [*other, *one], [1] * (2 * len(one))
         for first, second in zip(one, other, strict=False):
-            yield [first, second], [second, first], [1, 1]
-
-
-def _shifted(sensors: _Sensors) -> _Moves:
-    """Sensors of a range of numbers, each under the number of the next or of the one before."""
+            yield "swapped channels", [first, second], [second, first], [1, 1]
+    # sensors of a range of numbers, each under the number of the next or of the one before
     for start, stop in combinations(range(len(sensors) + 1), 2):
         among = sensors[start:stop]
         if len(among) < 3 or len({len(sensor) for sensor in among}) > 1:
             continue
         rows = [row for sensor in among for row in sensor]
-        for way in (1, -1):
-            turned = [*among[way:], *among[:way]]
-            yield rows, [row for sensor in turned for row in sensor], [1] * len(rows)
+        for step in (1, -1):
+            shifted = [*among[step:], *among[:step]]
+            yield "shifted", rows, [row for sensor in shifted for row in sensor], [1] * len(rows)
 
 
-_KINDS: dict[Kind, Callable[[_Sensors], _Moves]] = {
-    "reversed": _reversed,
-    "exchanged": _exchanged,
-    "turned": _turned,
-    "swapped sensors": _swapped_sensors,
-    "swapped channels": _swapped_channels,
-    "shifted": _shifted,
-}
-
-
-def _hypotheses(sensors: _Sensors, kind: Kind) -> _Hypotheses:
-    """All hypotheses of a kind; shorter ones are filled with rows that stay."""
-    every = list(_KINDS[kind](sensors))
-    width = max((len(rows) for rows, _, _ in every), default=1)
-    filled = np.zeros((3, len(every), width), dtype=int)
-    filled[2] = 1
-    for index, parts in enumerate(every):
-        for target, part in zip(filled[:, index], parts, strict=True):
-            target[: len(part)] = part
-    return _Hypotheses(kind, *filled)
+def _list_hypotheses(sensors: Sequence[Sequence[int]]) -> list[_Hypotheses]:
+    """Return all hypotheses by kind; shorter ones are filled with rows that stay."""
+    by_kind: defaultdict[Kind, list[_Move]] = defaultdict(list)
+    for move in _list_moves(sensors):
+        by_kind[move[0]].append(move)
+    hypotheses = []
+    for kind in get_args(Kind):
+        moves = by_kind[kind]
+        width = max((len(move[1]) for move in moves), default=1)
+        filled = np.zeros((3, len(moves), width), dtype=int)
+        filled[2] = 1
+        for index, (_, *parts) in enumerate(moves):
+            for target, part in zip(filled[:, index], parts, strict=True):
+                target[: len(part)] = part
+        hypotheses.append(_Hypotheses(kind, *filled))
+    return hypotheses

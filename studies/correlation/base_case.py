@@ -3,17 +3,18 @@ the shapes of both tests.
 """
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from headstock.geometry.frames import DIRECTIONS
 from headstock.scene.reading.files import TomlTable, read_scene
 from headstock.scene.reading.findings import Findings
 from headstock.scene.schema.validation import validate_against
 from headstock.solvers.pairing.mode_pairing import assign_modes, correlate_modes
-from headstock.studies.correlation.correlation import Correlation
-from headstock.studies.correlation.sensor_shapes import AXES, Motions, list_motions
+from headstock.studies.correlation.sensors import Motions
 from headstock.studies.identification.targets import TargetsTable
 
 
@@ -49,9 +50,9 @@ def read_base_case(path: Path) -> BaseCase:
         if case.like is None and shaped:
             motions = [
                 {
-                    (sensor, AXES[dof]): complex(value)
+                    (sensor, dof): complex(value)
                     for sensor, vector in (mode.vectors or {}).items()
-                    for dof, value in enumerate(vector)
+                    for dof, value in zip(DIRECTIONS, vector, strict=True)
                     if value is not None
                 }
                 for mode in shaped
@@ -65,16 +66,11 @@ def read_base_case(path: Path) -> BaseCase:
     raise AssertionError("a problem was found and is raised")
 
 
-def match_base_modes(found: Correlation, base: BaseCase) -> tuple[str, ...]:
-    """Return the name of each measured mode: that of the mode of the base case with the same shape; empty
+def match_base_modes(shapes: Sequence[Motions], base: BaseCase) -> tuple[str, ...]:
+    """Return the name of each measured shape: that of the mode of the base case with the same one; empty
     where none has it.
     """
-    shapes = list_motions(found)
-    shared = sorted(
-        set.intersection(*(set(motions) for motions in (*shapes, *base.motions)))
-        if shapes
-        else set()
-    )
+    shared = sorted(set.intersection(*(set(motions) for motions in (*shapes, *base.motions))))
     names = [""] * len(shapes)
     if shared:
         first, second = (

@@ -23,7 +23,7 @@ CLEARLY = 0.5  # of the misfit of the nearest part: another part is taken below 
 
 
 @dataclass(frozen=True, eq=False)
-class _Carrier:
+class Carrier:
     """A component that may carry a point.
 
     Attributes:
@@ -36,7 +36,7 @@ class _Carrier:
     distance: float
 
 
-def find_carriers(prepared: PreparedMachine, point: FloatArray) -> list[_Carrier]:
+def find_carriers(prepared: PreparedMachine, point: FloatArray) -> list[Carrier]:
     """Return the components whose surfaces are nearest to a point ``(3,)`` in the machine frame, the
     nearest first; several where they touch there.
     """
@@ -44,7 +44,7 @@ def find_carriers(prepared: PreparedMachine, point: FloatArray) -> list[_Carrier
     for name, skin in prepared.skins.items():
         frame = prepared.machine.placements[name]
         local = frame.rotation.T @ (point - frame.origin)
-        found.append(_Carrier(name, *find_nearest_place(skin, local)))
+        found.append(Carrier(name, *find_nearest_place(skin, local)))
     found.sort(key=lambda carrier: carrier.distance)
     least = found[0].distance
     return [one for one in found if one.distance <= least + max(TOUCHING, AS_NEAR * least)]

@@ -4,13 +4,11 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from headstock.scene.test_data.records import TestChannel
 from headstock.scene.test_data.responses import label_channel
-from headstock.solvers.pairing.channel_faults import (
-    ChannelFault,
-    find_channel_faults,
-    pair_despite_faults,
-)
+from headstock.solvers.pairing.channel_faults import ChannelFault, Kind, find_channel_faults
 from headstock.solvers.pairing.mode_pairing import Field
 
 LEAST_COLUMNS = 3  # with fewer shapes an accident looks like a fault
@@ -33,22 +31,21 @@ def describe_channel_faults(
     measured: Field, computed: Field, channels: Sequence[TestChannel]
 ) -> tuple[ChannelRemark, ...]:
     """Say which channels look turned, swapped, shifted, reversed, dead or badly scaled, the one that
-    explains most first.
+    explains most first; nothing by few shapes.
 
     Args:
         measured: ``(c, k)`` shapes.
-        computed: ``(c, m)`` shapes, in any order.
+        computed: ``(c, k)`` their partners.
     """
+    columns = measured.shape[1]
+    if columns < LEAST_COLUMNS:
+        return ()
     sensors: defaultdict[str, list[int]] = defaultdict(list)
     for row, channel in enumerate(channels):
         sensors[channel.point].append(row)
     numbered = sorted(sensors, key=lambda name: (not name.isdecimal(), len(name), name))
     rows = [sensors[name] for name in numbered]
-    first, second = pair_despite_faults(measured, computed, rows)
-    if len(first) < LEAST_COLUMNS:
-        return ()
-    faults = find_channel_faults(measured[:, first], computed[:, second], rows)
-    columns = len(first)
+    faults = find_channel_faults(measured, computed, rows)
     return tuple(ChannelRemark(_describe(fault, channels, columns), fault.rows) for fault in faults)
 
 
@@ -61,36 +58,30 @@ def _describe(fault: ChannelFault, channels: Sequence[TestChannel], columns: int
 
 def _name(fault: ChannelFault, channels: Sequence[TestChannel]) -> str:
     rows = [channels[row] for row in fault.rows]
-    names = [label_channel(row).partition(":")[2].removeprefix("+") for row in rows]
+    labels = [label_channel(row) for row in rows]
+    names = [_name_direction(row) for row in rows]
     points = list(dict.fromkeys(row.point for row in rows))
-    sources = [
-        ("-" if sign < 0 else "")
-        + label_channel(channels[source]).partition(":")[2].removeprefix("+")
+    first, last = points[0], points[-1]
+    recorded = [
+        ("-" * (sign < 0) + _name_direction(channels[source])).replace("--", "")
         for source, sign in zip(fault.sources, fault.signs, strict=True)
     ]
-    first, last = points[0], points[-1]
-    match fault.kind:
-        case "exchanged":
-            return f"sensor {first}: {names[0]} and {names[1]} look exchanged"
-        case "reversed":
-            verb = "looks" if len(names) == 1 else "look"
-            return f"sensor {first}: {' and '.join(names)} {verb} reversed"
-        case "turned":
-            recorded = ", ".join(source.replace("--", "") for source in sources)
-            return f"sensor {first} looks turned: its {', '.join(names)} are recorded as {recorded}"
-        case "swapped sensors":
-            return f"sensors {first} and {last} look swapped"
-        case "swapped channels":
-            return f"{' and '.join(map(label_channel, rows))} look swapped"
-        case "shifted":
-            onward = channels[fault.sources[0]].point == points[1]
-            neighbour = "next one" if onward else "one before"
-            return f"sensors {first} to {last} look shifted: each is recorded under the number of the {neighbour}"
-        case "dead":
-            return f"{label_channel(rows[0])} looks dead"
-        case "scaled":
-            return (
-                f"{label_channel(rows[0])} looks {fault.factor:.3g} times too large"
-                if fault.factor > 1
-                else (f"{label_channel(rows[0])} looks {1 / fault.factor:.3g} times too small")
-            )
+    onward = channels[fault.sources[0]].point in points[1:2]
+    large = fault.factor > 1.0
+    size = fault.factor if large else 1.0 / max(fault.factor, np.finfo(float).tiny)
+    texts: dict[Kind, str] = {
+        "exchanged": f"sensor {first}: {names[0]} and {names[-1]} look exchanged",
+        "reversed": f"sensor {first}: {' and '.join(names)} look{'s' * (len(names) == 1)} reversed",
+        "turned": f"sensor {first} looks turned: its {', '.join(names)} are recorded as {', '.join(recorded)}",
+        "swapped sensors": f"sensors {first} and {last} look swapped",
+        "swapped channels": f"{' and '.join(labels)} look swapped",
+        "shifted": f"sensors {first} to {last} look shifted: each is recorded under the number of the "
+        + ("next one" if onward else "one before"),
+        "dead": f"{labels[0]} looks dead",
+        "scaled": f"{labels[0]} looks {size:.3g} times too {'large' if large else 'small'}",
+    }
+    return texts[fault.kind]
+
+
+def _name_direction(channel: TestChannel) -> str:
+    return label_channel(channel).partition(":")[2].removeprefix("+")

@@ -5,6 +5,7 @@ import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from headstock.geometry.machine.machine import Sensor
 from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.results.short_forms import Displayed, ShortForm
 from headstock.pipeline.results.views import MachineView
+from headstock.pipeline.storage.json_texts import find_known
 from headstock.scene.test_data.records import MeasuredModes, TestChannel
 from headstock.solvers.pairing.mode_pairing import (
     SAME_MODE,
@@ -34,14 +36,20 @@ WITHIN = 0.05
 
 @dataclass(frozen=True)
 class CorrelatedMode:
-    """A measured mode, a computed one, or both where they are a pair.
+    """A measured mode, a computed one, or both where they are a pair; None where there is no number.
 
     Attributes:
         measured: Index of the measured mode; None where it was not measured.
         computed: Index of the computed mode; None where the model has none.
-        deviation: Computed over measured frequency less one; None but for a pair.
         mac: Of the two shapes, or of the spaces of two clusters; of what is no pair the largest.
+        deviation: Computed over measured frequency less one; None but for a pair.
         doubts: What speaks against the pair, in plain words.
+        label: Name of the measured mode.
+        measured_error_hz: ± of the measured frequency at 95 % [Hz].
+        number: Of the computed mode, from 1, rigid-body modes first.
+        name: Of the computed mode.
+        computed_error_hz: ± of the computed frequency [Hz]; None where a source has no bound.
+        computed_known_hz: The part of it that is known [Hz].
     """
 
     measured: int | None
@@ -49,6 +57,34 @@ class CorrelatedMode:
     mac: float
     deviation: float | None = None
     doubts: tuple[str, ...] = ()
+    cross_orthogonality: float | None = None
+    label: str | None = None
+    measured_hz: float | None = None
+    measured_error_hz: float | None = None
+    measured_damping: float | None = None
+    phase_collinearity: float | None = None
+    number: int | None = None
+    name: str | None = None
+    computed_hz: float | None = None
+    computed_error_hz: float | None = None
+    computed_known_hz: float | None = None
+    computed_damping: float | None = None
+
+    @property
+    def title(self) -> str:
+        """The measured frequency, or the computed one with its name."""
+        if self.measured_hz is not None:
+            return f"{self.measured_hz:.4g} Hz"
+        return f"{self.computed_hz:.4g} Hz ({self.name})"
+
+    @property
+    def text(self) -> str:
+        """Name of the computed mode, and what is to be said of the pair."""
+        if self.name is None:
+            return "missing in the model"
+        if self.measured is None:
+            return f"{self.name}: not measured"
+        return "; ".join([self.name, *self.doubts])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,9 +171,7 @@ class Correlation(Displayed):
         """
         by_measured = {pair.first: pair for pair in self.pairs}
         rows = [
-            self._join(by_measured[index])
-            if index in by_measured
-            else CorrelatedMode(index, None, float(self.mac[index].max(initial=0.0)))
+            self._describe(index, by_measured.get(index))
             for index in range(len(self.measured.frequencies_hz))
         ]
         paired = {pair.second for pair in self.pairs}
@@ -145,8 +179,48 @@ class Correlation(Displayed):
         for index, hz in enumerate(self.computed.frequencies_hz):
             elastic = index >= self.computed.rigid_count
             if elastic and index not in paired and low <= hz <= high:
-                rows.append(CorrelatedMode(None, index, float(self.mac[:, index].max(initial=0.0))))
+                mac = float(self.mac[:, index].max(initial=0.0))
+                rows.append(CorrelatedMode(None, index, mac, **self._describe_computed(index)))
         return tuple(rows)
+
+    def _describe(self, index: int, pair: ModePair | None) -> CorrelatedMode:
+        """Return a measured mode with its partner."""
+        hz, modes = float(self.measured.frequencies_hz[index]), self.measured
+        row = CorrelatedMode(
+            index,
+            None,
+            float(self.mac[index].max(initial=0.0)),
+            label=self.mode_names[index] or None,
+            measured_hz=hz,
+            measured_error_hz=find_known(self.fit.frequency_errors[index]),
+            measured_damping=find_known(modes.damping[index]),
+            phase_collinearity=find_known(self.fit.collinearity[index]),
+        )
+        if pair is None:
+            return row
+        table, second = self.orthogonality, pair.second
+        return dataclasses.replace(
+            row,
+            computed=second,
+            mac=float(self.mac[index, second]) if self.left_out else pair.correlation,
+            deviation=float(self.computed.frequencies_hz[second]) / hz - 1.0,
+            doubts=tuple(self._doubt(pair)),
+            cross_orthogonality=None if table is None else float(table[index, second]),
+            **self._describe_computed(second),
+        )
+
+    def _describe_computed(self, index: int) -> dict[str, Any]:
+        """Return the fields of a computed mode."""
+        modes = self.computed
+        error = modes.list_errors()[index]
+        return {
+            "number": modes.below + index + 1,
+            "name": modes.mode_names[index],
+            "computed_hz": float(modes.frequencies_hz[index]),
+            "computed_error_hz": error.total,
+            "computed_known_hz": error.known,
+            "computed_damping": modes.damping_ratio[index],
+        }
 
     @property
     def agreement(self) -> ChannelAgreement:
@@ -155,56 +229,37 @@ class Correlation(Displayed):
         return agree_by_channel(self.measured.shapes[:, first], self.shapes[:, second])
 
     @property
-    def paired(self) -> tuple[CorrelatedMode, ...]:
-        """Measured modes that the model has."""
-        return tuple(row for row in self.modes if row.deviation is not None)
-
-    @property
     def verdict(self) -> tuple[str, ...]:
         """Sentences that a reader wants first."""
-        met = [row for row in self.paired if abs(row.deviation or 0.0) <= self.within]
-        count = len(self.measured.frequencies_hz)
+        paired = [row for row in self.modes if row.deviation is not None]
+        sizes = [abs(row.deviation or 0.0) for row in paired]
+        met, count = sum(size <= self.within for size in sizes), len(self.measured.frequencies_hz)
+        largest = ""
+        if paired:
+            worst = paired[int(np.argmax(sizes))]
+            largest = f"; largest deviation {100 * (worst.deviation or 0.0):+.1f} % ({worst.title})"
         lists = {
             "missing in the model": [row for row in self.modes if row.computed is None],
             "computed, but not measured": [row for row in self.modes if row.measured is None],
-            "doubtful pairs": [row for row in self.paired if row.doubts],
+            "doubtful pairs": [row for row in paired if row.doubts],
         }
         return (
-            f"{len(met)} of {count} measured modes are met within {100 * self.within:g} %"
-            + self._largest_deviation(),
+            f"{met} of {count} measured modes are met within {100 * self.within:g} %{largest}",
             *(
-                f"{what}: {', '.join(map(self._name, rows))}"
+                f"{what}: {', '.join(row.title for row in rows)}"
                 for what, rows in lists.items()
                 if rows
             ),
+            # neighbours that the model has in the other order: pairing by frequency would hide it
             *(
-                f"the model has the modes at {self._name(one)} and {self._name(other)} in the other order"
-                for one, other in self.exchanges
+                f"the model has the modes at {one.title} and {other.title} in the other order"
+                for one, other in itertools.pairwise(paired)
+                if (one.computed or 0) > (other.computed or 0)
             ),
             *(f"paired without point {point}, which hides the pairs" for point in self.left_out),
             *self.since_base,
             *self.faults,
         )
-
-    def _largest_deviation(self) -> str:
-        if not self.paired:
-            return ""
-        worst = max(self.paired, key=lambda row: abs(row.deviation or 0.0))
-        return f"; largest deviation {100 * (worst.deviation or 0.0):+.1f} % ({self._name(worst)})"
-
-    def _name(self, row: CorrelatedMode) -> str:
-        """Return the measured frequency of a mode, or the computed one with its name."""
-        if row.measured is not None:
-            return f"{self.measured.frequencies_hz[row.measured]:.4g} Hz"
-        index = row.computed or 0
-        return f"{self.computed.frequencies_hz[index]:.4g} Hz ({self.computed.mode_names[index]})"
-
-    def _join(self, pair: ModePair) -> CorrelatedMode:
-        hz = float(self.computed.frequencies_hz[pair.second])
-        deviation = hz / float(self.measured.frequencies_hz[pair.first]) - 1.0
-        doubts = tuple(self._doubt(pair))
-        mac = float(self.mac[pair.first, pair.second]) if self.left_out else pair.correlation
-        return CorrelatedMode(pair.first, pair.second, mac, deviation, doubts)
 
     def _doubt(self, pair: ModePair) -> Iterator[str]:
         """Yield what speaks against a pair."""
@@ -221,21 +276,8 @@ class Correlation(Displayed):
             return
         for index in np.flatnonzero(row > max(alone - RIVAL, SAME_MODE)):
             if index != second:
-                number = self.number(int(index))
+                number = self.computed.below + int(index) + 1
                 yield f"looks like computed mode {number} as well (MAC {row[index]:.2f})"
-
-    @cached_property
-    def exchanges(self) -> tuple[tuple[CorrelatedMode, CorrelatedMode], ...]:
-        """Neighbouring pairs that the model has in the other order: pairing by frequency would hide it."""
-        return tuple(
-            (one, other)
-            for one, other in itertools.pairwise(self.paired)
-            if (one.computed or 0) > (other.computed or 0)
-        )
-
-    def number(self, computed: int) -> int:
-        """Number of a computed mode, from 1, rigid-body modes first."""
-        return self.computed.below + computed + 1
 
     def _short_form(self) -> ShortForm:
         facts = [
@@ -245,12 +287,8 @@ class Correlation(Displayed):
         ]
         rows = [
             [
-                "-"
-                if row.measured is None
-                else f"{self.measured.frequencies_hz[row.measured]:.5g}",
-                "-"
-                if row.computed is None
-                else f"{self.computed.frequencies_hz[row.computed]:.5g}",
+                "-" if row.measured_hz is None else f"{row.measured_hz:.5g}",
+                "-" if row.computed_hz is None else f"{row.computed_hz:.5g}",
                 "-" if row.deviation is None else f"{100 * row.deviation:+.1f} %",
                 f"{row.mac:.2f}",
             ]

@@ -1,13 +1,14 @@
 """A test of a machine compared with its model: from the files of both to a correlation."""
 
 import dataclasses
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, FloatArray
 from headstock.geometry.machine.machine import Sensor
 from headstock.pipeline.results.views import MachineView
 from headstock.pipeline.stages.run_state import Announcer, Observer
@@ -17,9 +18,9 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene, require_name
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.reading import read_test_data
-from headstock.scene.test_data.records import MeasuredModes, TestData, as_vector
+from headstock.scene.test_data.records import TestData, as_vector
 from headstock.solvers.mpi import MPI
-from headstock.solvers.pairing.mode_pairing import Field, correlate_modes
+from headstock.solvers.pairing.mode_pairing import Field, ModePair, correlate_modes
 from headstock.solvers.pairing.shape_agreement import cross_orthogonality
 from headstock.solvers.pairing.shape_expansion import expand_by_modes, expand_by_stiffness
 from headstock.solvers.ranks import make_on_root
@@ -29,7 +30,7 @@ from headstock.studies.correlation.base_case import (
     match_base_modes,
     read_base_case,
 )
-from headstock.studies.correlation.carriers import choose_carriers, find_carriers
+from headstock.studies.correlation.carriers import Carrier, choose_carriers, find_carriers
 from headstock.studies.correlation.channel_remarks import describe_channel_faults
 from headstock.studies.correlation.correlation import WITHIN, Correlation, pair_by_most
 from headstock.studies.correlation.modal_fit import ModalFit, pass_modes, read_modes
@@ -46,8 +47,12 @@ from headstock.studies.correlation.responses import (
     compare_responses,
     spread_ratios,
 )
-from headstock.studies.correlation.sensor_names import find_sensor, name_sensor
-from headstock.studies.correlation.sensor_shapes import list_places
+from headstock.studies.correlation.sensors import (
+    find_sensor,
+    list_motions,
+    locate_channels,
+    name_sensor,
+)
 from headstock.studies.correlation.shown_shapes import find_factor, view_side_by_side
 from headstock.studies.correlation.target_file import (
     SENSORS_FILE,
@@ -60,7 +65,6 @@ from headstock.studies.correlation.target_file import (
 SLACK = 1e-3
 AT = "_on_"  # between a point and the part that may carry it
 NEEDED = 3  # points whose place is known turn a test into the axes of a machine
-UNITS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 type Expansion = Literal["serep", "static", "dynamic"]
 
 
@@ -85,37 +89,30 @@ class CorrelationJob:
 
 
 @dataclass(frozen=True, eq=False)
-class _Test:
-    """A test with its modes, from the file or fitted to its responses.
+class _LoadedCorrelation:
+    """A job whose files are read and checked.
 
     Attributes:
-        fit: Modes of the test.
+        data: The test.
+        fit: Its modes, from the file or fitted to its responses.
+        range_hz: Frequencies between which it looked: its lines, else its modes [Hz].
+        base: Of a modified machine, the test before.
     """
 
+    job: CorrelationJob
     data: TestData
     fit: ModalFit
-
-    @property
-    def modes(self) -> MeasuredModes:
-        """Poles and shapes."""
-        return self.fit.modes
-
-    @property
-    def range_hz(self) -> tuple[float, float]:
-        """Frequencies between which it looked: its lines, else its modes [Hz]."""
-        modes, responses = self.modes.frequencies_hz, self.data.responses
-        lines = modes if responses is None else responses.frequencies_hz
-        return float(lines.min()), float(max(lines.max(), modes.max()))
-
-
-@dataclass(frozen=True, eq=False)
-class _LoadedCorrelation:
-    """A job whose files are read and checked."""
-
-    job: CorrelationJob
-    test: _Test
+    range_hz: tuple[float, float]
     scene: Scene
     base: BaseCase | None
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of the points that were measured or excited."""
+        channels = [*self.fit.modes.channels]
+        if self.data.responses is not None:
+            channels += [*self.data.responses.motions, *self.data.responses.forces]
+        return tuple(dict.fromkeys(channel.point for channel in channels))
 
 
 def load_correlation(job: CorrelationJob) -> _LoadedCorrelation:
@@ -123,11 +120,23 @@ def load_correlation(job: CorrelationJob) -> _LoadedCorrelation:
 
     Raises:
         SceneError: The scene has problems.
-        MeasurementError: The test file has.
+        MeasurementError: Something is wrong in the test file, or there is nothing to compare.
     """
-    test = _read_test(job.test)
+    data, name, chosen = read_test_data(job.test), job.test.name, job.scene
+    fit = read_modes(data, name) if data.modes is None else pass_modes(data.modes)
+    hz = fit.modes.frequencies_hz
+    if not len(hz):
+        raise MeasurementError(
+            f"{name}:1: no mode is found in its frequency responses; look at their band and noise"
+        )
+    lines = hz if data.responses is None else data.responses.frequencies_hz
     base = None if job.like is None else read_base_case(job.like)
-    return _LoadedCorrelation(job, test, _load_scene(job, test), base)
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
+    if job.pose is not None:
+        require_name(scene, "poses", job.pose, scene.poses)
+    highest = float(max(lines.max(), hz.max()))
+    scene = request_modes(scene, highest)
+    return _LoadedCorrelation(job, data, fit, (float(lines.min()), highest), scene, base)
 
 
 def run_correlation(
@@ -151,16 +160,16 @@ def run_correlation(
     Raises:
         HeadstockError: A computation failed.
     """
-    job, test, scene = loaded.job, loaded.test, loaded.scene
-    pose = scene.poses[job.pose or next(iter(scene.poses))]
+    scene = loaded.scene
+    pose = scene.poses[loaded.job.pose or next(iter(scene.poses))]
     bare = prepare_machine(scene, pose, comm, store, announce=announce, observer=observer)
-    placed = make_on_root(comm, lambda: _place_test(test, bare))
+    placed = make_on_root(comm, lambda: _place_test(loaded, bare))
     observed = prepare_machine(placed.scene, pose, comm, store)
     if observed is None:
         return None
     nearest = {point: several[0] for point, several in placed.sensors.items()}
     model, remarks = choose_carriers(
-        observe_machine(observed, nearest, placed.rotation), test.modes, placed.sensors
+        observe_machine(observed, nearest, placed.rotation), loaded.fit.modes, placed.sensors
     )
     placed = dataclasses.replace(placed, remarks=(*placed.remarks, *remarks))
     return _compare(loaded, placed, model)
@@ -184,30 +193,7 @@ class _PlacedTest:
     remarks: tuple[str, ...] = ()
 
 
-def _read_test(path: Path) -> _Test:
-    """Return a test with its modes.
-
-    Raises:
-        MeasurementError: Something is wrong in the file, or there is nothing to compare.
-    """
-    data = read_test_data(path)
-    fit = read_modes(data, path.name) if data.modes is None else pass_modes(data.modes)
-    if not len(fit.modes.frequencies_hz):
-        raise MeasurementError(
-            f"{path.name}:1: no mode is found in its frequency responses; look at their band and noise"
-        )
-    return _Test(data, fit)
-
-
-def _load_scene(job: CorrelationJob, test: _Test) -> Scene:
-    chosen = job.scene
-    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
-    if job.pose is not None:
-        require_name(scene, "poses", job.pose, scene.poses)
-    return request_modes(scene, test.range_hz[1])
-
-
-def _place_test(test: _Test, bare: PreparedMachine | None) -> _PlacedTest:
+def _place_test(loaded: _LoadedCorrelation, bare: PreparedMachine | None) -> _PlacedTest:
     """Put a sensor at every measured point.
 
     Raises:
@@ -215,83 +201,64 @@ def _place_test(test: _Test, bare: PreparedMachine | None) -> _PlacedTest:
     """
     if bare is None:
         raise ValueError("points are placed on rank 0")
-    channels = [*test.modes.channels]
-    if test.data.responses is not None:
-        channels += [*test.data.responses.motions, *test.data.responses.forces]
-    known = bare.scene.machine.sensors
-    points = tuple(dict.fromkeys(channel.point for channel in channels))
+    points, known = loaded.points, bare.scene.machine.sensors
     named = {name: one for name in points if (one := find_sensor(known, name)) is not None}
-    written = {name: point for name, point in test.data.points.items() if name in points}
+    written = {name: point for name, point in loaded.data.points.items() if name in points}
     if lost := [name for name in points if name not in named and name not in written]:
         raise MeasurementError(
             f"nothing says where the points {', '.join(lost[:8])} of the test lie; export points (UFF 15 or 2411), or write sensors of these"
             " names into the scene"
         )
-    placement = UNMOVED
+    placement, frames = UNMOVED, bare.machine.placements
     if written and (len(named) < len(points) or len(named) >= NEEDED):
-        frames = bare.machine.placements
         matches = {
             name: frames[one.component].origin + frames[one.component].rotation @ one.position
             for name, one in named.items()
         }
         placement = place_test(written, bare.skins, frames, matches)
-    sensors = {name: [one] for name, one in named.items()}
-    distances = {}
-    taken = set(known)
-    for point in points:
-        if point in named:
-            continue
-        carriers = find_carriers(bare, placement.move(np.array(written[point].position)))
-        distances[point] = carriers[0].distance
-        name = name_sensor(point, taken)
-        sensors[point] = [
-            Sensor(
-                f"{name}{AT * bool(number)}{carrier.component * bool(number)}",
-                carrier.component,
-                as_vector(carrier.position),
-                UNITS,
-                reach=SLACK + carrier.distance,
-            )
-            for number, carrier in enumerate(carriers)
-        ]
+    carriers = {
+        point: find_carriers(bare, placement.move(np.array(written[point].position)))
+        for point in points
+        if point not in named
+    }
+    sensors, taken = {name: [one] for name, one in named.items()}, set(known)
+    for point, parts in carriers.items():
+        sensors[point] = [*_make_sensors(name_sensor(point, taken), parts)]
         taken |= {sensor.name for sensor in sensors[point]}
     added = {one.name: one for several in sensors.values() for one in several}
     machine = dataclasses.replace(bare.scene.machine, sensors=known | added)
     scene = dataclasses.replace(bare.scene, machine=machine)
+    distances = {point: parts[0].distance for point, parts in carriers.items()}
     return _PlacedTest(scene, sensors, placement.rotation, distances, placement.remarks)
+
+
+def _make_sensors(name: str, carriers: Sequence[Carrier]) -> Iterator[Sensor]:
+    """Yield a sensor in three directions on each part that may carry a point, the nearest first."""
+    for number, carrier in enumerate(carriers):
+        yield Sensor(
+            f"{name}{AT}{carrier.component}" if number else name,
+            carrier.component,
+            as_vector(carrier.position),
+            {dof: as_vector(unit) for dof, unit in zip(DIRECTIONS, np.eye(3), strict=True)},
+            reach=SLACK + carrier.distance,
+        )
 
 
 def _compare(
     loaded: _LoadedCorrelation, placed: _PlacedTest, model: ObservedMachine
 ) -> Correlation:
-    job, test, base = loaded.job, loaded.test, loaded.base
-    measured, modes = test.modes, model.modes
+    job, measured, modes, base = loaded.job, loaded.fit.modes, model.modes, loaded.base
     rows = model.observe(measured.channels)
     shapes = rows @ model.damped_shapes
     pairs, left_out = pair_by_most(measured, modes, shapes)
-    faults = describe_channel_faults(measured.shapes, shapes, measured.channels)
-    found = Correlation(
-        scene=model.prepared.scene.name,
-        test=job.test.name,
-        variant=job.scene.variant,
-        fit=test.fit,
-        computed=modes,
-        shapes=shapes,
-        range_hz=test.range_hz,
-        within=job.within,
-        pairs=pairs,
-        mac=correlate_modes(measured.shapes, shapes),
-        left_out=left_out,
-        distances=placed.distances,
-        sensors=dict(model.sensors),
-        rotation=placed.rotation,
-        faults=tuple(fault.text for fault in faults),
-        remarks=(*test.data.remarks, *test.fit.remarks, *placed.remarks),
-        warnings=model.prepared.warnings,
+    first, second = [pair.first for pair in pairs], [pair.second for pair in pairs]
+    faults = describe_channel_faults(
+        measured.shapes[:, first], shapes[:, second], measured.channels
     )
-    places, wrong = list_places(found), {row for fault in faults for row in fault.rows}
-    faulty = {place[0] for row in wrong if (place := places[row]) is not None}
-    found = dataclasses.replace(found, faulty=frozenset(faulty))
+    places = locate_channels(measured.channels, model.sensors, placed.rotation)
+    motions = list_motions(places, measured.shapes)
+    names = () if base is None else match_base_modes(motions, base)
+    wrong = {places[row] for fault in faults for row in fault.rows}
     system, local = model.machine.system, rows @ model.dofs
     static = expand_by_stiffness(
         measured.shapes,
@@ -300,39 +267,54 @@ def _compare(
         system.mass,
         frequencies_hz=measured.frequencies_hz,
     )
-    if base is not None:
-        names = match_base_modes(found, base)
-        since = list_exchanges(names, base)
-        found = dataclasses.replace(found, names=names, since_base=since)
+    found = Correlation(
+        scene=model.prepared.scene.name,
+        test=job.test.name,
+        variant=job.scene.variant,
+        fit=loaded.fit,
+        computed=modes,
+        shapes=shapes,
+        range_hz=loaded.range_hz,
+        within=job.within,
+        pairs=pairs,
+        mac=correlate_modes(measured.shapes, shapes),
+        left_out=left_out,
+        orthogonality=cross_orthogonality(static, model.coordinates, system.mass),
+        responses=_compare_responses(loaded, pairs, model),
+        distances=placed.distances,
+        sensors=dict(model.sensors),
+        rotation=placed.rotation,
+        names=names,
+        since_base=() if base is None else list_exchanges(names, base),
+        faulty=frozenset(place[0] for place in wrong if place is not None),
+        faults=tuple(fault.text for fault in faults),
+        remarks=(*loaded.data.remarks, *loaded.fit.remarks, *placed.remarks),
+        warnings=model.prepared.warnings,
+    )
     files = {
-        TARGETS_FILE: write_targets(found, model.prepared.scene, base),
+        TARGETS_FILE: write_targets(found, motions, model.prepared.scene, base),
         SENSORS_FILE: write_sensors(found, model.prepared.scene),
     }
     return dataclasses.replace(
         found,
         fit_files={name: text for name, text in files.items() if text},
-        orthogonality=cross_orthogonality(static, model.coordinates, system.mass),
-        responses=_compare_responses(test, found, model),
         view=_view_shapes(job, found, model, local, static),
     )
 
 
 def _compare_responses(
-    test: _Test, found: Correlation, model: ObservedMachine
+    loaded: _LoadedCorrelation, pairs: Sequence[ModePair], model: ObservedMachine
 ) -> ComparedResponses | None:
-    responses = test.data.responses
+    responses = loaded.data.responses
     if responses is None:
         return None
+    ratios = spread_ratios(pairs, loaded.fit.modes.damping, model.modes.rigid_count)
     return compare_responses(
         model.machine,
         responses,
         motions=model.observe(responses.motions) @ model.dofs,
         forces=model.observe(responses.forces) @ model.dofs,
-        ratios=spread_ratios(
-            [(pair.first, pair.second) for pair in found.pairs],
-            found.measured.damping,
-            found.computed.rigid_count,
-        ),
+        ratios=ratios,
     )
 
 

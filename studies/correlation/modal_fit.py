@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
+from headstock.pipeline.storage.json_texts import find_known
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.records import (
     ComplexArray,
     MeasuredModes,
     MeasuredResponses,
-    TestChannel,
     TestData,
 )
 from headstock.scene.test_data.responses import label_channel
@@ -40,6 +40,26 @@ DOUBTFUL_SCALE = 0.1  # ± of the scale of a mode from where it is said
 AGREEING = 0.8  # share of residues at driving points that one scale explains
 IntArray = NDArray[np.int64]
 Source = Literal["file", "noise", "residuals"]
+
+
+@dataclass(frozen=True)
+class FittedMode:
+    """A mode of a fit; None for what is not known.
+
+    Attributes:
+        frequency_error_hz: ± at 95 % [Hz].
+        damping_error: The same of the damping ratio.
+        orders: At how many orders of the model it appears.
+    """
+
+    frequency_hz: float
+    frequency_error_hz: float | None
+    damping_ratio: float | None
+    damping_error: float | None
+    phase_collinearity: float | None
+    mean_phase_rad: float | None
+    one_shape: float | None
+    orders: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +97,16 @@ class ModalFit:
     synthesised: ComplexArray | None = None
     assurance: FloatArray | None = None
     remarks: tuple[str, ...] = ()
+
+    def list_modes(self) -> list[FittedMode]:
+        """Return the modes in rows."""
+        modes = self.modes
+        columns = (
+            *(self.frequency_errors, modes.damping, self.damping_errors, self.collinearity),
+            *(self.mean_phases, self.one_shape),
+        )
+        rows = zip(modes.frequencies_hz, *columns, self.orders, strict=True)
+        return [FittedMode(float(hz), *map(find_known, row), int(n)) for hz, *row, n in rows]
 
 
 def read_modes(
@@ -122,28 +152,13 @@ def _choose_references(
         return responses
     by_motion = len(responses.forces) > len(responses.motions)
     channels = responses.motions if by_motion else responses.forces
-
-    def fits(channel: TestChannel, name: str) -> bool:
-        return name in (channel.point, label_channel(channel))
-
+    names = [{channel.point, label_channel(channel)} for channel in channels]
     for name in references:
-        if not any(fits(channel, name) for channel in channels):
+        if not any(name in each for each in names):
             known = ", ".join(map(label_channel, channels))
             raise MeasurementError(f"no reference {name}; choose of {known}")
-    kept = [
-        number
-        for number, channel in enumerate(channels)
-        if any(fits(channel, name) for name in references)
-    ]
-    some = tuple(channels[number] for number in kept)
-    axis, deviations = 1 if by_motion else 2, responses.deviations
-    return dataclasses.replace(
-        responses,
-        motions=some if by_motion else responses.motions,
-        forces=responses.forces if by_motion else some,
-        values=responses.values.take(kept, axis),
-        deviations=None if deviations is None else deviations.take(kept, axis),
-    )
+    kept = [index for index, each in enumerate(names) if each.intersection(references)]
+    return responses.pick(motions=kept) if by_motion else responses.pick(forces=kept)
 
 
 def fit_modes(
@@ -168,7 +183,7 @@ def fit_modes(
     """
     used = _choose_lines(responses, band)
     turned = len(used.forces) > len(used.motions)
-    given = _exchange(used) if turned else used
+    given = used.exchange() if turned else used
     if not np.isfinite(given.values[0]).all(axis=1).any():
         names = ", ".join(map(label_channel, given.forces))
         raise MeasurementError(
@@ -258,26 +273,7 @@ def _choose_lines(
             f"the responses are {ends}: choose another band"
         )
     motions, forces = np.flatnonzero(pairs.any(axis=1)), np.flatnonzero(pairs.any(axis=0))
-    used = np.ix_(np.flatnonzero(lines), motions, forces)
-    return MeasuredResponses(
-        hz[lines],
-        tuple(responses.motions[number] for number in motions),
-        tuple(responses.forces[number] for number in forces),
-        responses.values[used],
-        None if responses.deviations is None else responses.deviations[used],
-    )
-
-
-def _exchange(responses: MeasuredResponses) -> MeasuredResponses:
-    """Return responses with motions and forces exchanged, which reciprocity allows."""
-    deviations = responses.deviations
-    return MeasuredResponses(
-        responses.frequencies_hz,
-        responses.forces,
-        responses.motions,
-        responses.values.transpose(0, 2, 1),
-        None if deviations is None else deviations.transpose(0, 2, 1),
-    )
+    return responses.pick(lines=np.flatnonzero(lines), motions=motions, forces=forces)
 
 
 def _resonances(model: ModalModel, frequencies_hz: FloatArray) -> IntArray:

@@ -1,10 +1,12 @@
 """Points of a test on the surfaces of a machine: best fit by a rigid motion, nearest place, distance."""
 
+import dataclasses
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
 from headstock.geometry.parts.skins import Skin
@@ -24,21 +26,8 @@ OTHER_UNITS = {
 TRIES, ROUNDS = 12, 60  # steps of a fit from each start, and of the best ones
 KEPT = 4
 SMALL = 1e-6  # of the largest singular value: motions that the planes leave open
+MOST_NAMED = 8  # points far from all components
 AS_GOOD = 1.1  # times the rms distance of the best fit: then it is a rival
-
-
-@dataclass(frozen=True, eq=False)
-class PlacedPoint:
-    """A point of a test on a component.
-
-    Attributes:
-        position: ``(3,)`` nearest place of its surface in the frame of the component [m].
-        distance: Of the point from there [m].
-    """
-
-    component: str
-    position: FloatArray
-    distance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,46 +37,30 @@ class Placement:
     Attributes:
         rotation: ``(3, 3)``.
         translation: ``(3,)`` [m].
-        points: By name.
+        rms: Distance of most points from the surface [m]; inf where nobody has measured it.
         remarks: How it was found.
     """
 
     rotation: FloatArray
     translation: FloatArray
-    points: dict[str, PlacedPoint]
-    remarks: tuple[str, ...]
-
-    def move(self, place: FloatArray) -> FloatArray:
-        """Return the place ``(3,)`` of a point of the test in the machine [m]."""
-        return self.rotation @ place + self.translation
-
-
-UNMOVED = Placement(np.eye(3), np.zeros(3), {}, ())
-
-
-@dataclass(frozen=True, eq=False)
-class _Motion:
-    """A rigid motion, with the rms distance of most points from the surface [m]."""
-
-    rotation: FloatArray
-    translation: FloatArray
     rms: float = np.inf
+    remarks: tuple[str, ...] = ()
 
     def move(self, places: FloatArray) -> FloatArray:
+        """Return places of the test ``(3,)`` or ``(n, 3)`` in the machine [m]."""
         return places @ self.rotation.T + self.translation
 
     def describe(self) -> str:
         """Return angle, axis and translation."""
-        skew = self.rotation - self.rotation.T
-        sine = np.array([skew[2, 1], skew[0, 2], skew[1, 0]]) / 2.0
-        angle = np.degrees(np.arctan2(np.linalg.norm(sine), (np.trace(self.rotation) - 1.0) / 2.0))
-        # of half a revolution the axis is the eigenvector of the eigenvalue 1
-        values, vectors = np.linalg.eigh(self.rotation + self.rotation.T)
-        axis = vectors[:, np.argmax(values)]
-        axis = axis * (np.sign(axis @ sine) or 1.0) + 0.0
+        vector = Rotation.from_matrix(self.rotation).as_rotvec()
+        angle = float(np.linalg.norm(vector))
+        axis = vector / angle + 0.0 if angle > 0.0 else np.array([0.0, 0.0, 1.0])
         moved = ", ".join(f"{1e3 * value + 0.0:.4g}" for value in self.translation)
         about = ", ".join(f"{value:.3g}" for value in axis)
-        return f"turned by {angle:.4g}° about ({about}) and moved by ({moved}) mm"
+        return f"turned by {np.degrees(angle):.4g}° about ({about}) and moved by ({moved}) mm"
+
+
+UNMOVED = Placement(np.eye(3), np.zeros(3))
 
 
 def place_test(
@@ -113,7 +86,7 @@ def place_test(
     surface = MachineSurface(skins, frames)
     places = np.array([point.position for point in points.values()])
     _require_unit(places, surface)
-    written = _measure(surface, places, _Motion(np.eye(3), np.zeros(3)))
+    written = _measure(surface, places, UNMOVED)
     common = [name for name in points if name in (matches or {})]
     known = np.array([points[name].position for name in common]).reshape(-1, 3)
     remarks = []
@@ -145,33 +118,22 @@ def place_test(
             f"the points of the test lie {1e3 * motion.rms:.3g} mm from the surfaces of the machine (rms of the nearest 80 %) wherever they are"
             " turned and moved; check the scene and its pose, or give three sensors of the scene the names of their points"
         )
-    nearest, distances, triangles = surface.nearest(motion.move(places))
-    placed = {}
-    for name, place, distance, triangle in zip(points, nearest, distances, triangles, strict=True):
-        component = surface.names[surface.owners[triangle]]
-        frame = frames[component]
-        local = frame.rotation.T @ (place - frame.origin)
-        placed[name] = PlacedPoint(component, local, float(distance))
+    _, distances, triangles = surface.nearest(motion.move(places))
     usual = max(3.0 * motion.rms, CLOSE * surface.size)
-    far = sorted(
-        (
-            (one.distance, name, one.component)
-            for name, one in placed.items()
-            if one.distance > usual
-        ),
-        reverse=True,
-    )
+    owners = [surface.names[owner] for owner in surface.owners[triangles]]
+    far = sorted(zip(distances, points, owners, strict=True), reverse=True)[:MOST_NAMED]
     remarks += [
         f"point {name} lies {1e3 * distance:.3g} mm from the nearest component, {component}"
-        for distance, name, component in far[:8]
+        for distance, name, component in far
+        if distance > usual
     ]
-    return Placement(motion.rotation, motion.translation, placed, tuple(remarks))
+    return dataclasses.replace(motion, remarks=tuple(remarks))
 
 
-def _measure(surface: MachineSurface, places: FloatArray, motion: _Motion) -> _Motion:
+def _measure(surface: MachineSurface, places: FloatArray, motion: Placement) -> Placement:
     distances = np.sort(surface.nearest(motion.move(places))[1])
     counted = distances[: max(1, round(TRIMMED * len(distances)))]
-    return _Motion(motion.rotation, motion.translation, float(np.sqrt((counted**2).mean())))
+    return dataclasses.replace(motion, rms=float(np.sqrt((counted**2).mean())))
 
 
 def _require_unit(places: FloatArray, surface: MachineSurface) -> None:
@@ -193,7 +155,7 @@ def _spans_a_plane(places: FloatArray) -> bool:
     return bool(sizes[1] > 1e-3 * sizes[0])
 
 
-def _fit_motion(places: FloatArray, targets: FloatArray) -> _Motion:
+def _fit_motion(places: FloatArray, targets: FloatArray) -> Placement:
     """Find the rigid motion of places ``(n, 3)`` onto targets with the least squares.
 
     Source: Kabsch (1976), Acta Crystallographica A 32, 922.
@@ -202,10 +164,12 @@ def _fit_motion(places: FloatArray, targets: FloatArray) -> _Motion:
     u, _, vt = np.linalg.svd((places - middle).T @ (targets - target))
     hand = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
     rotation = (u @ hand @ vt).T
-    return _Motion(rotation, target - rotation @ middle)
+    return Placement(rotation, target - rotation @ middle)
 
 
-def _search(surface: MachineSurface, places: FloatArray, written: _Motion) -> tuple[_Motion, int]:
+def _search(
+    surface: MachineSurface, places: FloatArray, written: Placement
+) -> tuple[Placement, int]:
     """Fit from the file's own axes, and from those of all directions of a cube with middles of boxes
     at one place; and how many other motions fit as well.
     """
@@ -216,7 +180,7 @@ def _search(surface: MachineSurface, places: FloatArray, written: _Motion) -> tu
             if np.linalg.det(rotation) > 0.0:
                 turned = places @ rotation.T
                 middle = 0.5 * (turned.min(axis=0) + turned.max(axis=0))
-                starts.append(_Motion(rotation, surface.middle - middle))
+                starts.append(Placement(rotation, surface.middle - middle))
     tried = [_iterate(surface, places, start, TRIES) for start in starts]
     best = sorted(tried, key=lambda motion: motion.rms)[:KEPT]
     best = sorted(
@@ -235,7 +199,9 @@ def _search(surface: MachineSurface, places: FloatArray, written: _Motion) -> tu
     return chosen, len(others)
 
 
-def _iterate(surface: MachineSurface, places: FloatArray, motion: _Motion, rounds: int) -> _Motion:
+def _iterate(
+    surface: MachineSurface, places: FloatArray, motion: Placement, rounds: int
+) -> Placement:
     """Fit points to their nearest places again and again, then to the planes there.
 
     Source: Besl and McKay (1992), IEEE Trans. Pattern Analysis 14, 239; planes: Chen and Medioni (1992),
@@ -256,7 +222,7 @@ def _iterate(surface: MachineSurface, places: FloatArray, motion: _Motion, round
             step = np.linalg.lstsq(slopes, gaps, rcond=SMALL)[0]
             angle = float(np.linalg.norm(step[:3]))
             turn = rotation_about(step[:3], angle) if angle > 0.0 else np.eye(3)
-            motion = _Motion(turn @ motion.rotation, turn @ motion.translation + step[3:])
+            motion = Placement(turn @ motion.rotation, turn @ motion.translation + step[3:])
         motion = _measure(surface, places, motion)
         if motion.rms < best.rms:
             best = motion

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import FloatArray, find_axis
 from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.stages.frf import estimate_response_errors
 from headstock.pipeline.stages.machine import damp_system
@@ -14,13 +14,13 @@ from headstock.pipeline.stages.run_state import PoseModel
 from headstock.scene.test_data.records import MeasuredResponses, TestChannel
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
+from headstock.solvers.pairing.mode_pairing import ModePair
 from headstock.solvers.pairing.shape_agreement import domain_assurance, response_assurance
 from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
 
 MOST_LINES = 150  # of the picture of FDAC
 MOST_SHOWN = 9  # responses that are drawn, and for which ± is estimated
-AXES = "xyz"
-PARALLEL = 1.0 - 1e-6
+SAME_LINE = 1e-6  # of the cosine between two directions
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +56,10 @@ class ComparedResponses:
 
 def response_channel(channel: TestChannel) -> Channel:
     """Return point and direction of a channel as responses name them: ``("12", "-z")``."""
-    direction = np.array(channel.direction)
-    axis = int(np.argmax(np.abs(direction)))
-    if abs(direction[axis]) > PARALLEL:
-        return channel.point, ("-" if direction[axis] < 0.0 else "") + AXES[axis]
-    return channel.point, "(" + " ".join(f"{value:.3g}" for value in direction) + ")"
+    axis = find_axis(channel.direction, SAME_LINE)
+    if axis is not None:
+        return channel.point, ("-" if axis[1] < 0.0 else "") + axis[0]
+    return channel.point, "(" + " ".join(f"{value:.3g}" for value in channel.direction) + ")"
 
 
 def compare_responses(
@@ -172,25 +171,23 @@ def _mean_sizes(values: ComplexArray) -> FloatArray:
 
 def _is_drive_point(motion: TestChannel, force: TestChannel) -> bool:
     return motion.point == force.point and bool(
-        abs(np.dot(motion.direction, force.direction)) > PARALLEL
+        abs(np.dot(motion.direction, force.direction)) > 1.0 - SAME_LINE
     )
 
 
-def spread_ratios(
-    pairs: Sequence[tuple[int, int]], damping: FloatArray, rigid_count: int
-) -> FloatArray:
+def spread_ratios(pairs: Sequence[ModePair], damping: FloatArray, rigid_count: int) -> FloatArray:
     """Return a damping ratio for each elastic mode of a model up to the last pair: that of its partner,
     else the median; the last one is for all others.
 
     Args:
-        pairs: Measured and computed mode.
+        pairs: Of measured and computed modes.
         damping: ``(k,)`` measured; nan where unknown.
     """
     known = damping[np.isfinite(damping)]
     usual = float(np.median(known)) if len(known) else 0.0
-    last = max((computed for _, computed in pairs), default=rigid_count - 1)
+    last = max((pair.second for pair in pairs), default=rigid_count - 1)
     ratios = np.full(last - rigid_count + 2, usual)
-    for first, second in pairs:
-        if np.isfinite(damping[first]) and second >= rigid_count:
-            ratios[second - rigid_count] = damping[first]
+    for pair in pairs:
+        if np.isfinite(damping[pair.first]) and pair.second >= rigid_count:
+            ratios[pair.second - rigid_count] = damping[pair.first]
     return ratios

@@ -1,17 +1,25 @@
-"""A correlation as ``correlate.json`` has it."""
+"""A correlation as ``correlate.json`` has it, and a fit of modes as ``modes.json``."""
 
-import math
+import dataclasses
 
-from headstock.geometry.frames import FloatArray
-from headstock.pipeline.storage.json_texts import JsonTable, JsonValue
-from headstock.studies.correlation.correlation import CorrelatedMode, Correlation
+from headstock.pipeline.storage.json_texts import JsonTable, find_known, nest_known
+from headstock.scene.test_data.responses import label_channel
+from headstock.studies.correlation.correlation import Correlation
+from headstock.studies.correlation.modal_fit import ModalFit
+
+# of a row of the table of modes
+MODE_KEYS = (
+    *("measured_hz", "measured_error_hz", "measured_damping", "number", "name", "computed_hz"),
+    *("computed_error_hz", "computed_damping", "deviation", "mac", "cross_orthogonality"),
+    *("phase_collinearity", "doubts"),
+)
 
 
 def summarise_correlation(found: Correlation) -> JsonTable:
     """Return the content of ``correlate.json``: modes as in the table, MAC by measured (rows) and computed
     modes, channels and responses in the order of the test; null for what is not known.
     """
-    agreement, responses = found.agreement, found.responses
+    agreement, responses, table = found.agreement, found.responses, found.orthogonality
     return {
         "scene": found.scene,
         "variant": found.variant,
@@ -23,17 +31,15 @@ def summarise_correlation(found: Correlation) -> JsonTable:
         "faults": list(found.faults),
         "remarks": list(found.remarks),
         "warnings": list(found.warnings),
-        "modes": [_summarise_mode(found, row) for row in found.modes],
-        "mac": _list_rows(found.mac),
-        "cross_orthogonality": None
-        if found.orthogonality is None
-        else _list_rows(found.orthogonality),
+        "modes": [{key: getattr(row, key) for key in MODE_KEYS} for row in found.modes],
+        "mac": nest_known(found.mac),
+        "cross_orthogonality": None if table is None else nest_known(table),
         "channels": [
             {
                 "point": channel.point,
                 "direction": list(channel.direction),
-                "comac": _known(comac),
-                "ecomac": _known(ecomac),
+                "comac": find_known(comac),
+                "ecomac": find_known(ecomac),
                 "distance_m": found.distances.get(channel.point),
             }
             for channel, comac, ecomac in zip(
@@ -46,43 +52,39 @@ def summarise_correlation(found: Correlation) -> JsonTable:
             "damping": responses.damping,
             "motions": [" ".join(channel) for channel in responses.measured.outputs],
             "forces": [" ".join(channel) for channel in responses.measured.inputs],
-            "frac": _list_rows(responses.frac),
+            "frac": nest_known(responses.frac),
         },
     }
 
 
-def _summarise_mode(found: Correlation, row: CorrelatedMode) -> JsonTable:
-    measured, computed, number = row.measured, row.computed, None
-    if computed is not None:
-        number = found.number(computed)
-    table = found.orthogonality
-    paired = measured is not None and computed is not None
+def summarise_fit(fit: ModalFit, test: str) -> JsonTable:
+    """Return the content of ``modes.json``: null for what is not known, complex numbers as pairs.
+
+    Args:
+        test: Name of the file.
+    """
+    modes, responses = fit.modes, fit.responses
     return {
-        "measured_hz": None if measured is None else float(found.measured.frequencies_hz[measured]),
-        "measured_error_hz": None
-        if measured is None
-        else _known(found.fit.frequency_errors[measured]),
-        "measured_damping": None if measured is None else _known(found.measured.damping[measured]),
-        "number": number,
-        "name": None if computed is None else found.computed.mode_names[computed],
-        "computed_hz": None if computed is None else float(found.computed.frequencies_hz[computed]),
-        "computed_error_hz": None if computed is None else found.computed.error_hz[computed],
-        "computed_damping": None if computed is None else found.computed.damping_ratio[computed],
-        "deviation": row.deviation,
-        "mac": row.mac,
-        "cross_orthogonality": float(table[measured, computed])
-        if paired and table is not None
-        else None,
-        "phase_collinearity": None
-        if measured is None
-        else _known(found.fit.collinearity[measured]),
-        "doubts": list(row.doubts),
+        "test": test,
+        "errors_from": fit.source,
+        "scaled": modes.scaled,
+        "channels": [label_channel(channel) for channel in modes.channels],
+        "modes": [
+            {
+                **dataclasses.asdict(mode),
+                "shape": [[float(value.real), float(value.imag)] for value in shape],
+            }
+            for mode, shape in zip(fit.list_modes(), modes.shapes.T, strict=True)
+        ],
+        "band_hz": None
+        if responses is None
+        else [float(responses.frequencies_hz[0]), float(responses.frequencies_hz[-1])],
+        "responses": None
+        if responses is None or fit.assurance is None
+        else {
+            "motions": [label_channel(channel) for channel in responses.motions],
+            "forces": [label_channel(channel) for channel in responses.forces],
+            "frac": nest_known(fit.assurance),
+        },
+        "remarks": list(fit.remarks),
     }
-
-
-def _list_rows(table: FloatArray) -> list[JsonValue]:
-    return [[_known(value) for value in row] for row in table]
-
-
-def _known(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None

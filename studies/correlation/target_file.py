@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DIRECTIONS, find_axis
 from headstock.geometry.machine.machine import Sensor
 from headstock.pipeline.stages.machine import DAMPING
 from headstock.reduction.motions.part_names import split_number
@@ -16,16 +16,11 @@ from headstock.scene.reading.files import TomlTable, TomlValue, write_toml, writ
 from headstock.scene.reading.findings import show_key
 from headstock.scene.reading.keys import read_entries, read_number, write_number, written_unit
 from headstock.scene.scene import Scene
+from headstock.scene.test_data.records import Vector
 from headstock.studies.correlation.base_case import BaseCase
 from headstock.studies.correlation.correlation import CorrelatedMode, Correlation
 from headstock.studies.correlation.modal_fit import COVERAGE
-from headstock.studies.correlation.sensor_shapes import (
-    ALIGNED,
-    AXES,
-    Motions,
-    list_motions,
-    measured_directions,
-)
+from headstock.studies.correlation.sensors import Motions, SensorDof, measured_directions
 
 TARGETS_FILE, SENSORS_FILE = "targets.toml", "sensors.toml"
 TOLERANCE = "1 %"
@@ -38,16 +33,18 @@ BOUND = 10.0
 PRIOR_SIGMA = 1.0
 
 
-def write_targets(found: Correlation, scene: Scene, base: BaseCase | None = None) -> str:
+def write_targets(
+    found: Correlation, shapes: Sequence[Motions], scene: Scene, base: BaseCase | None = None
+) -> str:
     """Return the text of a target file: every measured mode by name, with its shape at sensors.
 
     Channels that look wrong are left out.
 
     Args:
+        shapes: Of the measured modes.
         scene: Whose joints may be fitted.
         base: Case before the machine was modified, whose file this one is written behind.
     """
-    shapes = list_motions(found)
     case: TomlTable = {
         **({"variant": found.variant} if found.variant else {}),
         "pose": found.pose,
@@ -55,7 +52,7 @@ def write_targets(found: Correlation, scene: Scene, base: BaseCase | None = None
         **({} if base is None else {"like": base.case}),
         **_leave_out_lower(found),
         "modes": [
-            _write_mode(found, row, shapes[row.measured], damped=DAMPING in scene.effects)
+            _write_mode(row, shapes[row.measured], found.faulty, damped=DAMPING in scene.effects)
             for row in found.modes
             if row.measured is not None
         ],
@@ -89,7 +86,8 @@ def write_sensors(found: Correlation, scene: Scene) -> str:
             "component": sensor.component,
             "at": [f"{1e3 * value:.6g} mm" for value in sensor.position],
             "directions": [
-                _write_direction(vector) for vector in measured_directions(found, point).values()
+                _write_direction(vector)
+                for vector in measured_directions(found.channels, point, found.rotation).values()
             ],
             "reach": f"{1e3 * sensor.reach:.3g} mm",
         }
@@ -125,52 +123,38 @@ def _leave_out_lower(found: Correlation) -> TomlTable:
     ]
     if not lower:
         return {}
-    first = min(
-        float(found.measured.frequencies_hz.min()),
-        *(
-            float(found.computed.frequencies_hz[row.computed])
-            for row in found.modes
-            if row.computed is not None
-        ),
-    )
+    computed = [row.computed_hz for row in found.modes if row.computed_hz is not None]
+    first = min(float(found.measured.frequencies_hz.min()), *computed)
     return {"modes_above": f"{math.sqrt(max(lower[-1], 0.01 * first) * first):.3g} Hz"}
 
 
 def _write_mode(
-    found: Correlation, row: CorrelatedMode, motions: Motions, *, damped: bool
+    row: CorrelatedMode, motions: Motions, faulty: Collection[SensorDof], *, damped: bool
 ) -> TomlTable:
-    number = row.measured or 0
-    hz, ratio = float(found.measured.frequencies_hz[number]), float(found.measured.damping[number])
-    sigma = _deviation(found, row)
-    name = "" if row.computed is None else f" {found.computed.mode_names[row.computed]}"
+    ratio, sigma = row.measured_damping or 0.0, _deviation(row)
+    name = f"m{(row.measured or 0) + 1}" + (f" {row.name}" if row.name is not None else "")
     return {
-        "name": found.mode_names[number] or f"m{number + 1}{name}",
-        "frequency": f"{hz:.6g} Hz",
+        "name": row.label or name,
+        "frequency": f"{row.measured_hz:.6g} Hz",
         **({} if sigma is None else {"tolerance": f"{sigma:.3g} Hz"}),
         **({"damping": f"{100.0 * ratio:.4g} %"} if damped and ratio > 0.0 else {}),
         # what no mode of the model looks like would pull parameters to wherever it looks like one
         **({"hold_out": True} if row.computed is None or row.doubts else {}),
-        "vectors": _write_vectors(motions, found.faulty),
+        "vectors": _write_vectors(motions, faulty),
     }
 
 
-def _deviation(found: Correlation, row: CorrelatedMode) -> float | None:
+def _deviation(row: CorrelatedMode) -> float | None:
     """Return the standard deviation of a measured from a computed frequency [Hz], from the ± of both; None
     where one is not known.
     """
-    if row.measured is None or row.computed is None:
+    measured, computed = row.measured_error_hz, row.computed_error_hz
+    if row.measured_hz is None or measured is None or computed is None:
         return None
-    measured, computed = (
-        float(found.fit.frequency_errors[row.measured]),
-        found.computed.error_hz[row.computed],
-    )
-    if computed is None or not math.isfinite(measured):
-        return None
-    least = LEAST_TOLERANCE * float(found.measured.frequencies_hz[row.measured])
-    return max(least, math.hypot(measured, computed) / COVERAGE)
+    return max(LEAST_TOLERANCE * row.measured_hz, math.hypot(measured, computed) / COVERAGE)
 
 
-def _write_vectors(motions: Motions, faulty: Collection[tuple[str, str]]) -> TomlTable:
+def _write_vectors(motions: Motions, faulty: Collection[SensorDof]) -> TomlTable:
     """Return sensor to motions along its x, y and z, the largest motion of the shape one."""
     values = np.array(list(motions.values()))
     turned = values * np.exp(-0.5j * np.angle(np.sum(values * values)))
@@ -180,7 +164,7 @@ def _write_vectors(motions: Motions, faulty: Collection[tuple[str, str]]) -> Tom
     for (name, dof), value in zip(motions, turned, strict=True):
         if (name, dof) not in faulty:
             written = vectors.setdefault(name, [NOT_MEASURED] * 3)
-            written[AXES.index(dof)] = _write_motion(complex(value), is_real=is_real)
+            written[DIRECTIONS.index(dof)] = _write_motion(complex(value), is_real=is_real)
     return dict(vectors)
 
 
@@ -189,11 +173,9 @@ def _write_motion(value: complex, *, is_real: bool) -> TomlValue:
     return real if is_real else [real, imaginary]
 
 
-def _write_direction(vector: FloatArray) -> TomlValue:
-    axis = int(np.argmax(np.abs(vector)))
-    if abs(vector[axis]) > ALIGNED:
-        return AXES[axis]
-    return [float(value) for value in np.round(vector, 9)]
+def _write_direction(vector: Vector) -> TomlValue:
+    axis = find_axis(vector)
+    return [round(value, 9) for value in vector] if axis is None else axis[0]
 
 
 def _propose_parameters(raw: TomlTable, written: TomlTable) -> Iterator[tuple[str, TomlValue]]:

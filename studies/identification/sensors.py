@@ -100,7 +100,7 @@ def list_views(found: Identification, channels: Sequence[ObservedDof]) -> Iterat
             make_case(watched, model.parametric, model.pose, model.parameters), state.values
         )
         rows = shape_rows(seen, shape)
-        for mode in pairing.modes:
+        for mode in pairing:
             motions.append(rows @ seen.motions[:, mode])
             slopes.append(slope_observed(seen, shape, mode) * scale)
     reference = channels[0].observer
