@@ -1,13 +1,13 @@
 """Files of test data by their endings, read in a process apart where they are not small."""
 
+import json
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter
 
 from headstock.meshing.process.strangers import MATLAB, TEST_DATA, read_apart
 from headstock.meshing.process.worker import Arrays
@@ -19,6 +19,7 @@ from headstock.scene.test_data.records import (
     TestChannel,
     TestData,
     TestPoint,
+    as_vector,
 )
 from headstock.scene.test_data.tables import parse_csv, parse_mat, parse_text
 from headstock.scene.test_data.uff import parse_uff
@@ -47,49 +48,49 @@ def _parse(path: Path) -> Arrays:
     return _pack(PARSERS[path.suffix.lower()](path))
 
 
-@dataclass(frozen=True)
-class _Texts:
-    """What of test data is no array."""
-
-    points: tuple[TestPoint, ...]
-    lines: tuple[tuple[str, ...], ...]
-    remarks: tuple[str, ...]
-    motions: tuple[TestChannel, ...] = ()
-    forces: tuple[TestChannel, ...] = ()
-    channels: tuple[TestChannel, ...] = ()
-    scaled: bool = False
-
-
 def _pack(data: TestData) -> Arrays:
     """Test data as arrays, which a worker process hands over."""
-    texts = _Texts(tuple(data.points.values()), data.lines, data.remarks)
+    texts: dict[str, object] = {
+        "points": [asdict(point) for point in data.points.values()],
+        "lines": data.lines,
+        "remarks": data.remarks,
+    }
     arrays: dict[str, NDArray[Any]] = {}
     if (responses := data.responses) is not None:
-        texts = replace(texts, motions=responses.motions, forces=responses.forces)
+        texts["motions"] = list(map(asdict, responses.motions))
+        texts["forces"] = list(map(asdict, responses.forces))
         arrays |= {"lines_hz": responses.frequencies_hz, "responses": responses.values}
         if responses.deviations is not None:
             arrays["deviations"] = responses.deviations
     if (modes := data.modes) is not None:
-        texts = replace(texts, channels=modes.channels, scaled=modes.scaled)
+        texts |= {"channels": list(map(asdict, modes.channels)), "scaled": modes.scaled}
         arrays |= {"modes_hz": modes.frequencies_hz, "damping": modes.damping}
         arrays["shapes"] = modes.shapes
-    return {"texts": np.frombuffer(TypeAdapter(_Texts).dump_json(texts), np.uint8), **arrays}
+    return {"texts": np.frombuffer(json.dumps(texts).encode(), np.uint8), **arrays}
 
 
 def _unpack(arrays: Arrays) -> TestData:
-    texts = TypeAdapter(_Texts).validate_json(arrays["texts"].tobytes())
+    texts = json.loads(arrays["texts"].tobytes())
+    motions, forces, channels = (
+        tuple(TestChannel(one["point"], as_vector(one["direction"])) for one in texts.get(key, ()))
+        for key in ("motions", "forces", "channels")
+    )
+    points = {
+        one["name"]: TestPoint(
+            one["name"],
+            as_vector(one["position"]),
+            tuple(map(as_vector, one["axes"])),
+            one["part"],
+        )
+        for one in texts["points"]
+    }
     responses = modes = None
     if "responses" in arrays:
-        responses = MeasuredResponses(
-            arrays["lines_hz"],
-            texts.motions,
-            texts.forces,
-            arrays["responses"],
-            arrays.get("deviations"),
-        )
+        values, deviations = arrays["responses"], arrays.get("deviations")
+        responses = MeasuredResponses(arrays["lines_hz"], motions, forces, values, deviations)
     if "shapes" in arrays:
         modes = MeasuredModes(
-            arrays["modes_hz"], arrays["damping"], texts.channels, arrays["shapes"], texts.scaled
+            arrays["modes_hz"], arrays["damping"], channels, arrays["shapes"], texts["scaled"]
         )
-    points = {point.name: point for point in texts.points}
-    return TestData(points, texts.lines, responses, modes, texts.remarks)
+    lines = tuple(map(tuple, texts["lines"]))
+    return TestData(points, lines, responses, modes, tuple(texts["remarks"]))
