@@ -11,7 +11,7 @@ import itertools
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import accumulate, batched
+from itertools import accumulate
 
 import numpy as np
 
@@ -403,32 +403,32 @@ def _rewrite_shape(made: UffSet) -> list[str]:
     return filled
 
 
-def _rewrite_points_15(made: UffSet) -> list[str]:
-    widths = (10, 10, 10, 10, 13, 13, 13)
-    ends = list(accumulate(widths))
-    _require_count(made, len(made.lines))
-    rows = []
-    for index, line in enumerate(made.lines):
-        cells = [line[end - width : end] for end, width in zip(ends, widths, strict=True)]
-        columns = " ".join(cells) if len(" ".join(cells).split()) == 7 else line
-        rows.append(" " + " ".join(_numbers(columns, index, 7)))
+def _rewrite_records(made: UffSet) -> list[str]:
+    """Sets 15, 18, 2411 and 2420: points and coordinate systems, so many lines of numbers each."""
+    above, record = _RECORDS[made.kind]
+    lines, size = made.lines[above:], len(record)
+    if len(made.lines) < above or len(lines) % size:
+        raise _LineError(len(made.lines) - 1, f"each entry has {size} lines; {AGAIN}")
+    if len(lines) > size * MOST_POINTS:
+        raise _LineError(0, f"more than {MOST_POINTS} entries; export fewer")
+    rows = [_numbers(made.lines[0], 0)[0], *made.lines[1:above]] if above else []
+    for index, line in enumerate(lines, above):
+        wanted = record[(index - above) % size]
+        if not wanted:  # a title
+            rows.append(line)
+        elif isinstance(wanted, int):
+            rows.append(f" {' '.join(_numbers(line, index, wanted))}")
+        else:
+            ends = list(accumulate(wanted))
+            cells = [line[end - width : end] for end, width in zip(ends, wanted, strict=True)]
+            spaced = " ".join(cells)  # not all writers keep to columns
+            spaced = spaced if len(spaced.split()) == len(wanted) else line
+            fields = _numbers(spaced, index, len(wanted))
+            # pyuff reads a set 18 by columns, a set 15 by blanks
+            blank = " " * (made.kind == 15)
+            columns = (f"{one:>{w}}" for one, w in zip(fields, wanted, strict=True))
+            rows.append(blank + blank.join(columns))
     return rows
-
-
-def _rewrite_points_2411(made: UffSet) -> list[str]:
-    _require_count(made, len(made.lines) // 2)
-    if len(made.lines) % 2:
-        raise _LineError(len(made.lines) - 1, f"a point has no coordinates; {AGAIN}")
-    return [
-        " " + " ".join(_numbers(line, index, 3 if index % 2 else 4))
-        for index, line in enumerate(made.lines)
-    ]
-
-
-def _require_count(made: UffSet, points: int) -> None:
-    """Refuse a set with more points than a test has."""
-    if points > MOST_POINTS:
-        raise _LineError(0, f"{points} points; {MOST_POINTS} are read at most: export fewer")
 
 
 def _rewrite_trace(made: UffSet) -> list[str]:
@@ -474,46 +474,25 @@ def _rewrite_units(made: UffSet) -> list[str]:
     return [made.lines[0], " ".join([*fields, "1", "0"][:4] if len(fields) < 4 else fields[:4])]
 
 
-def _rewrite_systems_18(made: UffSet) -> list[str]:
-    """Set 18: coordinate systems by three points."""
-    rows = []
-    for index, record in enumerate(batched(made.lines, 4, strict=False)):
-        if len(record) != 4:
-            raise _LineError(4 * index, f"a coordinate system has four lines; {AGAIN}")
-        first = _fill_columns([record[2]], (13,) * 6, 4 * index + 2)
-        second = _fill_columns([record[3]], (13,) * 3, 4 * index + 3)
-        if (first[1], second[1]) != (6, 3):
-            raise _LineError(4 * index + 2, f"nine numbers are needed; {AGAIN}")
-        head = " " + " ".join(_numbers(record[0], 4 * index, 5))
-        rows += [head, record[1], *first[0], *second[0]]
-    return rows
-
-
-def _rewrite_systems_2420(made: UffSet) -> list[str]:
-    """Set 2420: coordinate systems by matrices."""
-    if len(made.lines) % 6 != 2:
-        raise _LineError(
-            len(made.lines) - 1, f"a coordinate system has six lines below the part's two; {AGAIN}"
-        )
-    rows = [_numbers(made.lines[0], 0)[0], made.lines[1]]
-    for start in range(2, len(made.lines), 6):
-        label, title, *matrix = made.lines[start : start + 6]
-        rows += [" " + " ".join(_numbers(label, start, 3)), title]
-        rows += [" " + " ".join(_numbers(row, start + 2 + at, 3)) for at, row in enumerate(matrix)]
-    return rows
-
-
+# lines above records; of each line of a record how many numbers it has, or the widths of those that
+# may touch; none of a title
+_RECORDS: dict[int, tuple[int, list[int | tuple[int, ...]]]] = {
+    15: (0, [(10,) * 4 + (13,) * 3]),
+    18: (0, [5, 0, (13,) * 6, (13,) * 3]),
+    2411: (0, [4, 3]),
+    2420: (2, [3, 0, 3, 3, 3, 3]),
+}
 # formats that are read; a header (151) is only quoted, with as many lines as it should have
 _REWRITERS: dict[int, Callable[[UffSet], list[str]]] = {
-    15: _rewrite_points_15,
-    18: _rewrite_systems_18,
+    15: _rewrite_records,
+    18: _rewrite_records,
     55: _rewrite_shape,
     58: _rewrite_function,
     82: _rewrite_trace,
     151: lambda made: [*made.lines, *[""] * 7][:7],
     164: _rewrite_units,
-    2411: _rewrite_points_2411,
+    2411: _rewrite_records,
     2412: _rewrite_elements,
-    2420: _rewrite_systems_2420,
+    2420: _rewrite_records,
 }
 KINDS = frozenset(_REWRITERS)
