@@ -149,13 +149,22 @@ def estimate_behind_faces(triangles: int, cubes: float, order: int) -> tuple[int
 
     Args:
         cubes: Volume over the third power of the element size inside.
-
-    Source: Euler's formula; edges of tets are ``vertices + cells + triangles / 2``.
     """
     cells = CELLS_PER_TRIANGLE * triangles + CELLS_PER_VOLUME * cubes
     vertices = triangles / 2 + max(cells - 1.5 * triangles, 0.0) / 5.5
-    nodes = vertices if order == 1 else 2 * vertices + cells + triangles / 2
+    nodes = vertices if order == 1 else count_quadratic_nodes(vertices, cells, triangles)
     return int(min(cells, UNCOUNTED)), int(min(nodes, UNCOUNTED))
+
+
+def count_quadratic_nodes(vertices: float, cells: float, triangles: float) -> int:
+    """Return the number of corners and middles of edges of a mesh of tets.
+
+    Args:
+        triangles: On its surface.
+
+    Source: Euler's formula; edges of tets are ``vertices + cells + triangles / 2``.
+    """
+    return int(min(2 * vertices + cells + triangles / 2, UNCOUNTED))
 
 
 def budget_message(count: int, size: float) -> str:

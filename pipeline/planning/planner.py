@@ -37,6 +37,7 @@ from headstock.pipeline.planning.budgets import (
     write_seconds,
 )
 from headstock.pipeline.planning.interfaces import find_glued_joints, has_choice
+from headstock.pipeline.planning.patch_costs import describe_patch_costs
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.planning.reductions import (
@@ -127,18 +128,31 @@ def _plan_components(
         settings, reason = choose_reduction(component, scene.analyses)
         fidelity = "rigid" if scene.is_lumped else component.fidelity
         part = dataclasses.replace(component, reduction=settings, fidelity=fidelity)
-        estimate = choice = None
+        estimate, choice, patch_costs = None, None, ""
         if part.fidelity == "elastic" and not isinstance(part.solid, MeshFile | SuperelementFile):
             before = None if before_survey is None else functools.partial(before_survey, name)
-            estimate = estimate_mesh(
-                part, supports, loads, survey=survey, known=surveys, before_survey=before
+            count = functools.partial(
+                estimate_mesh,
+                supports=supports,
+                loads=loads,
+                survey=survey,
+                known=surveys,
+                before_survey=before,
             )
+            estimate = count(part)
+            if survey:
+                patch_costs = describe_patch_costs(
+                    part,
+                    scene,
+                    _estimated_dofs(part, estimate),
+                    lambda other, count=count: _estimated_dofs(other, count(other)),
+                )
             choice = _choose_solver(part, scene, estimate)
             if choice.method == "iterative":
                 settings = dataclasses.replace(part.reduction, solver="iterative")
                 part = dataclasses.replace(part, reduction=settings)
         components[name] = part
-        made = _component_stages(part, reason, scene, estimate, choice)
+        made = _component_stages(part, reason, scene, estimate, choice, patch_costs)
         first = equals.setdefault(_reduction_key(part, scene), name)
         stages += made if first == name else [_share_stage(stage, first) for stage in made]
         dofs += reduced_dofs(part, None if estimate is None else estimate.volume)
@@ -239,6 +253,7 @@ def _component_stages(
     scene: Scene,
     estimate: MeshEstimate | None,
     choice: SolverChoice | None,
+    patch_costs: str = "",
 ) -> Sequence[Stage]:
     limits = scene.limits
     name, solid = component.name, component.solid
@@ -261,7 +276,7 @@ def _component_stages(
         meshing = Stage(
             "mesh",
             name,
-            "elastic",
+            f"elastic{patch_costs}",
             None,
             dofs,
             mesh_memory_mb(dofs),

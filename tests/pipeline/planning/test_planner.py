@@ -20,6 +20,7 @@ from headstock.geometry.parts.components import (
     ReductionSettings,
 )
 from headstock.geometry.parts.solids import Box, SuperelementFile, Tube
+from headstock.meshing.components.meshing import mesh_component
 from headstock.pipeline.answers.answer import Answer
 from headstock.pipeline.planning.analyses import (
     FRF_MARGIN,
@@ -393,3 +394,17 @@ def test_a_record_names_a_function_and_an_answer(record: AnalysisRecord) -> None
 def test_every_answer_has_an_entry_of_its_own() -> None:
     entries = [kind.entry for kind in load_answer_types()]
     assert len(set(entries)) == len(entries) > len(RECORDS)
+
+
+def test_a_survey_counts_meshes_of_parts_with_narrow_rails_and_names_what_makes_them_large() -> (
+    None
+):
+    rails = tuple(
+        Patch("z+", "rect", center=(0.0, side, 0.15), size=(0.65, 0.03)) for side in (-0.15, 0.15)
+    )
+    interfaces = {"foot": Interface("foot", (Patch("z-"),)), "pads": Interface("pads", rails)}
+    bed = make_block("bed", (0.7, 0.4, 0.15), interfaces=interfaces, mesh=MeshSettings(size=0.06))
+    planned = plan_scene(make_scene(bed, modal=SIX), survey=True).stages[0]
+    real = 3 * len(mesh_component(bed).points)
+    assert planned.estimated_dofs == approx(real, rel=0.15)
+    assert "4 elements across pads, 30 mm wide: about 14 000 dofs with" in planned.reason

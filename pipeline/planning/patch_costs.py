@@ -1,0 +1,73 @@
+"""What the elements across small patches add to a mesh, before anything is meshed."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+from headstock.geometry.parts.components import Component
+from headstock.meshing.components.meshing import patch_groups
+from headstock.pipeline.planning.rail_meshes import find_coarse_rails
+from headstock.scene.scene import Scene
+
+FEWEST_DOFS = 50_000  # smaller meshes cost little, whatever decides them
+DECIDED = 0.6  # dofs without most of the elements across patches, over those with them
+FEWEST_ACROSS = (1, 2)
+
+
+def describe_patch_costs(
+    component: Component, scene: Scene, dofs: int, count_dofs: Callable[[Component], int]
+) -> str:
+    """Return which patch makes most of a mesh by the elements across it, and how large it would be
+    with fewer of them; empty where none does.
+
+    Args:
+        dofs: Of the mesh.
+        count_dofs: Surveys the mesh of a component.
+    """
+    mesh = component.mesh
+    narrowest = min(_list_widths(component, scene), default=None)
+    if narrowest is None or dofs < FEWEST_DOFS or mesh.growth is not None or mesh.cells == "hex":
+        return ""
+    fewer = next(
+        (
+            across
+            for across in FEWEST_ACROSS
+            if across < mesh.across_patches
+            and not find_coarse_rails(_with_across(scene, component, across))[0]
+        ),
+        None,
+    )
+    if fewer is None:
+        return ""
+    coarse = _with_across(scene, component, fewer).machine.components[component.name]
+    without = count_dofs(coarse)
+    if without > DECIDED * dofs:
+        return ""
+    width, name = narrowest
+    thousands = float(f"{1e-3 * without:.2g}")
+    return (
+        f"; most of it by {mesh.across_patches} elements across {name}, {1e3 * width:.4g} mm wide: about"
+        f" {thousands:g} 000 dofs with mesh.across_patches = {fewer}"
+    )
+
+
+def _list_widths(component: Component, scene: Scene) -> Sequence[tuple[float, str]]:
+    """Return the width [m] of each imprinted patch of a component, and its group."""
+    machine = scene.machine
+    groups = patch_groups(
+        component, tuple(machine.supports.values()), tuple(machine.loads.values())
+    )
+    return [
+        (min(patch.size), name)
+        for name, patches in groups.items()
+        for patch in patches
+        if patch.shape != "whole" and patch.size
+    ]
+
+
+def _with_across(scene: Scene, component: Component, across: int) -> Scene:
+    """Return a scene with other elements across the patches of a component."""
+    mesh = dataclasses.replace(component.mesh, across_patches=across)
+    changed = {component.name: dataclasses.replace(component, mesh=mesh)}
+    machine = scene.machine
+    components = {**machine.components, **changed}
+    return dataclasses.replace(scene, machine=dataclasses.replace(machine, components=components))
