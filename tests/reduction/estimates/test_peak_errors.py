@@ -96,14 +96,17 @@ def test_a_peak_moves_by_its_mode_and_its_frequency_to_first_order() -> None:
 
 
 def test_every_body_and_every_level_is_that_of_the_softened_system() -> None:
+    """Whose flexibility is larger by what meshes miss under given loads."""
     system = make_system()
     energies = {"base": missing(0.3, 1), "column": missing(0.1, 4)}
     parts = {name: meshed(energy) for name, energy in energies.items()}
     peaks, errors = estimate(system, ErrorSources(meshed=parts))
-    static = np.linalg.inv(system.stiffness)[:2, :2]
+    flexibility = np.linalg.inv(system.stiffness)
+    static = flexibility[:2, :2]
     assert peaks and errors.finer.keys() >= energies.keys()
     for name, energy in energies.items():
-        softer = dataclasses.replace(system, stiffness=system.stiffness - energy)
+        stiffness = np.linalg.inv(flexibility + flexibility @ energy @ flexibility)
+        softer = dataclasses.replace(system, stiffness=stiffness)
         whole = np.abs(
             respond(softer).form.evaluate(2.0 * np.pi * np.linspace(1.0, 1500.0, 200_000))
         )
@@ -122,9 +125,11 @@ def test_every_body_and_every_level_is_that_of_the_softened_system() -> None:
         )
 
 
-def test_of_a_mesh_that_misses_more_energy_than_the_machine_stores_nobody_knows() -> None:
-    _, errors = estimate(make_system(), ErrorSources(meshed={"body": meshed(missing(100.0, 2))}))
-    assert np.isnan(errors.finer["body"]).all()
+def test_a_mesh_that_misses_more_energy_than_the_machine_stores_still_has_an_error() -> None:
+    peaks, errors = estimate(
+        make_system(), ErrorSources(meshed={"body": meshed(missing(100.0, 2))})
+    )
+    assert (errors.finer["body"][len(peaks) :] > 1e-8).any()
 
 
 def test_beyond_what_a_mesh_tells_and_the_modes_kept_nobody_knows() -> None:
