@@ -26,6 +26,7 @@ from headstock.geometry.parts.patches import (
 from headstock.geometry.parts.solids import Solid, Tube
 
 DEGREE = 3  # of the splines along a rail
+TRAVEL_STEP = 1e-4  # to which remedies round limits of axes [m]
 LEAST_INTERVALS = 1.5  # intervals of control points per carriage length below which its motion depends on single control points
 
 
@@ -101,6 +102,11 @@ class Carriage:
             self.place + 0.5 * self.length - self.span[1],
         )
 
+    @property
+    def hangs_over(self) -> bool:
+        """Whether it hangs over an end by more than rounding."""
+        return self.overhang > OVERHANG_TOLERANCE * (self.span[1] - self.span[0])
+
 
 def _rail_end(machine: Machine, joint: Joint) -> JointEnd | None:
     """Return the end of a joint that is a rail; None where there is none, or its component is not
@@ -157,8 +163,39 @@ def find_overhangs(machine: Machine, pose: Pose) -> dict[str, str]:
     return {
         carriage.joint: _describe_overhang(carriage)
         for carriage in carriages
-        if carriage.overhang > OVERHANG_TOLERANCE * (carriage.span[1] - carriage.span[0])
+        if carriage.hangs_over
     }
+
+
+def find_travel_faults(machine: Machine) -> list[str]:
+    """Find the axes whose limits let a carriage hang over an end of its rail, every other axis at
+    zero: where, by how much, and what to do.
+
+    Raises:
+        PoseError: The mechanism cannot take a pose.
+    """
+    faults = []
+    for name, axis in machine.axes.items():
+        limits, hanging = list(axis.limits), []
+        for end, limit in enumerate(axis.limits):
+            pose = Pose(name, {name: limit})
+            riding = place_carriages(machine, pose) if math.isfinite(limit) else ()
+            over = [one for one in riding if one.joint in axis.joints and one.hangs_over]
+            if over:
+                worst = max(over, key=lambda carriage: carriage.overhang)
+                inward = (1.0, -1.0)[end]
+                # away from the rail's end, so that rounding leaves nothing over it
+                steps = (inward * limit + worst.overhang) / TRAVEL_STEP - OVERHANG_TOLERANCE
+                limits[end] = inward * TRAVEL_STEP * math.ceil(steps)
+                hanging.append(
+                    f"at {show_position(limit)} the carriage of joint {worst.joint} hangs "
+                    f"{show_position(worst.overhang)} over the end of rail {worst.rail}"
+                )
+        if hanging:
+            low, high = (f'"{show_position(limit)}"' for limit in limits)
+            shorter = f"write limits = [{low}, {high}], or " if limits[0] < limits[1] else ""
+            faults.append(f"axis {name}: {', '.join(hanging)}; {shorter}make the rail longer")
+    return faults
 
 
 def _describe_overhang(carriage: Carriage) -> str:

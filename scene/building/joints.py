@@ -209,7 +209,10 @@ def _direction_faults(table: JointTable) -> _Faults:
     try:
         _joint_rotation(table)
     except ValueError:
-        yield ("normal",), "axis and normal are parallel; write two different directions"
+        yield (
+            ("normal",),
+            "is parallel to axis; write the direction across the face that the joint lies on",
+        )
 
 
 def _spring_faults(table: JointTable) -> _Faults:

@@ -273,7 +273,7 @@ def _list_carriages(entry: TomlTable, key: KeyPath, findings: Findings) -> list[
     """Places of carriages on parallel rails: rail by rail, from the positive side to the negative."""
     table = validate_part(CarriagesTable, entry[CARRIAGES], (*key, CARRIAGES), findings)
     axis, normal = (str(entry.get(name, "")).lstrip("+-") for name in ("axis", "normal"))
-    if {axis, normal} - set(AXES) or axis == normal:
+    if {axis, normal} - set(AXES):
         findings.add(
             (*key, CARRIAGES),
             "needs axis and normal of the joint along x, y or z; write the rail's direction and that "
@@ -287,7 +287,8 @@ def _list_carriages(entry: TomlTable, key: KeyPath, findings: Findings) -> list[
             (*key, CARRIAGES), f"takes numbers from 1 to {MOST_CARRIAGES} for rails and per_rail"
         )
         return []
-    third = ({"x", "y", "z"} - {axis, normal}).pop()
+    # of a normal along the axis, which the joint reports, either of two
+    third = min(AXES.keys() - {axis, normal})
     # as decimals: places are written with the digits that a scene would have
     along, across = (Decimal(repr(length)) for length in (table.along, table.across))
     places: list[TomlValue] = []

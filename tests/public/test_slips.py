@@ -68,6 +68,30 @@ def test_carriages_beside_their_rail(tmp_path: Path, change: tuple[str, str], wo
     assert len(found) == 1 and words in found[0] and "which rail it names" in found[0]
 
 
+def test_an_axis_whose_travel_ends_beyond_its_rail_has_limits_that_do(tmp_path: Path) -> None:
+    mill = next(path for path in SHIPPED if path.stem == "mill").read_text()
+    old = 'X = { joints = ["x_carriage", "x_screw"], direction = "x", limits = ["-150 mm", "150 mm"] }'
+    wide = old.replace('"-150 mm", "150 mm"', '"-150 mm", "185 mm"')
+    (told,) = [
+        text
+        for text in hs.check(write_scene(tmp_path, mill, (old, wide)))
+        if "over the end" in text
+    ]
+    assert told == (
+        "axis X: at 185 mm the carriage of joint x_carriage_1 hangs 35 mm over the end of rail saddle.rail_1; "
+        'write limits = ["-150 mm", "150 mm"], or make the rail longer'
+    )
+
+
+def test_a_normal_along_the_axis_of_carriages_is_named(tmp_path: Path) -> None:
+    mill = next(path for path in SHIPPED if path.stem == "mill").read_text()
+    change = ('axis = "x"\nnormal = "z"\nlength', 'axis = "x"\nnormal = "-x"\nlength')
+    with pytest.raises(
+        hs.SceneError, match=r"joints\.x_carriage_1\.normal[^:]*parallel to axis[^:]*1 problem"
+    ):
+        hs.check(write_scene(tmp_path, mill, change))
+
+
 RIGID = 'kind = "rigid"\n[joints.floor]'
 GUIDE = (
     'kind = "linear_guide"\naxis = "AXIS"\nstiffness = { lateral = "1 N/um", normal = "1 N/um" }\n'
