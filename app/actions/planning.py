@@ -1,5 +1,6 @@
 """``headstock plan``: what a scene calls for; nothing is computed."""
 
+import dataclasses
 import importlib
 
 from headstock.app.actions.checking import choose_fidelity, load_chosen
@@ -14,6 +15,7 @@ from headstock.app.terminal.console import (
 )
 from headstock.app.terminal.guard import DONE
 from headstock.app.terminal.progress import show_progress
+from headstock.pipeline.planning.locking import foresee_locking
 from headstock.pipeline.planning.plan import Plan
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.planning.reductions import add_compiling
@@ -42,6 +44,7 @@ def plan_command(options: PlanOptions) -> int:
     else:
         planned = importlib.import_module(SEARCH_MODULE).plan_first_round(scene)
     planned = add_compiling(planned, scene)
+    planned = dataclasses.replace(planned, warnings=(*planned.warnings, *foresee_locking(scene)))
     _print_plan(scene.name, planned)
     options.write_json(dump_json(_list_stages(planned)))
     return DONE

@@ -135,6 +135,9 @@ class Interface:
     open_kind: bool = False
 
 
+MESH_LENGTHS = ("size", "rim_size", "smallest", "leave_out", "details")  # of mesh settings
+
+
 @dataclass(frozen=True)
 class MeshSettings:
     """Settings of a component's mesh: target element size [m] (None: from the solid), order 1 or 2,
@@ -161,6 +164,32 @@ class MeshSettings:
     leave_out: float | None = None
     details: float | None = None
     sizes: SizeField | None = None
+
+    def resize(self, size: float) -> str:
+        """Return what a scene writes for these settings with another, smaller element size [m]:
+        ``mesh = { size = "20 mm", across_patches = 2 }``; what would no longer fit is left out.
+        """
+        rim_size = self.rim_size if self.rim_size and self.rim_size < size else None
+        changed = dataclasses.replace(
+            self,
+            size=size,
+            sizes=None,
+            rim_size=rim_size,
+            growth=self.growth if rim_size == self.rim_size else None,
+            smallest=self.smallest if self.smallest and self.smallest <= size else None,
+        )
+        entries = []
+        for setting in dataclasses.fields(self):
+            value = getattr(changed, setting.name)
+            if setting.name == "size" or value != setting.default:
+                if isinstance(value, bool):
+                    value = str(value).lower()
+                elif isinstance(value, str):
+                    value = f'"{value}"'
+                elif setting.name in MESH_LENGTHS:
+                    value = f'"{1e3 * value:.6g} mm"'
+                entries.append(f"{setting.name} = {value}")
+        return f"mesh = {{ {', '.join(entries)} }}"
 
 
 Eigensolver = Literal["block_lanczos", "krylov_schur"]

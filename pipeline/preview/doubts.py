@@ -1,5 +1,6 @@
 """What looks like a slip in a machine before anything is computed, from rigid bodies and joints alone: what moves
-freely, parts of a size that no part has, joints whose ends lie far apart, supports that sink under their weight.
+freely, parts of a size that no part has, joints whose ends lie far apart, axes whose travel ends beyond a rail, supports
+that sink under their weight.
 """
 
 import dataclasses
@@ -12,12 +13,14 @@ import numpy as np
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.machine.carriages import find_travel_faults
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Pose, place_components
 from headstock.geometry.parts.components import Component, Support
 from headstock.geometry.parts.mass_properties import SolidProperties, closed_form_properties
 from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFile
 from headstock.meshing.length_units import doubt_mesh_size
+from headstock.pipeline.planning.locking import foresee_locking
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.preview.rigid_bodies import RigidMachine, place_rigid
 from headstock.pipeline.preview.watched_numbers import find_unknown_numbers
@@ -118,6 +121,7 @@ def doubt_machine(scene: Scene, *, read: bool = True) -> tuple[str, ...]:
     try:
         warnings += _doubt_joints(scene.machine, parts, pose)
         warnings += _doubt_deflections(scene.machine, parts, pose)
+        warnings += find_travel_faults(scene.machine)
     except (HeadstockError, ValueError):
         pass  # a pose or a joint that cannot be had is the matter of its own stage
     return tuple(warnings)
@@ -359,6 +363,7 @@ def check_scene(scene: Scene) -> list[str]:
         *free_motion_warnings(scene),
         *doubt_machine(scene),
         *perhaps,
+        *foresee_locking(scene),
         *remarks,
     ]
 

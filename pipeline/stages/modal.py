@@ -48,7 +48,6 @@ from headstock.reduction.motions.body_motions import (
 )
 from headstock.reduction.superelement import Superelement
 from headstock.scene.analyses.modal import ModalRequest
-from headstock.scene.scene import Scene
 from headstock.solvers.linear.damping import (
     DampedModes,
     damping_of_undamped,
@@ -104,9 +103,7 @@ def solve_pose_modes(model: PoseModel, request: ModalRequest) -> Solved[PoseMode
     count = len(result.frequencies_hz)
     damping = _Damping((None,) * count, (None,) * count)
     if damped and model.coupled is not None:
-        damping = _damp_modes(
-            model.parts.scene, model.coupled, model.all_modes, named.names, errors
-        )
+        damping = _damp_modes(model, model.coupled, named.names, errors)
     unexpected: tuple[FreeMotion, ...] = ()
     if result.rigid_count and isinstance(model, CoupledPose):
         unexpected = model.undeclared(find_free_motions(model.coupled))
@@ -222,18 +219,19 @@ class _Damping:
 
 
 def _damp_modes(
-    scene: Scene,
+    model: PoseModel,
     coupled: CoupledMachine,
-    complete: ModalResult,
     names: tuple[str, ...],
     undamped: tuple[Estimate, ...],
 ) -> _Damping:
     """Damping of the first undamped modes.
 
     Args:
+        coupled: The model's superelements.
         names: Of the first of them, whose damping is wanted.
         undamped: How far their frequencies may be off [Hz].
     """
+    scene, complete = model.parts.scene, model.all_modes
     count, first = len(names), complete.rigid_count
     viscous = equivalent_viscous(damp_system(scene, coupled.system, complete), complete)
     damped = solve_damped(viscous, complete, lowest=count)
@@ -258,14 +256,18 @@ def _damp_modes(
         ),
     )
     rough = _find_rough(first, totals, ratios[first:], errors[first:])
-    warnings = [
-        *warn_of_no_damping(scene, coupled.system),
+    doubts = [
         *_warn_of_growing(damped, complete),
         *_warn_of_rough(rough, estimates, names),
         *(() if hysteretic is None else _warn_of_large_losses(hysteretic, complete, names)),
         *_warn_of_creeping(range(first, count), estimates, names),
     ]
-    return _Damping(ratios, frequencies, errors, tuple(warnings))
+    pose = f"pose {model.pose.name}: " if len(model.parts.plan.poses) > 1 else ""
+    warnings = (
+        *warn_of_no_damping(scene, coupled.system),
+        *(f"{pose}{message}" for message in doubts),
+    )
+    return _Damping(ratios, frequencies, errors, warnings)
 
 
 def _combine_errors(

@@ -8,23 +8,26 @@ import numpy as np
 
 from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.skins import Skin
-from headstock.geometry.parts.solids import Box, MeshFile, StepFile
+from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.component_mesh import POOR_QUALITY, MeshQuality
 from headstock.meshing.length_units import doubt_mesh_size, doubt_size
 from headstock.pipeline.answers.accuracy import InterfaceErrorsAnswer
 from headstock.pipeline.answers.answer import find_answers
+from headstock.pipeline.answers.frf import PoseResponse
 from headstock.pipeline.answers.modal import FREQUENCY
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
 from headstock.pipeline.planning.interfaces import find_glued_joints, find_reach
+from headstock.pipeline.planning.locking import (
+    LOCKED,
+    describe_locking,
+    locking_share,
+    write_finer_mesh,
+)
 from headstock.pipeline.stages.run_state import ReducedComponent, RunState
 from headstock.scene.analyses.frf import FrfRequest
 
 CUTOFF_MARGIN = 1.5
 FEWEST_NODES = 6.0  # per wavelength: three second-order elements
-# Share by which single tet10 across a wall raise a frequency, over (L / wavelength)^4 (L / t)^2: 15
-# to 60 in square plates of 1:200 and 1:1000 with hinged and clamped edges
-LOCKING = 30.0
-LOCKED = 0.03
 # Rigid joints over areas that reach from their middle over this share of a wavelength were 5 to 30 %
 # off in plates and blocks, beams of the same share under 1 % (`validate flexible-interfaces`)
 LARGE_REACH = 0.2
@@ -79,7 +82,7 @@ def _warn_of_mesh(component: Component, reduced: ReducedComponent, highest_hz: f
     return [
         f"component {component.name!r}: at {highest_hz:.4g} Hz the bending wavelength of its walls (about {1e3 * thickness:.3g} mm thick) is"
         f" {1e3 * length:.3g} mm, {length / spacing:.2g} nodes of its mesh, so frequencies there are too high;"
-        f' write mesh = {{ size = "{1e3 * 2.0 * length / FEWEST_NODES:.2g} mm" }}'
+        f" {write_finer_mesh(component, float(f'{2.0 * length / FEWEST_NODES:.2g}'))}"
     ]
 
 
@@ -89,12 +92,8 @@ def _warn_of_locking(
     """A warning where single tetrahedra across thin walls lock in bending waves as short as those
     of the highest frequency.
 
-    Second-order tets bend without shear only as far as piecewise quadratics without kinks do, of
-    which irregular meshes have few.
-
     Args:
-        highest_hz: Highest frequency of interest [Hz]; of a static answer alone 0: then waves as
-            long as the part count.
+        highest_hz: As in ``locking_share``.
         error: Largest share of a result that its mesh may be off by; None where unknown. Walls that
             carry loads along their plane do not lock, and this is how they are known.
     """
@@ -106,24 +105,17 @@ def _warn_of_locking(
         or (error is not None and error < LOCKED)
     ):
         return []
-    material, extent = component.material, float(np.ptp(reduced.skin.points, axis=0).max())
-    stiffness = material.youngs_modulus / (12.0 * (1.0 - material.poisson_ratio**2))
-    if highest_hz > 0.0:
-        # wavelength^4 over t^2 of bending waves
-        waves = (2.0 * math.pi / highest_hz) ** 2 * stiffness / material.density
-    else:
-        waves = extent**4 / _wall_thickness(reduced.skin, quality) ** 2
-    share = LOCKING * quality.flatness / waves
+    share = locking_share(
+        component.material,
+        quality.flatness,
+        highest_hz,
+        extent=float(np.ptp(reduced.skin.points, axis=0).max()),
+        thickness=_wall_thickness(reduced.skin, quality),
+    )
+    size, thickness = quality.flat_size, quality.flat_thickness
     if share < LOCKED:
         return []
-    size = quality.flat_size * (0.01 / share) ** (1.0 / 6.0)
-    amount = f"about {float(f'{100.0 * share:.1g}'):g} %" if share < 0.5 else "many times"
-    cure = ', or cells = "hex"' if isinstance(component.solid, Box) else ""
-    return [
-        f"component {component.name!r}: single tetrahedra of {1e3 * quality.flat_size:.3g} mm across walls of"
-        f" {1e3 * quality.flat_thickness:.3g} mm lock in bending, so frequencies may be {amount} too high;"
-        f' write mesh = {{ size = "{1e3 * size:.2g} mm" }}{cure}'
-    ]
+    return [describe_locking(component, share, size=size, thickness=thickness)]
 
 
 def _wall_thickness(skin: Skin, quality: MeshQuality) -> float:
@@ -219,8 +211,8 @@ def _warn_of_large_interfaces(state: RunState) -> list[str]:
         if max(waves, default=0.0) > LARGE_REACH:
             warnings.append(
                 f"joint {joint.name}: {joint} move as one in six motions, but reach over {max(waves):.2g} of the bending wavelength at"
-                f" {max(modes):.4g} Hz; frequencies may be several percent off. interface_errors = true computes by how much, coupling ="
-                " { flexible = 24 } for both lets them deform"
+                f" {max(modes):.4g} Hz; frequencies may be several percent off. interface_errors = true, above the first table of"
+                f" {state.scene.path.name}, computes by how much; coupling = {{ flexible = 24 }} in both interfaces lets them deform"
             )
     return warnings
 
@@ -246,13 +238,14 @@ def _mesh_share(state: RunState, component: str) -> float | None:
     return max(shares, default=None)
 
 
-def _stated_errors(state: RunState) -> list[tuple[str, float, Estimate]]:
-    """Return frequencies and compliances with their names and ±."""
+def _stated_errors(state: RunState, *kinds: str) -> list[tuple[str, float, Estimate]]:
+    """Return frequencies, compliances and numbers of other kinds with their names and ±."""
+    several = len(state.plan.poses) > 1
     return [
-        (number.describe(), number.value, number.error)
-        for answer in (*state.modal, *state.static)
+        (number.describe(several_poses=several), number.value, number.error)
+        for answer in (*state.modal, *state.static, *find_answers(state.answers, PoseResponse))
         for number in answer.list_numbers()
-        if number.key.kind in (FREQUENCY, "compliance") and number.error is not None
+        if number.key.kind in (FREQUENCY, "compliance", *kinds) and number.error is not None
     ]
 
 
@@ -261,7 +254,7 @@ def _warn_of_large_errors(state: RunState) -> list[str]:
     worst of them and a remedy.
     """
     worst: dict[tuple[str, str], tuple[float, str]] = {}
-    for what, value, error in _stated_errors(state):
+    for what, value, error in _stated_errors(state, "peak", "level"):
         parts = {
             (name, source): size
             for source, sizes in error.parts.items()

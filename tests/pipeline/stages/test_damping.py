@@ -63,6 +63,14 @@ def test_a_mass_on_a_spring_has_the_damping_ratio_it_is_given_above_one_too(
     assert found == approx(expected, rel=1e-9)
 
 
+def test_warnings_of_damping_name_the_pose_where_there_are_several(tmp_path: Path) -> None:
+    ratio = f'joints.spring.damping={{ x = "{3.0 * math.sqrt(STIFFNESS * MASS)!r} N s/m" }}'
+    settings = ("effects.damping=true", ratio, "poses={ near = {}, far = {} }")
+    warnings = run(tmp_path, SLIDER, *settings)[2].warnings
+    told = [text for text in warnings if "overdamped" in text]
+    assert [text.split(": mode 1")[0] for text in told] == ["pose near", "pose far"]
+
+
 @pytest.mark.parametrize("loss", [0.1, 0.9])
 def test_a_large_loss_factor_acts_as_it_stands_in_a_frequency_response(
     tmp_path: Path, loss: float

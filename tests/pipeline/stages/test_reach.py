@@ -3,13 +3,15 @@ estimate where there is no bound.
 """
 
 import math
+import re
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
+import headstock as hs
 from common import approx
-from fixture_machines import stored_scene
+from fixture_machines import stored_scene, write_scene
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box
@@ -21,7 +23,7 @@ from scene_runs import compute
 pytestmark = [pytest.mark.hard("H52"), pytest.mark.fem, pytest.mark.process]
 
 SCENE = stored_scene("reach")
-Sheet = Callable[[str, str], tuple[FloatArray, list[str]]]
+Sheet = Callable[[str], tuple[FloatArray, list[str], list[str]]]
 
 
 @pytest.fixture(scope="module")
@@ -104,26 +106,31 @@ def test_nodes_along_a_wall_are_as_far_apart_as_in_its_mesh(
 def sheet(tmp_path_factory: pytest.TempPathFactory) -> Sheet:
     folder = tmp_path_factory.mktemp("sheet")
 
-    def go(size: str, cells: str) -> tuple[FloatArray, list[str]]:
-        text = SCENE.replace('"400 mm", "40 mm", "8 mm"', '"200 mm", "60 mm", "0.4 mm"').replace(
-            '"hex"', f'"{cells}"'
-        )
-        text = text.replace("SIZE", size).replace('"MODES"', "12").replace('"COUNT"', "2")
+    def go(mesh: str) -> tuple[FloatArray, list[str], list[str]]:
+        text = SCENE.replace('"400 mm", "40 mm", "8 mm"', '"200 mm", "60 mm", "0.4 mm"')
+        text = text.replace('mesh = { size = "SIZE", cells = "hex" }', mesh)
+        text = text.replace('"MODES"', "12").replace('"COUNT"', "2")
+        checked = hs.check(write_scene(folder, text))
         results = compute(folder, text)
-        return results.modal[0].frequencies_hz, [
-            text for text in results.warnings if "lock" in text
-        ]
+        return (
+            results.modal[0].frequencies_hz,
+            [text for text in results.warnings if "lock" in text],
+            [text for text in checked if "lock" in text],
+        )
 
     return go
 
 
-def test_tets_that_lock_across_a_sheet_are_named_with_a_size_that_does_not(sheet: Sheet) -> None:
-    true, silent = sheet("10 mm", "hex")
-    locked, (warning,) = sheet("20 mm", "tet")
-    assert silent == []
+def test_tets_that_lock_across_a_sheet_are_named_with_a_mesh_that_does_not(sheet: Sheet) -> None:
+    """Also before the run; the mesh keeps every key that was there."""
+    true, *silent = sheet('mesh = { size = "10 mm", cells = "hex" }')
+    locked, (warning,), (foreseen,) = sheet('mesh = { size = "20 mm", across_patches = 3 }')
+    assert silent == [[], []]
     assert locked[1] > 1.1 * true[1]
-    assert "'strip'" in warning and "walls of 0.4 mm" in warning and 'cells = "hex"' in warning
-    size = warning.split('size = "')[1].split('"')[0]
-    right, nothing = sheet(size, "tet")
-    assert nothing == []
+    for text in (warning, foreseen):
+        assert "'strip'" in text and "walls of 0.4 mm" in text and 'cells = "hex"' in text
+    (remedy,) = re.findall(r"mesh = { .* }", warning)
+    assert "across_patches = 3" in remedy
+    right, *nothing = sheet(remedy)
+    assert nothing == [[], []]
     assert np.abs(right / true - 1.0).max() < 0.02
