@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from rich.console import Console
 from rich.table import Table
 
-from headstock.app.tables.static import sort_shares
+from headstock.app.tables.static import merge_families, sort_shares
 from headstock.app.tables.table import Column, Listing, drop_noise, find_unit, find_unit_scales
 from headstock.app.terminal.console import (
     add_row,
@@ -45,7 +45,7 @@ def print_stage(record: StageRecord) -> None:
     stage = record.stage
     subject = stage.component or stage.pose or ""
     detail = f"cached  {record.detail}" if record.cached else record.detail
-    if stage.kind in ("refine", "models", "joints") and stage.component:
+    if stage.kind == "refine" or (stage.kind in ("models", "joints") and stage.component):
         make_console().print(f"  {stage.kind:<7} {subject:<18} {detail}", markup=False)
         return
     line = f"  {stage.kind:<7} {subject:<18} {record.seconds:8.2f} s  {detail}"
@@ -115,7 +115,7 @@ def _format_cell[Row](column: Column[Row], row: Row, scale: float) -> str:
 
 
 def _print_shares(console: Console, label: str, shares: Mapping[str, float]) -> None:
-    ordered = sort_shares(shares)
+    ordered = sort_shares(merge_families(shares))
     shown = [item for item in ordered[:CONTRIBUTORS_SHOWN] if item[1] >= SMALLEST_SHARE]
     for index, (name, share) in enumerate(shown):
         head = f"budget {label}" if index == 0 else ""

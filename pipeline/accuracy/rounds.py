@@ -96,12 +96,16 @@ class History:
 class Verdict:
     """Store the evaluation of a round by rank 0: whether the search ends, else the next scene; and
     the report.
+
+    Attributes:
+        aim: Relative error that the next round is to reach; None where no number has a bound.
     """
 
     ends: bool
     scene: Scene
     round: AccuracyRound
     failure: str = ""
+    aim: float | None = None
 
 
 def evaluate_round(
@@ -145,7 +149,8 @@ def evaluate_round(
     seconds = {name: LEAST_SECONDS + spent[name] for name in parts}
     wanted = _wanted_ratios(quantities, goal.to, parts, seconds)
     short = [quantity for quantity in quantities if quantity.error > goal.to]
-    return _refine(scene, state, goal.to, wanted, short, trials, reported), learnt
+    verdict = _refine(scene, state, goal.to, wanted, short, trials, reported)
+    return dataclasses.replace(verdict, aim=_choose_aim(short, goal.to)), learnt
 
 
 def _learn_factors(
@@ -293,10 +298,9 @@ def _wanted_ratios(
     ]
     ratios = {other: 0.0 for owner in unbounded for other in groups[owner]}
     bounded = [quantity for quantity in short if np.isfinite(quantity.error)]
-    if not bounded:
+    aim = _choose_aim(short, accuracy)
+    if aim is None:
         return ratios
-    furthest = max(quantity.error for quantity in bounded)
-    aim = accuracy * float(np.clip((accuracy / furthest) ** FAR_POWER, LEAST_AIM, AIM))
 
     def worst_parts() -> tuple[float, dict[Owner, float]]:
         left = [
@@ -324,6 +328,18 @@ def _wanted_ratios(
         take=step,
     )
     return ratios
+
+
+def _choose_aim(short: Sequence[Quantity], accuracy: float) -> float | None:
+    """Return the error that the next round is to reach; None where no number has a bound.
+
+    Args:
+        short: Numbers that are not within the accuracy.
+    """
+    bounded = [quantity.error for quantity in short if np.isfinite(quantity.error)]
+    if not bounded:
+        return None
+    return accuracy * float(np.clip((accuracy / max(bounded)) ** FAR_POWER, LEAST_AIM, AIM))
 
 
 def _group_owners(

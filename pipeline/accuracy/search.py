@@ -29,6 +29,7 @@ from headstock.pipeline.accuracy.quantities import (
 )
 from headstock.pipeline.accuracy.rounds import (
     History,
+    Verdict,
     describe_settings,
     evaluate_round,
     replace_components,
@@ -330,13 +331,39 @@ def _refine_in_rounds(scene: Scene, run_round: _RunRound, note: Note, most_round
             failure = f"no finer mesh confirms it: {error}" if confirms else str(error)
             break
         if state.is_root:
-            for name, change in (verdict.round.changes or {}).items():
+            changes = verdict.round.changes or {}
+            next_round = _describe_next(verdict, goal.to, len(rounds), most_rounds, plan)
+            note(Stage("refine", None, verdict.round.reason), next_round, Cost())
+            for name, change in changes.items():
                 note(Stage("refine", name, verdict.round.reason), change, Cost())
         current, state = verdict.scene, run_round(verdict.scene, plan)
     counted = count_safely(history.quantities, history.factors)
     # the ± of meshes has its usual safety factor
     factors = {name: factor / MESH_SAFETY for name, factor in history.factors.items()}
     return _Refined(current, state, tuple(rounds), counted, factors, failure)
+
+
+def _describe_next(
+    verdict: Verdict, accuracy: float, number: int, most_rounds: int, plan: Plan
+) -> str:
+    """Describe what a round reached, and what the next one refines and is expected to take.
+
+    Args:
+        accuracy: Relative error that is asked for.
+        number: Of the round that was evaluated.
+        plan: Of the next round.
+    """
+    reached, changes = verdict.round, verdict.round.changes or {}
+    seconds = sum(
+        stage.estimated_seconds or 0.0
+        for stage in plan.stages
+        if stage.component is None or stage.component in changes
+    )
+    aim = "" if verdict.aim is None else f", aims at {show_share(verdict.aim)}"
+    return (
+        f"round {number} reached {show_share(reached.error)} in {reached.quantity}, {show_share(accuracy)} is asked for;"
+        f" round {number + 1} of at most {most_rounds} refines {', '.join(changes)}{aim} and takes about {seconds:.2g} CPU s"
+    )
 
 
 def _choose_bodies(scene: Scene, refined: _Refined, note: Note) -> ModelChoice | None:
