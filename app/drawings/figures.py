@@ -13,11 +13,12 @@ from markupsafe import Markup
 from PIL import Image
 
 from headstock.app.drawings import svg
-from headstock.app.tables.static import sort_shares
+from headstock.app.tables.static import sort_shares, top_shares
 from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.control import ControlAnswer
 from headstock.pipeline.answers.map import PoseGrid
 from headstock.pipeline.answers.modal import PoseModes
+from headstock.reduction.motions.body_motions import name_families
 
 SHOWN_SHARE = 0.005
 SMALLEST_PERCENT = 0.0005  # what is shown as 0.0 %, without a sign
@@ -52,23 +53,23 @@ TITLES = {
 def draw_budget(
     shares: Mapping[str, float], colors: Mapping[str, str], identity: str, longest: float
 ) -> Markup:
-    """One bar per part, largest first; joints in grey, components in their colours; a share of
-    ``longest`` fills the width.
+    """One bar per part, largest first, parts whose names differ by a number together; joints in
+    grey, components in their colours; a share of ``longest`` fills the width.
 
     Args:
         shares: Part to its share of the compliance, 0 to 1.
         identity: ``id`` in the page.
         longest: Share whose bar is as wide as the picture.
     """
-    rows = [item for item in sort_shares(shares)[:BARS_SHOWN] if item[1] >= SHOWN_SHARE]
-    parts = []
+    rows, parts = top_shares(shares, BARS_SHOWN, SHOWN_SHARE), []
+    families = name_families(shares)
     for number, (name, share) in enumerate(rows):
         places = {"line": number * BAR_STEP + 12, "bar": number * BAR_STEP + 16, "width": BAR_WIDTH}
         words = {
             "name": _shorten(name),
             "value": repr(share),
             "text": percent(share),
-            "color": colors.get(name, JOINT_COLOR),
+            "color": colors.get(families[name][0], JOINT_COLOR),
         }
         parts.append(
             Markup(BUDGET_ROW).format(

@@ -189,27 +189,33 @@ class _KeyFigures:
         compliances: There: direction, compliance along it with its ± [um/kN], and the part that
             gives most.
         text: What it says about the weak link.
-        first: Frequency, its error [Hz] and name of the first mode in which something deforms.
+        first: Frequency, its error [Hz] and name of the first mode in which the machine does not
+            move as a whole.
+        whole: In how many modes below that it does, on its supports.
     """
 
     point: str | None = None
     compliances: Sequence[tuple[str, float | None, float | None, str]] = ()
     text: str = ""
     first: tuple[float, float | None, str] | None = None
+    whole: int = 0
 
 
 def _key_figures(run: Results) -> _KeyFigures:
-    """Return the compliance of the first point in the first pose, and the first mode in which
-    something deforms.
+    """Return the compliance of the first point in the first pose, and the first mode in which the
+    machine does not move as a whole.
     """
-    first = None
+    first, whole = None, 0
     for modes in run.modal[:1]:
         rows = zip(map(float, modes.frequencies_hz), modes.error_hz, modes.mode_names, strict=True)
         named = list(rows)[modes.rigid_count :]
         first = next((mode for mode in named if WHOLE_MACHINE not in mode[-1]), None)
+        whole = (
+            sum(WHOLE_MACHINE in mode[-1] for mode in named[: named.index(first)]) if first else 0
+        )
     for row in list_point_rows(run.find(StaticAnswer)):
-        return _KeyFigures(row.name, _list_compliances(row), row.point.text, first)
-    return _KeyFigures(first=first)
+        return _KeyFigures(row.name, _list_compliances(row), row.point.text, first, whole)
+    return _KeyFigures(first=first, whole=whole)
 
 
 def _list_compliances(row: PointRow) -> list[tuple[str, float | None, float | None, str]]:

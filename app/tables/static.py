@@ -110,7 +110,11 @@ def list_displacements(point: PointCompliance) -> list[DeviationRow]:
 def longest_share(budget: Mapping[str, Mapping[str, float]]) -> float:
     """The largest share of a budget in any direction, whose bar fills a picture."""
     return (
-        max((share for shares in budget.values() for share in shares.values()), default=0.0) or 1.0
+        max(
+            (share for shares in budget.values() for share in merge_families(shares).values()),
+            default=0.0,
+        )
+        or 1.0
     )
 
 
@@ -133,13 +137,13 @@ def merge_families(shares: Mapping[str, float]) -> dict[str, float]:
 
 
 def top_shares(shares: Mapping[str, float], count: int, least: float) -> list[tuple[str, float]]:
-    """The largest shares, at most so many.
+    """The largest shares, at most so many, of parts whose names differ by a number together.
 
     Args:
         count: How many there may be.
         least: Share below which one is not named.
     """
-    return [item for item in sort_shares(shares)[:count] if item[1] >= least]
+    return [item for item in sort_shares(merge_families(shares))[:count] if item[1] >= least]
 
 
 def tabulate_compliance(name: str, row: PointRow) -> PlainTable:

@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from headstock.app.drawings.figures import draw_frequencies, draw_stack
 from headstock.app.drawings.markup import typeset, write_data, write_error
-from headstock.app.tables.static import merge_families, top_shares
+from headstock.app.tables.static import top_shares
 from headstock.app.tables.table import Column, Listing, PlainTable
 from headstock.app.texts.bounded_values import (
     bound_size,
@@ -158,7 +158,7 @@ def _show_bound(row: ModeRow) -> str:
 
 
 def _show_parts(row: ModeRow) -> str:
-    top = top_shares(merge_families(row.energy_share), SHARES_SHOWN, SMALLEST_SHOWN)
+    top = top_shares(row.energy_share, SHARES_SHOWN, SMALLEST_SHOWN)
     return ", ".join(f"{name} {100 * share:.0f} %" for name, share in top)
 
 

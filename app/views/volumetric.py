@@ -10,7 +10,6 @@ from headstock.app.drawings.volumetric import draw_motions, draw_volume, list_ma
 from headstock.app.tables.static import (
     DEVIATION_COLUMNS,
     DeviationRow,
-    merge_families,
     tabulate_budget,
 )
 from headstock.app.tables.table import (
@@ -222,7 +221,7 @@ def _list_parts(run: Results) -> Iterator[TerminalPart]:
         if volume.squareness:
             yield Listing("Squareness", SQUARENESS_COLUMNS, _list_squareness(volume))
         for direction, shares in volume.budget.items():
-            yield Shares(direction, merge_families(shares))
+            yield Shares(direction, shares)
         yield ""
 
 
@@ -249,7 +248,6 @@ VIEW = View(
             "list_ranges": _list_ranges,
             "list_squareness": _list_squareness,
             "map_layers": map_layers,
-            "merge_families": merge_families,
             "volumetric_words": _volumetric_words,
         },
     ),
