@@ -18,6 +18,7 @@ from headstock.geometry.parts.patches import (
     named_planar_face,
     patch_rects,
 )
+from headstock.meshing.components.skins import find_areas
 from headstock.pipeline.preview.rigid_view import SupportView
 from headstock.pipeline.results.views import JointView, MachineView, PointView, PoseView, SensorView
 
@@ -120,8 +121,8 @@ def label_machine(
     supports: Mapping[str, SupportView],
     components: Mapping[str, Component],
 ) -> LabelledSurface:
-    """The skins of a machine in a pose, areas of interfaces on flat faces of solids without a file,
-    and marks and names at joints, supports, points and sensors.
+    """The skins of a machine in a pose, areas of interfaces, and marks and names at joints, supports,
+    points and sensors.
     """
     sketch = _Sketch()
     sketch.draw_joints(placed.joints)
@@ -135,11 +136,12 @@ def label_machine(
         _interface_areas(components, placed).items(), len(joined.palette)
     ):
         for area in areas:
-            corners.append(area)
-            fan = np.arange(1, len(area) - 1)
-            triangles.append(start + np.column_stack([0 * fan, fan, fan + 1]))
-            owners.append(np.full(len(fan), owner))
-            start += len(area)
+            # corners that triangles share are one, so that no edge is drawn between these
+            places, flat = np.unique(area.reshape(-1, 3).round(9), axis=0, return_inverse=True)
+            corners.append(places)
+            triangles.append(start + flat.reshape(-1, 3))
+            owners.append(np.full(len(area), owner))
+            start += len(places)
         sketch.count(kind, len(areas), AREAS[kind])
     return LabelledSurface(
         np.vstack(corners),
@@ -186,14 +188,25 @@ def _axis_arrows(joints: list[JointView], color: Color) -> list[Marks]:
 def _interface_areas(
     components: Mapping[str, Component], placed: PoseView
 ) -> dict[str, list[FloatArray]]:
-    """Outlines ``(k, 3)`` of rects, strips and disks on flat faces, anticlockwise as seen from
-    outside, machine frame [m]; whole faces are left out.
+    """Triangles ``(k, 3, 3)`` of areas, outward, machine frame [m]: of interfaces of parts from a
+    file, and of rects, strips and disks on flat faces of other solids, whose whole faces are left out.
     """
     areas: dict[str, list[FloatArray]] = {kind: [] for kind in AREAS}
     for name, part in components.items():
+        frame = placed.placements[name]
+        read = find_areas(part)
+        size = max((np.ptp(corners, axis=(0, 1)).max() for corners in read.values()), default=0.0)
+        for interface, corners in read.items():
+            across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
+            # what lies on a whole face is seen above it
+            whole = part.interfaces[interface].patches[0].shape == "whole"
+            lifted = corners + (1.0 if whole else 2.0) * LIFT * size * across[:, None]
+            kind = "rail" if part.interfaces[interface].rail else "area of an interface"
+            areas[kind].append(lifted @ frame.rotation.T + frame.origin)
         if not isinstance(part.solid, PlanarSolid):
             continue
-        lift, frame = LIFT * max(part.solid.size), placed.placements[name]
+        lift = LIFT * max(part.solid.size)
         for interface in part.interfaces.values():
             kind = "rail" if interface.rail else "area of an interface"
             for patch in interface.patches:
@@ -207,9 +220,9 @@ def _interface_areas(
                     area[:, [first, second]] = outline
                     # x y z without y is left-handed as seen along y
                     turned = sign < 0.0 if face.axis != 1 else sign > 0.0
-                    areas[kind].append(
-                        (area[::-1] if turned else area) @ frame.rotation.T + frame.origin
-                    )
+                    rim = (area[::-1] if turned else area) @ frame.rotation.T + frame.origin
+                    fan = np.arange(1, len(rim) - 1)
+                    areas[kind].append(rim[np.column_stack([0 * fan, fan, fan + 1])])
     return areas
 
 

@@ -37,7 +37,8 @@ TEXT_SHADE = 0.65
 NOTE_REACHES = (1.0, 1.7)
 LEADER = "#475467"
 PLATE = {"boxstyle": "round,pad=0.15", "facecolor": (1.0, 1.0, 1.0, 0.85), "linewidth": 0.0}
-LETTER, LINE = 7.0, 12.0  # pixels of text
+LETTER, LINE = 7.0, 17.0  # pixels of text
+LEGEND_STEP = 17  # pixels
 LEADERS = [
     (22 * np.cos(angle), -22 * np.sin(angle))
     for angle in np.radians([45, 135, 315, 225, 0, 180, 90, 270])
@@ -146,9 +147,9 @@ def draw_numbered(surface: LabelledSurface) -> tuple[bytes, set[int]]:
         axes.set_xlim(-0.5, width - 0.5)
         axes.set_ylim(height - 0.5, -0.5)
     for number, (entry, color) in enumerate(surface.legend):
-        figure.text(
-            0.99, 1.0 - 14 * (number + 1) / (2 * height), entry, fontsize=9, color=color, ha="right"
-        )
+        line = 1.0 - LEGEND_STEP * (number + 1) / (2 * height)
+        for place, words, shade in ((0.98, entry, INK), (0.992, "\N{BLACK SQUARE}", color)):
+            figure.text(place, line, words, fontsize=10, color=shade, ha="right", va="center")
     labelled.discard(0)
     buffer = io.BytesIO()
     canvas.print_png(buffer)

@@ -16,6 +16,7 @@ MOTION_TOLERANCE = 1e-3
 ASTRAY = 0.5  # sine between a band and the axis it is said to run along, at most
 STEEPEST_PITCH = 0.15  # advance over way of a motion that counts as a rotation
 SLOWEST = 0.2  # extent over radius of a rotation: a larger circle is a straight line
+DISK_SIDES = 32  # of the polygon that is drawn for a disk
 FLATTEST = 0.1  # cosine between the width of a band and the axis it goes around, at least
 
 
@@ -63,6 +64,30 @@ class CurvedPatch:
             return self.patch.size[0] / 2 - np.hypot(a, b)
         return np.minimum(self.patch.size[0] / 2 - np.abs(a), self.patch.size[1] / 2 - np.abs(b))
 
+    def clip(self, corners: FloatArray) -> FloatArray:
+        """Return the parts ``(k, 3, 3)`` of triangles that lie within the outline, seen along the
+        normal.
+
+        Args:
+            corners: Of the face, ``(m, 3, 3)``.
+        """
+        if self.across is not None:
+            sides = [(sign * self.across, self.half_width) for sign in (-1.0, 1.0)]
+        elif self.patch.shape == "disk":
+            angles = 2.0 * np.pi * np.arange(DISK_SIDES) / DISK_SIDES
+            around = np.column_stack([np.cos(angles), np.sin(angles)])
+            outward = around @ np.array([self.first, self.second])
+            sides = [(direction, self.patch.size[0] / 2) for direction in outward]
+        else:
+            sides = [
+                (sign * direction, size / 2)
+                for direction, size in zip((self.first, self.second), self.patch.size, strict=True)
+                for sign in (-1.0, 1.0)
+            ]
+        for direction, reach in sides:
+            corners = _cut_triangles(corners, reach - (corners - self.origin) @ direction)
+        return corners
+
     def facing(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Return the cosines ``(n,)`` between normals and that in the middle; around a band each is
         turned to the middle's meridian first.
@@ -90,6 +115,29 @@ class CurvedPatch:
         if self.across is None or self.axis is not None:
             return self.facing(points, normals)
         return np.sqrt(np.clip(1.0 - (normals @ self.across) ** 2, 0.0, 1.0))
+
+
+def _cut_triangles(corners: FloatArray, depths: FloatArray) -> FloatArray:
+    """Return the parts ``(k, 3, 3)`` of triangles ``(m, 3, 3)`` on one side of a plane.
+
+    Args:
+        depths: Of the corners below the plane, ``(m, 3)``; negative ones are cut off.
+    """
+    inside = depths >= 0.0
+    counts = inside.sum(axis=1)
+    parts = [corners[counts == 3]]
+    for count in (1, 2):
+        some = counts == count
+        # first the corner that is alone on its side, then the others in their order
+        alone = (inside[some] == (count == 1)).argmax(axis=1)
+        order = (alone[:, None] + np.arange(3)) % 3
+        a, b, c = np.take_along_axis(corners[some], order[:, :, None], axis=1).transpose(1, 0, 2)
+        below = np.take_along_axis(depths[some], order, axis=1)
+        shares = below[:, :1] / (below[:, :1] - below[:, 1:])
+        ab, ac = a + shares[:, :1] * (b - a), a + shares[:, 1:] * (c - a)
+        kept = [(a, ab, ac)] if count == 1 else [(ab, b, c), (ab, c, ac)]
+        parts += [np.stack(triangle, axis=1) for triangle in kept]
+    return np.concatenate(parts)
 
 
 def plane_axes(normal: FloatArray) -> FloatArray:

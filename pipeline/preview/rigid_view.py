@@ -9,7 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, FloatArray, Frame
-from headstock.geometry.machine.machine import Pose, place_components
+from headstock.geometry.machine.carriages import rail_span
+from headstock.geometry.machine.joints import Joint
+from headstock.geometry.machine.machine import Machine, Pose, place_components
 from headstock.geometry.parts.components import (
     NORMAL,
     Component,
@@ -24,7 +26,7 @@ from headstock.pipeline.results.views import MachineView, component_skin, place_
 from headstock.pipeline.storage.part_files import describe_solid
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.reduction.components.rigid import reduce_rigid
-from headstock.reduction.coupling.dof_layout import lay_out_dofs
+from headstock.reduction.coupling.dof_layout import DofLayout, is_rail, lay_out_dofs
 from headstock.reduction.coupling.joint_springs import place_joint
 from headstock.reduction.superelement import Superelement
 from headstock.scene.scene import Scene
@@ -65,7 +67,8 @@ def view_rigid(scene: Scene, pose: Pose) -> tuple[MachineView, dict[str, Support
     }
     layout = lay_out_dofs(bodies, placements)
     frames = {
-        name: place_joint(joint, machine, layout).frame for name, joint in machine.joints.items()
+        name: place_joint(_carry_joint(joint, machine, layout), machine, layout).frame
+        for name, joint in machine.joints.items()
     }
     view = MachineView(
         skins,
@@ -81,7 +84,9 @@ def view_rigid(scene: Scene, pose: Pose) -> tuple[MachineView, dict[str, Support
 
 
 def _with_supports(component: Component, scene: Scene) -> Component:
-    """The component with an interface at each supported patch, which has a middle then."""
+    """The component with an interface at each supported patch, which has a middle then; a rail whose
+    ends only a mesh knows is an area like others.
+    """
     extra = {
         name: Interface(name, (patch,))
         for support in scene.machine.supports.values()
@@ -90,7 +95,24 @@ def _with_supports(component: Component, scene: Scene) -> Component:
             _patch_names(support), (*support.patches, *support.edge), strict=True
         )
     }
-    return dataclasses.replace(component, interfaces={**component.interfaces, **extra})
+    known = {
+        name: dataclasses.replace(interface, rail=None)
+        if interface.rail is not None and rail_span(component.solid, interface) is None
+        else interface
+        for name, interface in component.interfaces.items()
+    }
+    return dataclasses.replace(component, interfaces=known | extra)
+
+
+def _carry_joint(joint: Joint, machine: Machine, layout: DofLayout) -> Joint:
+    """The joint, carried along by its carriage also where that rides on a rail shown as an area."""
+    if joint.length is None or any(is_rail(layout, end) for end in joint.ends):
+        return joint
+    first, second = joint.ends
+    part = machine.components.get(first.component or "")
+    on_rail = part is not None and part.interfaces[first.interface or ""].rail is not None
+    ends = (second, first) if on_rail else (first, second)
+    return dataclasses.replace(joint, ends=ends, length=None)
 
 
 def _patch_names(support: Support) -> list[str]:

@@ -12,13 +12,22 @@ import pytest
 import pyvista as pv
 
 from built_parts import built_part
-from common import approx, make_box
+from common import STEEL, approx, make_box
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.components import Component, Interface, Patch
 from headstock.geometry.parts.skins import IntArray, Skin, sharp_edges
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.component_mesh import CellKind
 from headstock.meshing.components import reduced_skins, skins
-from headstock.meshing.components.skins import PIXEL, mesh_skin, skin_size, thin_skin, unmeshed_skin
+from headstock.meshing.components.meshing import describe_component
+from headstock.meshing.components.skins import (
+    PIXEL,
+    find_areas,
+    mesh_skin,
+    skin_size,
+    thin_skin,
+    unmeshed_skin,
+)
 from headstock.meshing.errors import MeshError
 
 pytestmark = pytest.mark.slow
@@ -295,3 +304,25 @@ def test_limits_are_kept_by_more_triangles_and_not_by_none(monkeypatch: pytest.M
     monkeypatch.setattr(reduced_skins, "LARGEST_EDGE_CHANGE", 0.0)
     with pytest.raises(MeshError, match="another shape"):
         reduced_skins.reduce_skin(whole, largest=100, tolerance=1e-3)
+
+
+@pytest.mark.process
+def test_areas_of_interfaces_on_a_step_part_are_those_of_the_cad_kernel() -> None:
+    patches = {
+        "whole": Patch("z-"),
+        "bore": Patch("face:12"),
+        "rect": Patch("z+", "rect", (-0.0454, 0.002, 0.0), (0.008, 0.02)),
+        "oblique": Patch("face:17", "rect", (-0.0304, 0.0, 0.0137), (0.006, 0.01)),
+        "disk": Patch("face:19", "disk", (-0.0416, 0.0, 0.0056), (0.007,)),
+        "strip": Patch("face:17", "strip", (-0.0304, 0.0, 0.0137), (0.004,), "y"),
+        "beyond": Patch("z+", "rect", (-0.0454, 0.02, 0.0), (0.008, 0.02)),
+    }
+    interfaces = {name: Interface(name, (patch,)) for name, patch in patches.items()}
+    solid = StepFile(ROOT / "tests" / "data" / "support.step")
+    part = Component("support", solid, STEEL, interfaces=interfaces)
+    exact = describe_component(part).patch_areas
+    for name, corners in find_areas(part).items():
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        found = 0.5 * float(np.linalg.norm(normals, axis=1).sum())
+        assert found == approx(exact.pop(name), rel=0.01), name
+    assert exact == {}
