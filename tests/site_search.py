@@ -1,7 +1,8 @@
 """The search of the documentation's site, without a browser.
 
 Sections of the Markdown are ranked as the site ranks those of its pages: BM25 of lunr over titles and
-texts with the boosts of MkDocs Material, every word of a query standing for all that begin with it. On
+texts with the boosts of MkDocs Material, every word of a query standing for all that begin with it, but
+for those that ``docs/javascripts/search_words.js`` leaves out. On
 a built site ``tests/test_site_search.py`` compares it with the site's own program, where node is there.
 """
 
@@ -13,18 +14,15 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-SETTINGS = (Path(__file__).resolve().parent.parent / "mkdocs.yml").read_text()
+SETTINGS_FILE = Path(__file__).resolve().parent.parent / "mkdocs.yml"
+SETTINGS = SETTINGS_FILE.read_text()
 SEPARATOR = re.compile(re.findall(r"^      separator: '(.*)' #", SETTINGS, re.M)[0])
 TAG = re.compile(r"<[^>]*>")
 FIELD_BOOSTS = {"title": 1e3, "text": 1.0}
 K1 = 1.2
-STOPPED = """a able about across after all almost also am among an and any are as at be because been but by can
-    cannot could dear did do does either else ever every for from get got had has have he her hers him his
-    how however i if in into is it its just least let like likely may me might most must my neither no nor
-    not of off often on only or other our own rather said say says she should since so some than that the
-    their them then there these they this tis to too twas us wants was we were what when where which while
-    who whom why will with would yet you your"""
-STOP_WORDS = frozenset(STOPPED.split())
+SCRIPT = SETTINGS_FILE.parent / "docs" / "javascripts" / "search_words.js"
+STOP_WORDS = frozenset(re.findall(r"STOPPED = `(.*?)`", SCRIPT.read_text(), re.S)[0].split())
+MOST_PAGES = int(re.findall(r"MOST_PAGES = (\d+);", SCRIPT.read_text())[0])
 HEADING = re.compile(r"^#{1,6} +(.*?)(?: *\{[^}]*\})?$")
 LINK = re.compile(r"!?\[([^\]]*)\]\([^)]*\)(?:\{[^}]*\})?")
 
@@ -99,26 +97,20 @@ class SiteSearch:
         """Return the pages that a query finds, best first."""
         scores: dict[int, float] = defaultdict(float)
         matched: dict[int, set[str]] = defaultdict(set)
-        words = [word for word in SEPARATOR.split(query.lower().strip()) if word]
+        words = [word for word in SEPARATOR.split(query.lower()) if word and word not in STOP_WORDS]
         for word in words:
             for token, weights in self.weights.items():
                 if token.startswith(word):
                     for number, weight in weights.items():
                         scores[number] += weight
                         matched[number].add(word)
-        asked = {word for word in words if word not in STOP_WORDS}
         ranked = {
             number: score
-            * (1 + (self.sections[number].first + _share(matched[number], asked)) ** 2)
+            * (1 + (self.sections[number].first + len(matched[number]) / len(set(words))) ** 2)
             for number, score in scores.items()
         }
         order = sorted(ranked, key=lambda number: -ranked[number])
-        return list(dict.fromkeys(self.sections[number].page for number in order))
-
-
-def _share(matched: set[str], asked: set[str]) -> float:
-    """Share of the words of a query that a section has; stop words count where they are matched."""
-    return len(matched) / len(matched | asked)
+        return list(dict.fromkeys(self.sections[number].page for number in order))[:MOST_PAGES]
 
 
 def _tokenize(text: str) -> Iterator[str]:

@@ -20,8 +20,13 @@ const folder = site + "/assets/javascripts/workers/";
 let answer, listener;
 globalThis.self = globalThis;
 globalThis.addEventListener = (_, given) => { listener = given };
-globalThis.postMessage = message => answer(message);
-const ask = message => new Promise(done => { answer = done; listener({ data: message }) });
+globalThis.window = { Worker: class {
+  addEventListener(kind, heard) { globalThis.postMessage = data => { heard({ data }); answer(data) } }
+  postMessage(message) { listener({ data: message }) }
+} };
+(0, eval)(fs.readFileSync(site + "/javascripts/search_words.js", "utf8"));
+const worker = new window.Worker();
+const ask = message => new Promise(done => { answer = done; worker.postMessage(message) });
 (0, eval)(fs.readFileSync(folder + fs.readdirSync(folder).find(name => name.endsWith(".js")), "utf8"));
 (async () => {
   await ask({ type: 0, data: { ...JSON.parse(fs.readFileSync(site + "/search/search_index.json")), options: {} } });
@@ -54,6 +59,22 @@ def test_questions_find_their_pages(search: SiteSearch) -> None:
     assert len(ASKED["questions"]) >= 30
     lacking = missed(search)
     assert len(lacking) <= 2, lacking
+
+
+@pytest.mark.parametrize(
+    ("sentence", "pages"),
+    [
+        ("How do I read a UFF file of a modal test?", ["faq", "test_data"]),
+        ("what is the damping of a linear guide", ["frequency_response", "faq"]),
+        ("where do I find the compliance at the tool of my machine", ["faq"]),
+    ],
+)
+def test_a_whole_sentence_finds_a_few_pages_by_the_words_that_say_something(
+    search: SiteSearch, sentence: str, pages: list[str]
+) -> None:
+    found = search.find_pages(sentence)
+    assert len(found) <= 10 and not set(pages).isdisjoint(found[:HITS])
+    assert search.find_pages("how do I the a of") == []
 
 
 def test_a_search_for_what_is_not_in_it_says_so(search: SiteSearch) -> None:
