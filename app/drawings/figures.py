@@ -18,7 +18,7 @@ from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.answers.control import ControlAnswer
 from headstock.pipeline.answers.map import PoseGrid
 from headstock.pipeline.answers.modal import PoseModes
-from headstock.reduction.motions.body_motions import name_families
+from headstock.reduction.motions.part_names import name_families
 
 SHOWN_SHARE = 0.005
 SMALLEST_PERCENT = 0.0005  # what is shown as 0.0 %, without a sign

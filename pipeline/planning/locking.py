@@ -6,7 +6,7 @@ import math
 
 from headstock.geometry.parts.components import Component, Material
 from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, Plate, Tube
-from headstock.meshing.components.meshing import element_size
+from headstock.meshing.components.mesh_request import element_size
 from headstock.meshing.sizing import largest_extent, thinnest_feature
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.analyses.modal import ModalRequest

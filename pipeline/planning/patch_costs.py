@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 from headstock.geometry.parts.components import Component
-from headstock.meshing.components.meshing import patch_groups
+from headstock.meshing.components.mesh_request import patch_groups
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.scene.scene import Scene
 
