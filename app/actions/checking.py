@@ -41,7 +41,7 @@ def check_command(options: CheckOptions) -> int:
     measuring = [bool(sensor.directions) for sensor in machine.sensors.values()]
     parts += [counted(measuring.count(True), "sensor")] * any(measuring)
     parts += [counted(measuring.count(False), "point mass", "point masses")] * (False in measuring)
-    console.print(f"{options.scene}: ok: {scene.name}: {', '.join(parts)}", markup=False)
+    console.say(f"{options.scene}: ok: {scene.name}: {', '.join(parts)}")
     print_remarks(warnings)
     print_assumptions(scene.assumptions)
     _write(options, warnings=warnings, assumptions=scene.assumptions)

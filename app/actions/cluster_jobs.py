@@ -275,4 +275,4 @@ def _await_command(submission: Submission, folder: Path) -> int:
 
 
 def _say(text: str) -> None:
-    make_console().print(text, markup=False, soft_wrap=True)
+    make_console().say(text, soft_wrap=True)

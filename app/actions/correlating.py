@@ -141,13 +141,12 @@ def _print_quality(fit: ModalFit, folder: Path, files: list[str]) -> None:
     console = make_console()
     count = counted(len(fit.modes.frequencies_hz), "mode")
     if fit.responses is None or fit.assurance is None:
-        console.print(f"{count}, as the file has them", markup=False)
+        console.say(f"{count}, as the file has them")
     else:
         ends = f"{fit.responses.frequencies_hz[0]:.4g} to {fit.responses.frequencies_hz[-1]:.4g} Hz"
         worst = float(fit.assurance[fit.assurance == fit.assurance].min())
-        console.print(
+        console.say(
             f"{count} from {ends}; of the pair that is met worst, FRAC is {worst:.3f}; ± from "
-            + ("noise that the test has" if fit.source == "noise" else "what the fit leaves over"),
-            markup=False,
+            + ("noise that the test has" if fit.source == "noise" else "what the fit leaves over")
         )
-    console.print(f"results in {folder} ({', '.join(files)})", style="bold", markup=False)
+    console.say(f"results in {folder} ({', '.join(files)})", style="bold")

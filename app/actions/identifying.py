@@ -54,7 +54,6 @@ from headstock.studies.identification.sensors import RankedSensor, rank_sensors
 from headstock.studies.identification.target_files import LoadedTask, load_targets
 from headstock.studies.identification.targets import IdentificationTask
 
-CORRELATION_SHOWN = 0.9
 SEEN_FAINTLY = 0.5
 COMBINATIONS_SHOWN = 20
 SENSORS_SHOWN = 12
@@ -66,13 +65,10 @@ def _print_task(task: IdentificationTask) -> None:
     held_out = [held for case in task.cases for held in case.held_out]
     held = sum(held_out)
     text = f"{len(task.parameters)} parameters, {len(held_out) - held} targets in {len(task.cases)} cases"
-    make_console().print(
-        f"{task.name}  ({text}{f', {held} held out' if held else ''})", style="bold", markup=False
-    )
+    make_console().say(f"{task.name}  ({text}{f', {held} held out' if held else ''})", style="bold")
 
-    for target in (target for case in task.cases for target in case.compliances):
-        if target.record is not None and not target.hold_out:
-            make_console().print(f"{target.name}: line of {target.record}", markup=False)
+    for target, record in (each for case in task.cases for each in case.records):
+        make_console().say(f"{target.name}: line of {record}")
 
 
 def _print_cost(problem: FitProblem) -> None:
@@ -87,7 +83,7 @@ def _print_cost(problem: FitProblem) -> None:
             f"{name} is meshed and reduced anew at every value of {', '.join(parameters)}: once per evaluation "
             f"and {2 * len(parameters)} times for its derivatives"
         )
-        make_console().print(text, markup=False, soft_wrap=True)
+        make_console().say(text, soft_wrap=True)
 
 
 def _print_start(record: StartRecord) -> None:
@@ -96,7 +92,7 @@ def _print_start(record: StartRecord) -> None:
     moved = f", {record.exchanges} exchange(s) of modes" if record.exchanges else ""
     cost = f"{2.0 * record.cost:12.5g}"
     line = f"  start  sum of squares {cost}  {record.evaluations:4d} evaluations{moved}{refused}  {record.reason}"
-    make_console().print(line, markup=False, soft_wrap=True)
+    make_console().say(line, soft_wrap=True)
 
 
 def _print_identification(found: Identification, summary: JsonTable, folder: Path) -> None:
@@ -117,15 +113,14 @@ def _print_identification(found: Identification, summary: JsonTable, folder: Pat
     for case, extra in found.extra_hz.items():
         if extra:
             shown = ", ".join(f"{value:.4g}" for value in extra)
-            console.print(
-                f"{case}: the model has {len(extra)} further mode(s) in the range: {shown} Hz",
-                markup=False,
+            console.say(
+                f"{case}: the model has {len(extra)} further mode(s) in the range: {shown} Hz"
             )
     _print_doubts(found)
     fitted = [abs(item.deviation) for item in found.outcomes if not item.hold_out]
     status = "converged" if found.converged else f"not converged: {found.starts[found.best].reason}"
     text = f"{status}; largest deviation {100.0 * max(fitted):.2f} %; written to {folder}"
-    console.print(text, style="bold", markup=False)
+    console.say(text, style="bold")
 
 
 def _parameter_cells(item: FittedParameter) -> tuple[str, ...]:
@@ -207,7 +202,7 @@ def _print_predictions(rows: Sequence[JsonTable], what: str) -> None:
     inside = sum(off <= reach for off, reach in zip(deviations, reaches, strict=True))
     rms = 100.0 * math.sqrt(sum(off**2 for off in deviations) / max(1, len(rows)))
     text = f"{inside} of {len(rows)} within ± and scatter; deviations {rms:.2f} % rms"
-    make_console().print(text, style="bold", markup=False)
+    make_console().say(text, style="bold")
 
 
 def _print_doubts(found: Identification) -> None:
@@ -218,21 +213,15 @@ def _print_doubts(found: Identification) -> None:
             share = 100.0 / math.hypot(1.0, 1.0 / one.spread)
             add_row(table, str(one), f"{share:.2g} %", "unidentifiable" if one.spread > 1.0 else "")
         print_table(console, "Combinations (left open: of the spread allowed beforehand)", table)
-    names = [item.parameter.name for item in found.parameters]
-    for i, first in enumerate(names):
-        for j, second in enumerate(names[:i]):
-            value = statistics.correlations[i, j]
-            if abs(value) >= CORRELATION_SHOWN:
-                console.print(
-                    f"correlated {value:+.2f}: {second} and {first}", style="yellow", markup=False
-                )
+    for first, second, value in found.correlated:
+        console.say(f"correlated {value:+.2f}: {second} and {first}", style="yellow")
     for name in found.left_out:
         text = f"{name}: no mode moves like this (MAC below 0.5), so its shape is left out; insist = true keeps it"
-        console.print(text, style="yellow", markup=False)
+        console.say(text, style="yellow")
     for kind, noise in statistics.noise_by_kind.items():
         if noise.factor is not None:
             text = f"{kind}: residuals are {noise.factor:.2g} times the stated tolerances ({noise.freedom:.1f} degrees of freedom)"
-            console.print(text, markup=False)
+            console.say(text)
 
 
 def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
@@ -320,7 +309,7 @@ def _fit_rivals(
     for name in names:
         loaded = make_on_root(comm, functools.partial(_load, options, name))
         if comm.rank == 0:
-            make_console().print(f"model {name}", style="bold", markup=False)
+            make_console().say(f"model {name}", style="bold")
         problem = prepare_problem(loaded, Store(default_store_root()), comm)
         ends[name] = fit_targets(problem, _print_start, comm=comm)
     return ends
@@ -377,7 +366,7 @@ def _print_include(scene: Path, name: str) -> None:
         else f'; write include = ["{file.name}"] at the top of {scene.name}'
     )
     text = f"variant {name} is in {file}{how}; apply it as --variant {name}"
-    make_console().print(text, markup=False, soft_wrap=True)
+    make_console().say(text, soft_wrap=True)
 
 
 def _publish(

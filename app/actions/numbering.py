@@ -90,4 +90,4 @@ def _print_numbers(numbers: Numbers, label: str) -> None:
     title = f"{label}: " if label else ""
     print_table(console, f"{title}{counted(len(numbers), 'number')}", table)
     for words in left_out:
-        console.print(f"  not in ±: {words}", markup=False, soft_wrap=True)
+        console.say(f"  not in ±: {words}", soft_wrap=True)

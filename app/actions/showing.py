@@ -143,7 +143,7 @@ def _write_picture(surface: LabelledSurface, path: Path) -> None:
     write_output(path, image)
     hidden = len(surface.labels) - len(labelled)
     remark = f" ({hidden} too small or hidden for a label)" if hidden else ""
-    make_console().print(f"\npicture: {path}{remark}", markup=False)
+    make_console().say(f"\npicture: {path}{remark}")
 
 
 def survey_part(
@@ -216,7 +216,7 @@ def _show_part(
     x, y, z = (1e3 * side for side in survey.size)
     unit = survey.unit or "not understood"
     title = f"{solid.path.name}: {len(survey.faces)} faces, {x:.4g} × {y:.4g} × {z:.4g} mm"
-    console.print(f"{title} (unit of the file: {unit})", style="bold", markup=False)
+    console.say(f"{title} (unit of the file: {unit})", style="bold")
     doubt = None if meshed else doubt_size(solid.path, max(survey.size))
     remarks = [] if doubt is None else [f"warning: {doubt}"]
     if meshed and options.component is None and options.unit is None:
@@ -224,15 +224,13 @@ def _show_part(
             f"a mesh file names no unit: its lengths are taken as {unit}; --unit says otherwise"
         ]
     for remark in remarks:
-        console.print(remark, style="yellow", markup=False)
+        console.say(remark, style="yellow")
     _print_sets(survey)
     _print_faces(survey, options.every_face)
     suggestions = part_suggestions(survey)
     if suggestions:
-        console.print(
-            "\nInterfaces to choose from, to paste into a scene:\n", style="bold", markup=False
-        )
-        console.print(format_suggestions(name, suggestions), markup=False, soft_wrap=True)
+        console.say("\nInterfaces to choose from, to paste into a scene:\n", style="bold")
+        console.say(format_suggestions(name, suggestions), soft_wrap=True)
     numbers = {face.number: str(face.number) for face in survey.faces}
     surface = LabelledSurface(survey.points, survey.triangles, survey.owners, numbers, title)
     _write_picture(surface, options.output or Path(f"{name}_faces.png"))

@@ -135,19 +135,18 @@ def new_command(options: NewOptions) -> int:
         raise click.UsageError(f"{folder} cannot be made: {error.strerror or error}") from error
     console = make_console()
     if doubt is not None:
-        console.print(f"warning: {doubt}", style="yellow", markup=False)
+        console.say(f"warning: {doubt}", style="yellow")
     scene = folder / _scene_name(folder)
     if choice is not None:
-        console.print(choice, markup=False)
+        console.say(choice)
         if _child_seconds() - before < READING_SHARE * TRIAL_SECONDS:
             _try_mesh(scene)
         else:
             console.print(f"listing its faces took long, and no mesh was tried: {UNTRIED}")
     # as the reader types it: the launcher says how it was called
     command = shlex.quote(os.environ.get("HEADSTOCK_COMMAND", "headstock"))
-    console.print(
+    console.say(
         f"{scene} is ready; next: {command} run {shlex.quote(str(scene))}",
-        markup=False,
         soft_wrap=True,
     )
     return DONE
@@ -182,9 +181,8 @@ def _try_mesh(path: Path) -> None:
     try:
         mesh_component(component, time_limit=TRIAL_SECONDS)
     except MeshTimeError:
-        make_console().print(
-            f"meshing takes more than {TRIAL_SECONDS:g} s of processor time: {UNTRIED}",
-            markup=False,
+        make_console().say(
+            f"meshing takes more than {TRIAL_SECONDS:g} s of processor time: {UNTRIED}"
         )
     except MeshError as error:
         raise MeshError(

@@ -96,9 +96,8 @@ def _compute_part(job: SweepJob, key: str | None, comm: MPI.Comm) -> int:
     outcome = run_sweep(job, comm=comm, observer=print_stage)
     if comm.rank == 0:
         poses = counted(outcome.computed, "pose")
-        make_console().print(
-            f"part {job.part.number} of {job.part.of}: {poses} computed, {counted(comm.size, 'rank')}",
-            markup=False,
+        make_console().say(
+            f"part {job.part.number} of {job.part.of}: {poses} computed, {counted(comm.size, 'rank')}"
         )
     return DONE
 

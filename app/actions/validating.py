@@ -9,12 +9,11 @@ from itertools import groupby
 from pathlib import Path
 
 import click
-from rich.console import Console
 from rich.markup import escape
 
 from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.commands.tool_commands import ValidateOptions
-from headstock.app.terminal.console import make_console, print_remarks
+from headstock.app.terminal.console import Screen, make_console, print_remarks
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.pipeline.storage.outputs import write_named_files
 from headstock.solvers.mpi import MPI
@@ -26,7 +25,7 @@ NUMBER = 13
 FIGURES_MODULE = "headstock.app.charts.axis_kit"
 
 
-def _print_validation(console: Console, rows: Sequence[ValidationRow]) -> None:
+def _print_validation(console: Screen, rows: Sequence[ValidationRow]) -> None:
     """Print rows grouped by case, then how many passed."""
     head = _line("quantity", "value", "reference", "unit", "error", "allowed", "kind")
     for case, members in groupby(rows, key=lambda row: row.case):
@@ -46,7 +45,7 @@ def _print_validation(console: Console, rows: Sequence[ValidationRow]) -> None:
     )
 
 
-def _print_row(console: Console, row: ValidationRow) -> None:
+def _print_row(console: Screen, row: ValidationRow) -> None:
     name, rest = _split(row.quantity)
     value, reference, error, allowed = (
         _number(row.value),

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
@@ -30,6 +29,7 @@ from headstock.app.tables.model_answers import (
 )
 from headstock.app.terminal.console import (
     WIDTH_WITHOUT_TERMINAL,
+    Screen,
     make_console,
     make_table,
     print_table,
@@ -58,7 +58,7 @@ def print_variant(name: str, runs: Mapping[str, EffortSummary]) -> None:
         parts.append(
             f"  {name if run == 'first' else run:<16} {effort['seconds']['total']:6.2f} s  {steps}{stored}"
         )
-    make_console().print("\n".join(parts), markup=False, soft_wrap=True)
+    make_console().say("\n".join(parts), soft_wrap=True)
 
 
 def print_comparison(summary: ComparisonSummary) -> None:
@@ -87,9 +87,9 @@ def print_comparison(summary: ComparisonSummary) -> None:
         rows.table,
     )
     for words in verdict_words(summary):
-        console.print(words, style="bold", markup=False)
+        console.say(words, style="bold")
     for words in cannot_words(summary):
-        console.print(words, markup=False)
+        console.say(words)
     _print_notes(console, summary)
 
 
@@ -156,7 +156,7 @@ def _name_row(summary: ComparisonSummary, row: RowSummary) -> str:
     return f"{number}{row['name']}"
 
 
-def _print_notes(console: Console, summary: ComparisonSummary) -> None:
+def _print_notes(console: Screen, summary: ComparisonSummary) -> None:
     imports = sum(variant["effort"]["import_seconds"] for variant in summary["variants"].values())
     apart = (
         f" Loading the finite element library ({imports:.2f} s) is not counted." if imports else ""
@@ -168,12 +168,12 @@ def _print_notes(console: Console, summary: ComparisonSummary) -> None:
         "relative to the first variant of a row. Seconds leave out error estimates; memory is "
         f"that of the whole process.{apart}"
     )
-    console.print(text, markup=False)
+    console.say(text)
     for words in (*variant_error_words(summary), *summary["not_compared"]):
-        console.print(words, markup=False)
+        console.say(words)
     for name, variant in summary["variants"].items():
         for failure in variant["failures"]:
-            console.print(f"failed: {name}: {failure}", style="bold red", markup=False)
+            console.say(f"failed: {name}: {failure}", style="bold red")
 
 
 def print_effort(summary: ComparisonSummary) -> None:

@@ -27,7 +27,7 @@ RANGE = re.compile(r"within a factor of ([\d.]+)")  # of a value of the catalogu
 BEFORE_PERCENT = re.compile(r"(?<=\d) (?=%)")
 
 
-class _Screen(Console):
+class Screen(Console):
     """A console that keeps a number and its per cent sign in one line, and lets a command end as
     others do when the next one in a pipe closes it, without rich's own exit.
     """
@@ -35,6 +35,10 @@ class _Screen(Console):
     def on_broken_pipe(self) -> None:
         """End as other commands do."""
         raise BrokenPipeError
+
+    def say(self, text: str, *, style: str | None = None, soft_wrap: bool = False) -> None:
+        """Print a text as it is: brackets in it mean nothing."""
+        self.print(text, style=style, soft_wrap=soft_wrap, markup=False)
 
     def render_str(self, text: str, **options: Any) -> Text:
         """A text with what may not be torn apart marked."""
@@ -59,20 +63,18 @@ def is_terminal(stream: TextIO) -> bool:
     return stream.isatty() and not {"OMPI_COMM_WORLD_SIZE", "PMI_SIZE"} & set(os.environ)
 
 
-def make_console(*, stderr: bool = False) -> Console:
+def make_console(*, stderr: bool = False) -> Screen:
     """A console that does not colour numbers, 100 columns wide where there is no terminal."""
     terminal = is_terminal(sys.stderr if stderr else sys.stdout)
     width = None if terminal or "COLUMNS" in os.environ else WIDTH_WITHOUT_TERMINAL
-    return _Screen(
-        stderr=stderr, highlight=False, width=width, emoji=False, force_terminal=terminal
-    )
+    return Screen(stderr=stderr, highlight=False, width=width, emoji=False, force_terminal=terminal)
 
 
 def print_remarks(remarks: Sequence[str]) -> None:
     """Print what the user should know: warnings of a run, or of how its results were written."""
     console = make_console()
     for remark in fold_remarks(remarks):
-        console.print(f"warning: {remark}", style="yellow", markup=False)
+        console.say(f"warning: {remark}", style="yellow")
 
 
 def print_assumptions(assumptions: Sequence[str]) -> None:
@@ -90,7 +92,7 @@ def print_assumptions(assumptions: Sequence[str]) -> None:
             f"{len(assumptions)} entries of the catalogue{ranges}; "
             f"each range is in the report and with --json FILE: {keys}"
         )
-    make_console().print(f"assumed: {text}", markup=False)
+    make_console().say(f"assumed: {text}")
 
 
 def warn_of_unused_accuracy(scene: Scene) -> None:
@@ -172,14 +174,14 @@ def print_table(console: Console, title: str, table: Table) -> None:
     cells = [list(column.cells) for column in columns]
     for index, row in enumerate(table.rows):
         fitted.add_row(*(column[index] for column in cells), end_section=row.end_section)
-    console.print(title, style="bold", markup=False, soft_wrap=True)
+    console.say(title, style="bold", soft_wrap=True)
     width = console.width
     console.width = max(width, _spread_out(widths))
     console.print(fitted)
     console.width = width
     if len(columns) < len(table.columns):
         left_out = ", ".join(str(column.header) for column in table.columns[len(columns) :])
-        console.print(f"  left out at {edge} columns: {left_out}", markup=False, soft_wrap=True)
+        console.say(f"  left out at {edge} columns: {left_out}", soft_wrap=True)
 
 
 def _is_spare(columns: Sequence[Column]) -> bool:

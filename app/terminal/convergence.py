@@ -6,10 +6,9 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-
 from headstock.app.tables.table import Cell, PlainTable, encode_csv
 from headstock.app.terminal.console import (
+    Screen,
     add_row,
     counted,
     make_console,
@@ -55,7 +54,7 @@ def _print_run(progress: StudyProgress, head: str, words: str) -> None:
     state = f"  {spaced(dofs)} dofs" if record.status == "done" else f"  failed: {record.error}"
     known = "  finished before" if progress.known else ""
     line = f"  {head}  {spent}  {words}{state[:ERROR_LENGTH]}{known}"
-    make_console().print(line, markup=False, soft_wrap=True)
+    make_console().say(line, soft_wrap=True)
 
 
 def print_convergence(advice: MeshAdvice, *, folder: Path, files: Sequence[str]) -> None:
@@ -72,10 +71,10 @@ def print_convergence(advice: MeshAdvice, *, folder: Path, files: Sequence[str])
     _print_needs(console, found.series, advice.needs)
     _print_trials(console, advice.trials)
     print_remarks([f"left out: {failure[:ERROR_LENGTH]}" for failure in found.failures])
-    console.print(f"no finer mesh: {found.end[:ERROR_LENGTH]}", markup=False)
-    console.print(_sum_up(advice), style="bold", markup=False)
+    console.say(f"no finer mesh: {found.end[:ERROR_LENGTH]}")
+    console.say(_sum_up(advice), style="bold")
     meshes = counted(len(found.records), "mesh", "meshes")
-    console.print(f"{meshes}, results in {folder} ({', '.join(files)})", markup=False)
+    console.say(f"{meshes}, results in {folder} ({', '.join(files)})")
 
 
 def _sum_up(advice: MeshAdvice) -> str:
@@ -141,7 +140,7 @@ def _errors(found: Convergence) -> list[list[float | None]]:
     ]
 
 
-def _print_meshes(console: Console, found: Convergence) -> None:
+def _print_meshes(console: Screen, found: Convergence) -> None:
     first, limit = found.watched[0], found.limits[0]
     own = list_deviations(first, limit)
     every = _errors(found)
@@ -172,7 +171,7 @@ def _print_meshes(console: Console, found: Convergence) -> None:
     print_table(console, "Meshes: cost of a run, and difference from the limit", table)
 
 
-def _print_numbers(console: Console, found: Convergence) -> None:
+def _print_numbers(console: Screen, found: Convergence) -> None:
     count = len(found.costs.factors)
     shown = min(count, max(FEWEST_SHOWN, (console.width - BESIDE_MESHES) // PER_MESH))
     sizes = [
@@ -197,7 +196,7 @@ def _head(series: MeshSeries, factor: float, *, finest: bool) -> str:
     return sizes.pop() if len(sizes) == 1 else "finest" if finest else f"× {factor:.2g}"
 
 
-def _print_needs(console: Console, series: MeshSeries, needs: Sequence[MeshNeed]) -> None:
+def _print_needs(console: Screen, series: MeshSeries, needs: Sequence[MeshNeed]) -> None:
     table = make_table(">for", ">dofs", ">s", ">MB", "size", "decided by")
     ways = {
         "coarsest": "the coarsest mesh is enough",
@@ -226,10 +225,10 @@ def _print_needs(console: Console, series: MeshSeries, needs: Sequence[MeshNeed]
         shown = " ".join(f"--set {shlex.quote(text)}" for text in written[:SETTINGS_SHOWN])
         more = " … (convergence.json)" if len(written) > SETTINGS_SHOWN else ""
         target = f"for {100.0 * asked.accuracy:g} %: {shown}{more}"
-        console.print(target, markup=False, soft_wrap=True)
+        console.say(target, soft_wrap=True)
 
 
-def _print_trials(console: Console, trials: Sequence[FeatureTrial]) -> None:
+def _print_trials(console: Screen, trials: Sequence[FeatureTrial]) -> None:
     if not trials:
         return
     table = make_table(">radius up to", ">dofs", ">with them", ">change", "<of", "")

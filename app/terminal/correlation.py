@@ -18,15 +18,15 @@ def print_correlation(found: Correlation, folder: Path, files: Sequence[str]) ->
     """
     console = make_console()
     for number, sentence in enumerate(found.verdict):
-        console.print(sentence, style="bold" if not number else None, markup=False)
+        console.say(sentence, style="bold" if not number else None)
     print_remarks(found.warnings)
     for remark in found.remarks:
-        console.print(f"note: {remark}", markup=False)
+        console.say(f"note: {remark}")
     for listing in list_correlation_tables(found):
         shown, more = shorten(listing)
         print_part(console, shown)
         if more:
-            console.print(f"  and {counted(more, 'row')} more in {listing.name}.csv", markup=False)
+            console.say(f"  and {counted(more, 'row')} more in {listing.name}.csv")
     if found.responses is not None:
-        console.print(f"responses computed with {found.responses.damping}", markup=False)
-    console.print(f"results in {folder} ({', '.join(files)})", style="bold", markup=False)
+        console.say(f"responses computed with {found.responses.damping}")
+    console.say(f"results in {folder} ({', '.join(files)})", style="bold")

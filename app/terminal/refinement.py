@@ -6,12 +6,11 @@ import dataclasses
 import math
 from collections.abc import Sequence
 
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from headstock.app.tables.table import PlainTable
-from headstock.app.terminal.console import add_row, make_console, make_table, print_table
+from headstock.app.terminal.console import Screen, add_row, make_console, make_table, print_table
 from headstock.validation.references.rows import verdict
 from headstock.validation.refinement.points import KINDS, RefinementPoint, ndof_within, pick_series
 from headstock.validation.refinement.references import Group, ReferenceBeam
@@ -115,7 +114,7 @@ def _reference_table(beam: ReferenceBeam) -> Table:
     return table
 
 
-def _print_reasons(console: Console, beam: ReferenceBeam) -> None:
+def _print_reasons(console: Screen, beam: ReferenceBeam) -> None:
     """Why the analytic values are off, each reason with its quantities."""
     reasons: dict[str, list[str]] = {}
     for name, reference in beam.references.items():
@@ -149,12 +148,10 @@ def _effort_table(beam: ReferenceBeam, points: Sequence[RefinementPoint]) -> Tab
 
 
 def _print_statements(
-    console: Console, title: str, statements: Sequence[EvaluatedStatement]
+    console: Screen, title: str, statements: Sequence[EvaluatedStatement]
 ) -> None:
     confirmed = sum(statement.confirmed for statement in statements)
-    console.print(
-        f"{title}: {confirmed} of {len(statements)} confirmed", style="bold", markup=False
-    )
+    console.say(f"{title}: {confirmed} of {len(statements)} confirmed", style="bold")
     lines = Table.grid(padding=(0, 2))
     for statement in statements:
         cell = Text(statement.text)

@@ -6,10 +6,9 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from rich.console import Console
-
 from headstock.app.tables.table import Cell, PlainTable, encode_csv
 from headstock.app.terminal.console import (
+    Screen,
     add_row,
     make_console,
     make_table,
@@ -45,10 +44,9 @@ def _print_costs(points: Sequence[CostPoint]) -> None:
     console = make_console()
     console.print()
     if not points:
-        console.print(
+        console.say(
             "nothing to compare the points with: the reference run of the study failed",
             style="bold red",
-            markup=False,
         )
         return
     table = make_table(
@@ -67,7 +65,7 @@ def _print_costs(points: Sequence[CostPoint]) -> None:
         table,
     )
     for line in digit_words(points):
-        console.print(f"  {line}", markup=False)
+        console.say(f"  {line}")
     console.print()
 
 
@@ -206,7 +204,7 @@ def print_progress(progress: StudyProgress) -> None:
     )
     state = f"  {record.status}: {record.error[:ERROR_LENGTH]}" if record.status == "failed" else ""
     line = f"  {progress.number + 1:>4}/{progress.total}  {spent}  {describe_point(progress.point)}{state}"
-    make_console().print(line, markup=False, soft_wrap=True)
+    make_console().say(line, soft_wrap=True)
 
 
 def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
@@ -227,16 +225,14 @@ def print_study(table: StudyTable, *, seconds: float, folder: Path) -> None:
     failed = [row.record for row in table.rows if row.record.status == "failed"]
     for record in failed:
         name = ", ".join([record.family, *list_varied(record.varied)])
-        console.print(
-            f"failed: {name.removeprefix(', ')}: {record.error}", style="bold red", markup=False
-        )
+        console.say(f"failed: {name.removeprefix(', ')}: {record.error}", style="bold red")
     for words in dict.fromkeys(words for row in table.rows for words in row.unknown):
-        console.print(f"  {AND_MORE} : {words}", markup=False)
+        console.say(f"  {AND_MORE} : {words}")
     print_remarks(list(dict.fromkeys(problem for row in table.rows for problem in row.problems)))
-    console.print(_describe_timing(table), markup=False)
+    console.say(_describe_timing(table))
     done = len(table.rows) - len(failed)
     text = f"{done} of {len(table.rows)} points done, {seconds:.2f} s in this run, results in {folder} ({POINTS_FILE}, study.csv)"
-    console.print(text, style="bold", markup=False)
+    console.say(text, style="bold")
 
 
 def _describe_timing(table: StudyTable) -> str:
@@ -373,7 +369,7 @@ def _timing_cells(record: StudyRecord) -> tuple[Cell, ...]:
     )
 
 
-def _print_rows(console: Console, table: StudyTable) -> None:
+def _print_rows(console: Screen, table: StudyTable) -> None:
     short = shorten_columns(table.columns)
     families = any(row.record.family for row in table.rows)
     keys = {key: shorten_key(key) for key in table.varied}
@@ -420,7 +416,7 @@ def _show_cell(row: StudyRow, column: str, *, repeats: int) -> str:
     return f"{value:.{DIGITS}g}" if isinstance(value, float) else str(value)
 
 
-def _print_orders(console: Console, found: Sequence[SizeSeries]) -> None:
+def _print_orders(console: Screen, found: Sequence[SizeSeries]) -> None:
     short = shorten_columns([series.column for series in found])
     titled = any(series_title(series) for series in found)
     remarks = list(dict.fromkeys(filter(None, (series.extrapolation.remark for series in found))))
@@ -453,7 +449,7 @@ def _print_orders(console: Console, found: Sequence[SizeSeries]) -> None:
         table,
     )
     for number, remark in enumerate(remarks, 1):
-        console.print(f"  ({number}) {remark}", markup=False)
+        console.say(f"  ({number}) {remark}")
 
 
 def _span(numbers: Iterable[int]) -> str:

@@ -4,12 +4,12 @@ tables.
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from rich.console import Console
 from rich.table import Table
 
 from headstock.app.tables.static import merge_families, sort_shares
 from headstock.app.tables.table import Column, Listing, drop_noise, find_unit, find_unit_scales
 from headstock.app.terminal.console import (
+    Screen,
     add_row,
     counted,
     make_console,
@@ -35,9 +35,7 @@ def print_header(scene: Scene, *, ranks: int) -> None:
     """Name what is run."""
     variant = f", variant {scene.variant}" if scene.variant else ""
     made_of = f"{counted(len(scene.machine.components), 'component')}, {counted(len(scene.machine.joints), 'joint')}{variant}"
-    make_console().print(
-        f"{scene.name}  ({made_of}, {counted(ranks, 'rank')})", style="bold", markup=False
-    )
+    make_console().say(f"{scene.name}  ({made_of}, {counted(ranks, 'rank')})", style="bold")
 
 
 def print_stage(record: StageRecord) -> None:
@@ -46,10 +44,10 @@ def print_stage(record: StageRecord) -> None:
     subject = stage.component or stage.pose or ""
     detail = f"cached  {record.detail}" if record.cached else record.detail
     if stage.kind == "refine" or (stage.kind in ("models", "joints") and stage.component):
-        make_console().print(f"  {stage.kind:<7} {subject:<18} {detail}", markup=False)
+        make_console().say(f"  {stage.kind:<7} {subject:<18} {detail}")
         return
     line = f"  {stage.kind:<7} {subject:<18} {record.seconds:8.2f} s  {detail}"
-    make_console().print(line, markup=False, soft_wrap=True)
+    make_console().say(line, soft_wrap=True)
 
 
 def print_summary(
@@ -70,20 +68,18 @@ def print_summary(
     print_remarks([warning for warning in run.warnings if warning not in said])
     print_assumptions(run.assumptions)
     for failure in run.failures:
-        console.print(f"failed: {failure}", style="bold red", markup=False)
-    console.print(
-        f"{run.status} in {seconds:.2f} s, results in {folder}", style="bold", markup=False
-    )
+        console.say(f"failed: {failure}", style="bold red")
+    console.say(f"{run.status} in {seconds:.2f} s, results in {folder}", style="bold")
 
 
-def print_part(console: Console, part: TerminalPart) -> None:
+def print_part(console: Screen, part: TerminalPart) -> None:
     """Print a table, shares as bars, or a text."""
     if isinstance(part, Listing):
         print_table(console, part.title, _format_rows(part.columns, part.rows))
     elif isinstance(part, Shares):
         _print_shares(console, part.label, part.shares)
     else:
-        console.print(part, markup=False)
+        console.say(part)
 
 
 def _format_rows[Row](columns: Sequence[Column[Row]], rows: Iterable[Row]) -> Table:
@@ -114,17 +110,13 @@ def _format_cell[Row](column: Column[Row], row: Row, scale: float) -> str:
     return f"{drop_noise(value, scale):.{column.digits}g}"
 
 
-def _print_shares(console: Console, label: str, shares: Mapping[str, float]) -> None:
+def _print_shares(console: Screen, label: str, shares: Mapping[str, float]) -> None:
     ordered = sort_shares(merge_families(shares))
     shown = [item for item in ordered[:CONTRIBUTORS_SHOWN] if item[1] >= SMALLEST_SHARE]
     for index, (name, share) in enumerate(shown):
         head = f"budget {label}" if index == 0 else ""
         bar = "█" * max(1, round(BAR_LENGTH * share))
-        console.print(
-            f"  {head:<9} {name:<24} {100 * share:5.1f} %  {bar}", markup=False, soft_wrap=True
-        )
+        console.say(f"  {head:<9} {name:<24} {100 * share:5.1f} %  {bar}", soft_wrap=True)
     rest = sum(share for _, share in ordered) - sum(share for _, share in shown)
     if abs(rest) >= SMALLEST_SHARE:
-        console.print(
-            f"  {'':<9} {'all others':<24} {100 * rest:5.1f} %", markup=False, soft_wrap=True
-        )
+        console.say(f"  {'':<9} {'all others':<24} {100 * rest:5.1f} %", soft_wrap=True)

@@ -38,10 +38,9 @@ def print_sweep_header(job: SweepJob, *, ranks: int) -> None:
     poses += (
         f", {sizes} over {' and '.join(sweep.axes[column] for column in moving)}" if moving else ""
     )
-    make_console().print(
+    make_console().say(
         f"{job.scene.name}: sweep {sweep.name}  ({poses}{variant}, {counted(ranks, 'rank')})",
         style="bold",
-        markup=False,
     )
     if (lobes := job.scene.analyses.get(LobesRequest)) is not None:
         machine = job.scene.machine
@@ -49,9 +48,8 @@ def print_sweep_header(job: SweepJob, *, ranks: int) -> None:
         every = each * len(sweep.positions)
         whole = f"{every:.2g} s" if every < 120.0 else f"{every / 60.0:.2g} min"
         hint = "" if lobes.checked < 1.0 else "; checked = 0.1 looks at a tenth of the speeds"
-        make_console().print(
-            f"  lobes: about {each:.2g} s of processor time in each pose, {whole} in all{hint}",
-            markup=False,
+        make_console().say(
+            f"  lobes: about {each:.2g} s of processor time in each pose, {whole} in all{hint}"
         )
 
 
@@ -78,15 +76,14 @@ def print_sweep(results: SweepResults, *, computed: int, seconds: float, folder:
             console, f"Static compliance at {name} [µm/kN]", _point_table(point, results, errors)
         )
     for words in sampled_error_words(results):
-        console.print(words, markup=False)
+        console.say(words)
     for words in limit_words(results):
-        console.print(words, markup=False)
+        console.say(words)
     _print_states(results)
     print_remarks(results.warnings)
-    console.print(
+    console.say(
         f"{results.status} in {seconds:.2f} s, {_describe_poses(len(results.states), computed)}, results in {folder}",
         style="bold",
-        markup=False,
     )
 
 
@@ -181,10 +178,9 @@ def _print_states(results: SweepResults) -> None:
             f"{counted(out, 'pose')} of {len(results.states)} cannot be reached by the mechanism"
         )
     for number in results.failed[:FAILED_SHOWN]:
-        console.print(
+        console.say(
             f"failed: pose {describe_positions(results.sweep, number)}: {results.errors[number]}",
             style="bold red",
-            markup=False,
         )
     if len(results.failed) > FAILED_SHOWN:
         console.print(

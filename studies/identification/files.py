@@ -9,7 +9,7 @@ from typing import cast
 
 import numpy as np
 
-from headstock.pipeline.storage.json_texts import JsonTable
+from headstock.pipeline.storage.json_texts import JsonTable, find_known, nest_known
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import KeyPath, show_key
 from headstock.scene.reading.keys import value_at, write_number, written_unit
@@ -29,7 +29,6 @@ OVERRIDES_FILE = "calibrated.toml"
 RECORD_FILE = "identification.json"
 HELD_OUT_FILE = "held_out.json"
 VARIANT = "calibrated"
-CORRELATION_SHOWN = 0.9
 
 
 def hide_held_out(summary: JsonTable) -> tuple[JsonTable, list[JsonTable]]:
@@ -54,8 +53,9 @@ def summarise_identification(found: Identification) -> JsonTable:
     Values of parameters are in their units, None where they are open or were not given; fitted keys
     are by variant, the scene as written under an empty name.
     """
-    names = [item.parameter.name for item in found.parameters]
-    statistics, correlations = found.statistics, found.statistics.correlations
+    statistics = found.statistics
+    starts = [_summarise_start(found.problem, record) for record in found.starts]
+    starts[found.best]["best"] = True
     return {
         "name": found.name,
         "status": "converged" if found.converged else "not converged",
@@ -65,17 +65,14 @@ def summarise_identification(found: Identification) -> JsonTable:
         "combinations": [_summarise_combination(item) for item in statistics.combinations],
         "unidentifiable": [_summarise_combination(item) for item in statistics.unidentifiable],
         "correlated": [
-            {"parameters": [names[i], names[j]], "correlation": float(correlations[i, j])}
-            for i in range(len(names))
-            for j in range(i)
-            if abs(correlations[i, j]) >= CORRELATION_SHOWN
+            {"parameters": [first, second], "correlation": value}
+            for first, second, value in found.correlated
         ],
         "targets": [summarise_outcome(item) for item in found.outcomes],
         "records": {
-            target.name: dataclasses.asdict(target.record)
+            target.name: dataclasses.asdict(record)
             for model in found.problem.cases
-            for target in model.case.compliances
-            if target.record is not None and not target.hold_out
+            for target, record in model.case.records
         },
         "extra_modes_hz": {name: list(values) for name, values in found.extra_hz.items()},
         "left_out_shapes": list(found.left_out),
@@ -86,11 +83,8 @@ def summarise_identification(found: Identification) -> JsonTable:
             for kind, noise in statistics.noise_by_kind.items()
         },
         # of ln p, or of p over the width of its bounds where the scale is linear
-        "covariance": [[_finite(float(value)) for value in row] for row in statistics.covariance],
-        "starts": [
-            _summarise_start(found.problem, record, index == found.best)
-            for index, record in enumerate(found.starts)
-        ],
+        "covariance": nest_known(statistics.covariance),
+        "starts": starts,
         "keys": {
             f"{scene}:{variant or ''}".strip(":"): {
                 show_key(key): text for key, text in values.items()
@@ -224,17 +218,13 @@ def _describe(item: FittedParameter) -> str:
 
 def _summarise_parameter(item: FittedParameter) -> JsonTable:
     parameter = item.parameter
+    values = (item.value, item.low, item.high, parameter.start, parameter.prior)
+    shown = [_in_unit(value, parameter.unit) for value in values]
+    bounds = [_in_unit(bound, parameter.unit) for bound in (parameter.lower, parameter.upper)]
     return {
         "unit": parameter.unit,
-        "value": _in_unit(item.value, parameter.unit),
-        "low_95": _in_unit(item.low, parameter.unit),
-        "high_95": _in_unit(item.high, parameter.unit),
-        "start": _in_unit(parameter.start, parameter.unit),
-        "prior": _in_unit(parameter.prior, parameter.unit),
-        "bounds": [
-            _in_unit(parameter.lower, parameter.unit),
-            _in_unit(parameter.upper, parameter.unit),
-        ],
+        **dict(zip(("value", "low_95", "high_95", "start", "prior"), shown, strict=True)),
+        "bounds": bounds,
         "prior_sigma": parameter.prior_sigma,
         "scale": "log" if parameter.logarithmic else "linear",
         "data_share": item.data_share,
@@ -246,7 +236,7 @@ def _summarise_combination(item: Combination) -> JsonTable:
     return {
         "direction": dict(item.entries),
         "text": str(item),
-        "spread_over_allowed": _finite(item.spread),
+        "spread_over_allowed": find_known(item.spread),
     }
 
 
@@ -262,9 +252,9 @@ def summarise_outcome(item: TargetOutcome) -> JsonTable:
         "measured": item.wanted * kind.scale,
         "model": item.found * kind.scale,
         "deviation": item.deviation,
-        "relative_spread_95": _finite(item.spread),
+        "relative_spread_95": find_known(item.spread),
         "relative_scatter_95": item.scatter,
-        "relative_mesh_95": _finite(item.mesh),
+        "relative_mesh_95": find_known(item.mesh),
         "residual_sigma": item.residual,
         "mac": item.mac,
         "mode": item.mode or None,
@@ -272,15 +262,15 @@ def summarise_outcome(item: TargetOutcome) -> JsonTable:
     }
 
 
-def _summarise_start(problem: FitProblem, record: StartRecord, best: bool) -> JsonTable:
+def _summarise_start(problem: FitProblem, record: StartRecord) -> JsonTable:
     return {
-        "sum_of_squares": _finite(2.0 * record.cost),
+        "sum_of_squares": find_known(2.0 * record.cost),
         "evaluations": record.evaluations,
         "refused_evaluations": record.refused,
         "exchanges_of_modes": record.exchanges,
         "converged": record.converged,
         "reason": record.reason,
-        "best": best,
+        "best": False,
         "start": problem.values(record.start),
         "end": None if record.end is None else problem.values(record.end.coordinates),
     }
@@ -291,7 +281,3 @@ def _in_unit(value: float | None, unit: str) -> float | None:
         return None
     written = write_number(value, unit, 12)
     return written if isinstance(written, float) else float(written.split(" ")[0])
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

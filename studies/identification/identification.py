@@ -50,6 +50,7 @@ from headstock.studies.identification.targets import MachineKey, Parameter, Targ
 
 UNKNOWN = 50.0  # half-width of an interval, in coordinates, that says nothing: a factor of e^50
 BOUND_SHARE = 1e-4  # nearer to a bound than this share of the way between them: at the bound
+CORRELATION_SHOWN = 0.9
 LEAST_MAC = 0.5  # a mode in words that is less like every mode near it is left out
 NEAR = 2.0  # factor between the frequency of a target and those of modes that may be meant
 
@@ -182,6 +183,15 @@ class Identification(Displayed):
     def values(self) -> dict[str, float]:
         """Fitted values by parameter, SI."""
         return {item.parameter.name: item.value for item in self.parameters}
+
+    @property
+    def correlated(self) -> list[tuple[str, str, float]]:
+        """Pairs of parameters that the data can hardly tell apart, and their correlation."""
+        names, table = list(self.values), self.statistics.correlations
+        return [
+            (names[i], names[j], float(table[i, j]))
+            for i, j in np.argwhere(np.tril(np.abs(table) >= CORRELATION_SHOWN, -1))
+        ]
 
     @property
     def converged(self) -> bool:

@@ -4,7 +4,6 @@ every variant.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -204,11 +203,12 @@ def _find_fault(key: KeyPath, scene: Scene) -> str:
     return ""
 
 
+type _Fault = tuple[KeyPath, str]  # with its place below the parameter
+
+
 def _read_parameter(
     name: str, table: ParameterTable, targets: list[_Target], findings: Findings
 ) -> Parameter | None:
-    key: KeyPath = ("parameters", name)
-    before = len(findings.problems)
     first, shifted = (
         next((target for target in targets if target.rule.kind == kind), None)
         for kind in ("set", "shift")
@@ -218,29 +218,39 @@ def _read_parameter(
     reference = 1.0 if example is None else 0.0
     if first is not None and first.rule.factor:
         reference = (first.quantity.value - first.rule.offset) / first.rule.factor
-    for where, fault in _find_rule_faults(key, targets, dimension, reference):
+    key: KeyPath = ("parameters", name)
+    faults = [*_find_rule_faults(key, targets, dimension, reference)]
+    wrong = [*_find_bound_faults(table, dimension)] or [
+        *_find_start_faults(table, dimension, reference),
+        *_find_prior_faults(table, dimension),
+    ]
+    faults += [((*key, *where), fault) for where, fault in wrong]
+    for where, fault in faults:
         findings.add(where, fault)
-    values = _read_values(key, table, dimension, reference, findings)
-    if values is None or len(findings.problems) > before:
+    if faults:
         return None
+    lower, upper = (bound.value for bound in table.bounds)
+    sigma = None if table.prior_sigma is None else table.prior_sigma.value
+    expected = reference if table.prior is None else table.prior.value
     return Parameter(
         name=name,
         rules=tuple(target.rule for target in targets),
+        lower=lower,
+        upper=upper,
+        start=reference if table.start is None else table.start.value,
         reference=reference,
+        prior=None if sigma is None else expected,
+        prior_sigma=sigma,
         logarithmic=table.scale == "log",
         dimension=dimension,
         unit="" if example is None else example.unit,
-        **values._asdict(),
     )
-
-
-type _Fault = tuple[KeyPath, str]
 
 
 def _find_rule_faults(
     key: KeyPath, targets: Sequence[_Target], dimension: Dimension, reference: float
 ) -> Iterator[_Fault]:
-    """Yield rules that do not fit the parameter, with their places."""
+    """Yield rules that do not fit the parameter, with their places in the file."""
     for target in targets:
         held = target.quantity.dimension
         if target.rule.kind != "multiply" and held != dimension:
@@ -258,47 +268,8 @@ def _find_rule_faults(
         )
 
 
-class _Values(NamedTuple):
-    """Bounds, start and prior of a parameter, SI; see :class:`Parameter`."""
-
-    lower: float
-    upper: float
-    start: float
-    prior: float | None
-    prior_sigma: float | None
-
-
-def _read_values(
-    key: KeyPath, table: ParameterTable, dimension: Dimension, reference: float, findings: Findings
-) -> _Values | None:
-    """Return bounds, start and prior, or None where one of them has another dimension."""
-    if faults := [*_find_bound_faults(table, dimension)]:
-        for place, fault in faults:
-            findings.add((*key, *place), fault)
-        return None
-    lower, upper = (bound.value for bound in table.bounds)
-    start = reference if table.start is None else table.start.value
-    unit, span = dimension.unit, f"the bounds {lower:g} to {upper:g} {dimension.unit}"
-    if not lower <= start <= upper:
-        where, owner, remedy = (
-            ("bounds", "the scene's value", "widen them, or write a start inside")
-            if table.start is None
-            else ("start", "start =", "move it, or widen them")
-        )
-        fault = f"{owner} {start:g} {unit} lies outside {span}; {remedy}"
-        findings.add((*key, where), fault)
-    if table.prior is not None and not lower <= table.prior.value <= upper:
-        fault = f"prior = {table.prior.value:g} {unit} lies outside {span}; move it, or widen them"
-        findings.add((*key, "prior"), fault)
-    sigma = _read_sigma(key, table, dimension, findings)
-    prior = None if sigma is None else reference if table.prior is None else table.prior.value
-    return _Values(lower, upper, start, prior, sigma)
-
-
 def _find_bound_faults(table: ParameterTable, dimension: Dimension) -> Iterator[_Fault]:
-    """Yield values of another dimension with their places in the table; where there are none, bounds
-    that leave no room.
-    """
+    """Yield values of another dimension; where there are none, bounds that leave no room."""
     given: dict[KeyPath, Quantity | None] = {
         ("bounds", number): bound for number, bound in enumerate(table.bounds)
     }
@@ -327,26 +298,34 @@ def _find_bound_faults(table: ParameterTable, dimension: Dimension) -> Iterator[
         )
 
 
-def _read_sigma(
-    key: KeyPath, table: ParameterTable, dimension: Dimension, findings: Findings
-) -> float | None:
-    if table.prior_sigma is None:
-        if table.prior is not None:
-            example = "0.3 (of the logarithm)" if table.scale == "log" else f'"{dimension.example}"'
-            findings.add(
-                (*key, "prior_sigma"),
-                f"'prior_sigma' is missing: how far from the prior may it be? write {example}",
-            )
-        return None
-    wanted = NUMBER if table.scale == "log" else dimension
-    if table.prior_sigma.dimension != wanted or not (
-        np.isfinite(table.prior_sigma.value) and table.prior_sigma.value > 0.0
-    ):
-        example = (
-            "a plain number above zero such as 0.3 (of the logarithm)"
-            if table.scale == "log"
-            else f'"{dimension.example}"'
+def _find_start_faults(
+    table: ParameterTable, dimension: Dimension, reference: float
+) -> Iterator[_Fault]:
+    """Yield a start and a prior that lie outside the bounds."""
+    lower, upper = (bound.value for bound in table.bounds)
+    outside = f"lies outside the bounds {lower:g} to {upper:g} {dimension.unit}"
+    start = reference if table.start is None else table.start.value
+    if not lower <= start <= upper:
+        where, owner, remedy = (
+            ("bounds", "the scene's value", "widen them, or write a start inside")
+            if table.start is None
+            else ("start", "start =", "move it, or widen them")
         )
-        findings.add((*key, "prior_sigma"), f"is not a spread for this parameter; write {example}")
-        return None
-    return table.prior_sigma.value
+        yield (where,), f"{owner} {start:g} {dimension.unit} {outside}; {remedy}"
+    if table.prior is not None and not lower <= table.prior.value <= upper:
+        shown = f"{table.prior.value:g} {dimension.unit}"
+        yield ("prior",), f"prior = {shown} {outside}; move it, or widen them"
+
+
+def _find_prior_faults(table: ParameterTable, dimension: Dimension) -> Iterator[_Fault]:
+    """Yield what is wrong with the standard deviation of a prior."""
+    relative = table.scale == "log"
+    example = "0.3 (of the logarithm)" if relative else f'"{dimension.example}"'
+    sigma = table.prior_sigma
+    if sigma is None:
+        if table.prior is not None:
+            text = "'prior_sigma' is missing: how far from the prior may it be? write"
+            yield ("prior_sigma",), f"{text} {example}"
+    elif sigma.dimension != (NUMBER if relative else dimension) or not 0.0 < sigma.value < np.inf:
+        plain = "a plain number above zero such as " * relative
+        yield ("prior_sigma",), f"is not a spread for this parameter; write {plain}{example}"

@@ -29,23 +29,16 @@ class FitProblem:
 
     def coordinates(self, values: Sequence[float]) -> FloatArray:
         """Coordinates of parameter values."""
-        return np.array([_locate(p, v) for p, v in zip(self.parameters, values, strict=True)])
+        return np.array([p.locate(v) for p, v in zip(self.parameters, values, strict=True)])
 
     def values(self, coordinates: FloatArray) -> dict[str, float]:
         """Parameter values by name, SI."""
-        return {
-            p.name: float(np.exp(x) if p.logarithmic else x * _width(p))
-            for p, x in zip(self.parameters, coordinates, strict=True)
-        }
+        return {p.name: p.value(x) for p, x in zip(self.parameters, coordinates, strict=True)}
 
     def value_slopes(self, coordinates: FloatArray) -> FloatArray:
         """Derivative of each value by its coordinate ``(p,)``."""
-        return np.array(
-            [
-                np.exp(x) if p.logarithmic else _width(p)
-                for p, x in zip(self.parameters, coordinates, strict=True)
-            ]
-        )
+        values = self.values(coordinates)
+        return np.array([values[p.name] if p.logarithmic else p.width for p in self.parameters])
 
     @property
     def lower(self) -> FloatArray:
@@ -63,10 +56,9 @@ class FitProblem:
         means, sigmas = np.full(len(self.parameters), np.nan), np.full(len(self.parameters), np.inf)
         for index, parameter in enumerate(self.parameters):
             if parameter.prior is not None and parameter.prior_sigma is not None:
-                means[index] = _locate(parameter, parameter.prior)
-                sigmas[index] = parameter.prior_sigma / (
-                    1.0 if parameter.logarithmic else _width(parameter)
-                )
+                means[index] = parameter.locate(parameter.prior)
+                scale = 1.0 if parameter.logarithmic else parameter.width
+                sigmas[index] = parameter.prior_sigma / scale
         return means, sigmas
 
 
@@ -202,12 +194,3 @@ def _make_point(
         observations=observations,
         residuals=residuals,
     )
-
-
-def _width(parameter: Parameter) -> float:
-    return parameter.upper - parameter.lower
-
-
-def _locate(parameter: Parameter, value: float) -> float:
-    """Return the coordinate of a value."""
-    return float(np.log(value)) if parameter.logarithmic else value / _width(parameter)

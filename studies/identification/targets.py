@@ -575,8 +575,13 @@ class TargetCase:
         ]
 
     @property
+    def records(self) -> list[tuple[ComplianceTarget, LineFit]]:
+        """Compliances that are fitted and come from a record of forces and displacements, with its line."""
+        return [(one, one.record) for one in self.compliances if one.record and not one.hold_out]
+
+    @property
     def machine(self) -> MachineKey:
-        """Which machine it was measured on."""
+        """Return which machine it was measured on."""
         return self.scene, self.variant
 
     @property
@@ -629,7 +634,7 @@ class Parameter:
         reference: Value at which multiplied and shifted keys are as written, SI.
         prior: Expected value, SI; None without a prior.
         prior_sigma: Standard deviation of the prior in the fitted coordinate.
-        logarithmic: The fitted coordinate is ln p, else p.
+        logarithmic: The fitted coordinate is ln p, else p over the width of its bounds.
     """
 
     name: str
@@ -643,6 +648,19 @@ class Parameter:
     logarithmic: bool
     dimension: Dimension
     unit: str
+
+    @property
+    def width(self) -> float:
+        """What one of the fitted coordinate is where it is no logarithm: the distance of the bounds."""
+        return self.upper - self.lower
+
+    def locate(self, value: float) -> float:
+        """Return the fitted coordinate of a value."""
+        return float(np.log(value)) if self.logarithmic else value / self.width
+
+    def value(self, coordinate: float) -> float:
+        """Return the value at a fitted coordinate."""
+        return float(np.exp(coordinate) if self.logarithmic else coordinate * self.width)
 
 
 @dataclass(frozen=True)
