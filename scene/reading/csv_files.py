@@ -25,7 +25,16 @@ from headstock.meshing.process.strangers import (
     read_apart,
 )
 from headstock.meshing.process.worker import Arrays
-from headstock.scene.reading.units import ANGLE, LENGTH, Unit, UnitError, quote_value, read_unit
+from headstock.scene.reading.units import (
+    ANGLE,
+    FORCE,
+    LENGTH,
+    Dimension,
+    Unit,
+    UnitError,
+    quote_value,
+    read_unit,
+)
 
 FORCE_COLUMNS = ("time", "fx", "fy", "fz")
 CORNER_COLUMNS = ("x", "y", "z")
@@ -33,8 +42,12 @@ FEED_COLUMN = "feed"
 MOST_CORNERS = 2000
 LARGEST_GAP = 5.0  # in typical sample distances: beyond it something is missing, not uneven
 WAYPOINT_EXAMPLE = "X [mm],Y [mm]"
+PUSH_COLUMNS = {"force": FORCE, "displacement": LENGTH}
+PUSH_EXAMPLE = "force [N],displacement [um]"
+MOST_PUSHES = 10_000
 MOST_WAYPOINTS = 100_000
 MOST_COLUMNS = 20
+_UNITS = {LENGTH: "mm", ANGLE: "deg", FORCE: "N"}  # as columns are often written
 _HEADING = re.compile(r"([A-Za-z_][A-Za-z0-9_-]{0,63})\s*(?:\[([^\[\]]*)\])?")
 type Rows = Iterator[tuple[int, list[str]]]
 
@@ -128,6 +141,16 @@ def read_waypoints(path: Path) -> AxisPath:
     arrays = read_apart(path, WAYPOINTS, _parse_waypoints, error=CsvError)
     axes, units = (tuple(map(str, arrays[name])) for name in ("axes", "units"))
     return AxisPath(path.name, axes, units, arrays["positions"], arrays["lines"])
+
+
+def read_pushes(path: Path) -> FloatArray:
+    """Read forces [N] and displacements [m] ``(n, 2)`` of a CSV file with the columns ``force`` and
+    ``displacement`` in their units, such as ``force [N],displacement [um]``.
+
+    Raises:
+        CsvError: A column or its unit is missing, or an entry is no finite number; says where.
+    """
+    return read_apart(path, RECORD, _parse_pushes, error=CsvError)["values"]
 
 
 def resample_forces(record: ForceRecord, times: FloatArray) -> FloatArray:
@@ -299,6 +322,23 @@ def _check_times(path: Path, times: FloatArray) -> None:
         )
 
 
+def _parse_pushes(path: Path) -> Arrays:
+    """``values`` of a record of forces and displacements in SI units, its size unchecked."""
+
+    def parse(head: list[str], rows: Rows) -> Arrays:
+        columns = _find_columns(path, head, list(PUSH_COLUMNS), ())
+        units = [
+            _read_heading(f"{path.name}:1", column + 1, head[column].strip(), PUSH_EXAMPLE, wanted)[
+                1
+            ]
+            for column, wanted in zip(columns, PUSH_COLUMNS.values(), strict=True)
+        ]
+        values = parse_rows(path, rows, columns, MOST_PUSHES, "keep fewer samples per second")
+        return {"values": values * [float(unit.factor) for unit in units]}
+
+    return read_lines(path, parse)
+
+
 def _parse_waypoints(path: Path) -> Arrays:
     """The fields of an `AxisPath` from a file, without a look at its size."""
 
@@ -338,7 +378,8 @@ def _read_axes(name: str, head: list[str]) -> tuple[tuple[str, ...], tuple[Unit,
             f"{name}:1 holds semicolons; separate columns by commas and write numbers with a point: {WAYPOINT_EXAMPLE}"
         )
     columns = [
-        _read_heading(f"{name}:1", number, entry.strip()) for number, entry in enumerate(head, 1)
+        _read_heading(f"{name}:1", number, entry.strip(), WAYPOINT_EXAMPLE, LENGTH, ANGLE)
+        for number, entry in enumerate(head, 1)
     ]
     axes = tuple(axis for axis, _ in columns)
     for axis in axes:
@@ -347,19 +388,23 @@ def _read_axes(name: str, head: list[str]) -> tuple[tuple[str, ...], tuple[Unit,
     return axes, tuple(unit for _, unit in columns)
 
 
-def _read_heading(line: str, number: int, text: str) -> tuple[str, Unit]:
+def _read_heading(
+    line: str, number: int, text: str, example: str, *wanted: Dimension
+) -> tuple[str, Unit]:
+    """Return the name of a column and its unit, which has one of the wanted dimensions."""
     match = _HEADING.fullmatch(text)
     if match is None:
         raise CsvError(
-            f"{line}: column {number} is {quote_value(text)} and names no axis with its unit; write {WAYPOINT_EXAMPLE}"
+            f"{line}: column {number} is {quote_value(text)} and has no name with a unit; write {example}"
         )
-    axis, unit = match[1], match[2]
+    name, unit = match[1], match[2]
     if unit is None:
-        raise CsvError(f'{line}: column {axis} has no unit; write "{axis} [mm]" or "{axis} [deg]"')
+        shown = " or ".join(f'"{name} [{one}]"' for one in (_UNITS[part] for part in wanted))
+        raise CsvError(f"{line}: column {name} has no unit; write {shown}")
     try:
-        return axis, read_unit(unit.strip(), LENGTH, ANGLE)
+        return name, read_unit(unit.strip(), *wanted)
     except UnitError as error:
-        raise CsvError(f"{line}: column {axis}: {error}") from error
+        raise CsvError(f"{line}: column {name}: {error}") from error
 
 
 def _read_waypoint(line: str, row: list[str], units: tuple[Unit, ...]) -> list[float]:

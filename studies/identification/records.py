@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import linregress
 
+from headstock.geometry.frames import FloatArray
+
 
 @dataclass(frozen=True)
 class LineFit:
@@ -17,7 +19,7 @@ class LineFit:
         compliance: Displacement per force [m/N].
         error: Standard error of the compliance, relative.
         residual: Root mean square distance from the line [m].
-        hysteresis: Area that the record encloses, of that of the rectangle around it.
+        hysteresis: Area that a cycle of the record encloses, of that of the rectangle around it.
     """
 
     compliance: float
@@ -32,16 +34,18 @@ class LineFit:
         )
 
 
-def fit_line(record: Sequence[tuple[float, float]]) -> LineFit:
+def fit_line(record: FloatArray | Sequence[tuple[float, float]]) -> LineFit:
     """Fit displacements [m] over forces [N] by a straight line, wherever it crosses zero force.
 
     Args:
         record: Force and displacement, at least three pairs in the order in which they were measured;
-            of a whole cycle for its hysteresis.
+            of whole cycles for their hysteresis.
 
     Raises:
-        ValueError: All forces are equal, or there is no displacement.
+        ValueError: There are fewer pairs, all forces are equal, or there is no displacement.
     """
+    if len(record) < 3:
+        raise ValueError(f"it holds {len(record)} pairs; a line and its residual take three")
     forces, motions = np.array(record, dtype=float).T
     reach, stroke = float(np.ptp(forces)), float(np.ptp(motions))
     if reach == 0.0 or stroke == 0.0:
@@ -54,9 +58,10 @@ def fit_line(record: Sequence[tuple[float, float]]) -> LineFit:
     left = motions - line.intercept - line.slope * forces
     following = np.roll(forces, -1), np.roll(motions, -1)
     area = 0.5 * abs(float(forces @ following[1] - motions @ following[0]))
+    cycles = float(np.abs(following[0] - forces).sum()) / (2.0 * reach)
     return LineFit(
         compliance=float(line.slope),
         error=float(line.stderr / abs(line.slope)),
         residual=float(np.sqrt(np.mean(left**2))),
-        hysteresis=area / (reach * stroke),
+        hysteresis=area / (cycles * reach * stroke),
     )

@@ -18,6 +18,7 @@ from headstock.scene.building.draft import describe_unmeasured
 from headstock.scene.building.loader import load_scene
 from headstock.scene.building.sensors import load_places
 from headstock.scene.expansion.overrides import split_variant
+from headstock.scene.reading.csv_files import CsvError, read_pushes
 from headstock.scene.reading.files import read_scene, resolve_file
 from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.reading.units import COMPLIANCE, FREQUENCY, RATIO, Quantity
@@ -26,7 +27,7 @@ from headstock.scene.schema.validation import validate_against
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.studies.identification.measured_responses import MeasuredPair, read_pairs
 from headstock.studies.identification.parameters import read_parameters
-from headstock.studies.identification.records import fit_line
+from headstock.studies.identification.records import LineFit, fit_line
 from headstock.studies.identification.targets import (
     VECTOR_TOLERANCE,
     CaseTable,
@@ -196,8 +197,8 @@ def _read_compliances(source: _Source) -> Iterator[ComplianceTarget]:
         record, value, spread = None, entry.value, source.spread
         if entry.record is not None:
             try:
-                record = fit_line(entry.record)
-            except ValueError as error:
+                record = _fit_record(entry.record, Path(source.findings.path).parent)
+            except (ValueError, CsvError) as error:
                 source.add(str(error), *key, "record")
                 continue
             value, spread = record.compliance, max(record.error, LEAST_ERROR)
@@ -214,6 +215,18 @@ def _read_compliances(source: _Source) -> Iterator[ComplianceTarget]:
             hold_out=entry.hold_out or source.table.hold_out,
             record=record,
         )
+
+
+def _fit_record(record: str | Sequence[tuple[float, float]], folder: Path) -> LineFit:
+    """Return the line through a record as written, or through that of a file of the folder.
+
+    Raises:
+        ValueError: There is no such file, or no line.
+        CsvError: The file cannot be read.
+    """
+    if isinstance(record, str):
+        return fit_line(read_pushes(resolve_file(folder, record, (".csv",))))
+    return fit_line(record)
 
 
 def _read_responses(source: _Source) -> Iterator[ResponseTarget]:

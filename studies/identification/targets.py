@@ -169,10 +169,11 @@ class _ComplianceTargetTable(StrictTable):
     """where the force acts; default: the same point"""
     value: Compliance | None = None
     """motion per force"""
-    record: Annotated[list[tuple[Force, Length]], Field(min_length=3, max_length=10_000)] | None = (
-        None
-    )
-    """in place of `value`: measured forces and displacements, `["100 N", "15 um"]` each, in their order; a line is fitted"""
+    record: (
+        Annotated[list[tuple[Force, Length]], Field(min_length=3, max_length=10_000)] | Text | None
+    ) = None
+    """in place of `value`: measured forces and displacements, `["100 N", "15 um"]` each, in their order, or a CSV file of columns
+    `force [N]` and `displacement [um]` in the folder of the target file; a line is fitted"""
     tolerance: ComplianceSpread | None = None
     """its standard deviation; of a record the standard error of its line"""
     weight: PositiveNumber = 1.0
