@@ -67,12 +67,17 @@ class ScrewShaft:
 
 @dataclass(frozen=True)
 class ContactLayer:
-    """Stiffness per area between two patches, of bolted or glued faces [N/m^3]: across them and
-    along them.
+    """Stiffness per area between two patches, of bolted or glued faces.
+
+    Attributes:
+        normal: Across the faces [N/m^3].
+        shear: Along the faces [N/m^3].
+        covers: Size of the area that it covers over that of the patches, about their centre.
     """
 
     normal: float
     shear: float
+    covers: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -180,33 +180,24 @@ def _describe(shapes: PatchShapes) -> str:
     return f"{shapes.outline} about ({where}) mm of its component"
 
 
-@dataclass(frozen=True, eq=False)
-class PlacedLayer:
-    """A contact layer in a pose.
-
-    Attributes:
-        rigid: ``(6, 6)`` stiffness against relative rigid motions at the joint point, joint axes
-            [N/m, N, N m].
-        rows: ``(m, n_all)`` relative deformation of the two patches by shape [m].
-        stiffness: ``(m,)`` against each [N/m].
-    """
-
-    rigid: FloatArray
-    rows: FloatArray
-    stiffness: FloatArray
-
-
-def place_layer(joint: Joint, layer: ContactLayer, layout: DofLayout, frame: Frame) -> PlacedLayer:
-    """Return the stiffness of a layer, integrated over the area of its patches.
+def place_layer(
+    joint: Joint, layer: ContactLayer, layout: DofLayout, frame: Frame
+) -> tuple[FloatArray, FloatArray]:
+    """Return the relative deformation of the two patches by shape and the stiffness of a layer,
+    integrated over the area that it covers.
 
     The relative displacement of both patches is a rigid motion and shapes; a patch without shapes
-    moves as a rigid body. Shapes are orthogonal to rigid motions and to each other, also in their
-    parts across and along the patch, so nothing couples them.
+    moves as a rigid body. Over the whole patch shapes are orthogonal to rigid motions and to each
+    other; over a part of it they are not.
 
     Args:
         layer: Stiffness per area.
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
         frame: Joint point and joint axes in the machine frame.
+
+    Returns:
+        Rows ``(m, n_all)`` of the second end less the first [m]; stiffness ``(6 + m, 6 + m)`` against
+        relative rigid motions at the joint point, joint axes, and these [N/m, N, N m].
 
     Raises:
         ModelError: No end has deformation shapes, which say how large its patch is; or the two areas
@@ -222,31 +213,19 @@ def place_layer(joint: Joint, layer: ContactLayer, layout: DofLayout, frame: Fra
     (other, fewer), (one, more) = sorted(
         [flexible[0], flexible[-1]], key=lambda side: side[1].count
     )
-    points, weights = gauss_rule(more)
-    area = more.outline.area
     rows = _select_shapes(layout, one, more)
     if one is not other:
         rows -= _shape_moments(joint, layout, one, other) @ _select_shapes(layout, other, fewer)
-    # mean square of each shape across the patch: one or zero
-    fields = shape_fields(more, points).reshape(len(points), 3, -1)
-    across = np.round(weights @ fields[:, more.normal] ** 2)
-    return PlacedLayer(
-        _rigid_stiffness(layer, layout, one, more, frame),
-        rows,
-        area * (layer.normal * across + layer.shear * (1.0 - across)),
-    )
-
-
-def _rigid_stiffness(
-    layer: ContactLayer, layout: DofLayout, end: JointEnd, shapes: PatchShapes, frame: Frame
-) -> FloatArray:
-    """Return the layer against rigid motions about the joint point, in joint axes ``(6, 6)``."""
-    points, weights = gauss_rule(shapes)
-    area = shapes.outline.area
-    placement = layout.placements[end.component or ""]
+    points, weights = gauss_rule(more)
+    points = more.center + layer.covers * (points - more.center)
+    area = layer.covers**2 * more.outline.area
+    placement = layout.placements[one.component or ""]
+    turn = frame.rotation.T @ placement.rotation
     placed = (placement.origin + points @ placement.rotation.T - frame.origin) @ frame.rotation
-    normal = frame.rotation.T @ placement.rotation[:, shapes.normal]
-    per_area = layer.shear * np.eye(3) + (layer.normal - layer.shear) * np.outer(normal, normal)
-    motions = rigid_map(placed, np.zeros(3)).reshape(len(points), 3, 6)
-    total = np.einsum("k,kia,ij,kjb->ab", area * weights, motions, per_area, motions)
-    return 0.5 * (total + total.T)
+    per_area = layer.shear * np.eye(3)
+    per_area += (layer.normal - layer.shear) * np.outer(turn[:, more.normal], turn[:, more.normal])
+    fields = turn @ shape_fields(more, points).reshape(len(points), 3, -1)
+    rigid = rigid_map(placed, np.zeros(3)).reshape(len(points), 3, 6)
+    motions = np.concatenate([rigid, fields], axis=2)
+    total = np.einsum("k,kia,kib->ab", area * weights, motions, per_area @ motions)
+    return (rows if one is joint.ends[1] else -rows), 0.5 * (total + total.T)

@@ -13,7 +13,7 @@ from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame, frame_axes, 
 from headstock.geometry.machine.joints import GROUND, Joint, JointEnd, ScrewShaft, connected_groups
 from headstock.geometry.machine.machine import Machine
 from headstock.meshing.scipy_library import scipy
-from headstock.reduction.coupling.coupled_shapes import PlacedLayer, place_layer
+from headstock.reduction.coupling.coupled_shapes import place_layer
 from headstock.reduction.coupling.dof_layout import (
     DOFS_OF_A_BODY,
     DofLayout,
@@ -175,24 +175,17 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> PlacedJoin
         joint.name, rows, joint.stiffness, joint.damping, tuple(joint.fixed), frame
     )
     if joint.layer is not None:
-        spring = _add_layer(spring, place_layer(joint, joint.layer, layout, frame))
+        more, stiffness = place_layer(joint, joint.layer, layout, frame)
+        stiffness[:6, :6] += joint.stiffness
+        damping = scipy.linalg.block_diag(joint.damping, np.zeros((len(more), len(more))))
+        rows = np.vstack([rows, more])
+        spring = dataclasses.replace(spring, rows=rows, stiffness=stiffness, damping=damping)
     elif joint.screw is not None:
         spring = _place_shaft(joint, joint.screw, spring, layout)
     beta = machine.rayleigh.beta
     if beta:
         return dataclasses.replace(spring, damping=spring.damping + beta * spring.stiffness)
     return spring
-
-
-def _add_layer(spring: PlacedJoint, layer: PlacedLayer) -> PlacedJoint:
-    """Return a joint with a contact layer in addition to its own springs."""
-    nothing = np.zeros((len(layer.rows), len(layer.rows)))
-    return dataclasses.replace(
-        spring,
-        rows=np.vstack([spring.rows, layer.rows]),
-        stiffness=scipy.linalg.block_diag(spring.stiffness + layer.rigid, np.diag(layer.stiffness)),
-        damping=scipy.linalg.block_diag(spring.damping, nothing),
-    )
 
 
 def _place_shaft(

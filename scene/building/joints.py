@@ -338,7 +338,7 @@ def build_joint(name: str, table: JointTable) -> Joint:
         else None,
         layer=None
         if table.stiffness_per_area is None
-        else ContactLayer(table.stiffness_per_area.normal, table.stiffness_per_area.shear),
+        else table.stiffness_per_area.fill(ContactLayer),
     )
 
 

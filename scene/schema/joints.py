@@ -80,6 +80,12 @@ class _LayerTable(types.StrictTable):
     """stiffness per area across the faces"""
     shear: types.PositiveStiffnessPerArea
     """stiffness per area along the faces"""
+    covers: types.NotNegativeShare = 1.0
+    """length and width of the area that carries, as a share of those of the patches, about their centre"""
+
+    def _faults(self) -> Iterator[str]:
+        if self.covers == 0.0:
+            yield "`covers` is zero, so nothing carries; write for example covers = 0.8"
 
 
 class JointTable(types.StrictTable):

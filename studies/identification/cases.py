@@ -398,6 +398,7 @@ def _slope_pieces(state: CaseState, parameter: Parameter) -> StackedPieces | Non
     step = reached * (abs(value) if parameter.logarithmic else parameter.upper - parameter.lower)
     pairs = []
     curved = touched.matrices or _has_curved_levers(state.model.parametric)
+    curved |= any(joints[name].layer is not None for name in touched.joints)
     for reach, weight in FOURTH_ORDER if curved and not touched.meshed else SECOND_ORDER:
         after, before = (
             _pieces_at(state, {**state.values, parameter.name: value + side * reach * step}, wanted)

@@ -60,6 +60,8 @@ from headstock.studies.identification.targets import Parameter
 CLOSE = 0.02
 # of joints, whose matrices they change in proportion
 SPRING_KEYS = ("stiffness", "damping", "loss_factor")
+# of a patch that a layer covers: differences at the whole patch reach beyond it
+WHOLE = 1.01
 # how far apart in ln f two modes cost as much as no likeness at all
 FAR = 0.5
 
@@ -97,6 +99,10 @@ class _ParametricJoint:
                 for dof in self.dofs(law):
                     matrices[what][dof, dof] = number
             elif what == "stiffness_per_area":
+                if law.key[3] == "covers" and not 0.0 < number <= WHOLE:
+                    raise ParameterValueError(
+                        f"{show_key(law.key)} is {number:g}, not within 0 to 1"
+                    )
                 layer[str(law.key[3])] = number
             elif what == "loss_factor":
                 changed[what] = number

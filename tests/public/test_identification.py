@@ -4,6 +4,7 @@ forms.
 
 import re
 import shutil
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from built_uff import points_15, text_58, units
 from common import Shell, approx
 from fixture_machines import stored_scene
 
+MACHINES = Path(__file__).resolve().parents[2] / "machines"
 SCENE = stored_scene("identified_block")
 # sqrt(k / m) / (2 pi) of 4, 9 and 16 N/um under 1000 kg
 SHIFTS = np.sqrt([4e3, 9e3, 16e3]) / (2.0 * np.pi)
@@ -204,6 +206,44 @@ def test_another_modulus_and_density_need_no_reduction(block: Shell) -> None:
     block(f"{run} anew", *other)
     found, anew = (block.json(f"{name}/summary.json")["modal"][0] for name in ("scaled", "anew"))
     assert found["frequencies_hz"] == approx(anew["frequencies_hz"], rel=1e-9)
+
+
+GLUED = """[joints.glue]
+between = ["ground", "block.foot"]
+kind = "bolted"
+axis = "z"
+stiffness_per_area = { normal = "20 N/um/m^2", shear = "10 N/um/m^2", covers = 1.0 }
+"""
+AREA = """
+[parameters.size]
+keys = ["joints.glue.stiffness_per_area.covers"]
+bounds = [0.3, 1.0]
+[parameters.normal]
+keys = ["joints.glue.stiffness_per_area.normal"]
+bounds = ["5 N/um/m^2", "100 N/um/m^2"]
+"""
+
+
+def test_the_size_of_a_contact_area_is_fitted_without_another_mesh(block: Shell) -> None:
+    """What is measured is the machine itself with a stiffer layer over 70 % of its face."""
+    feet = SCENE[SCENE.index("[joints.feet]") : SCENE.index("[points.tcp]")]
+    block.change(
+        (feet, GLUED),
+        ('fidelity = "rigid"', 'mesh = { size = "500 mm", cells = "hex" }'),
+        ('face = "z-" }', 'face = "z-", coupling = { flexible = 12 } }'),
+        ('work = "ground"', 'work = "ground"\n[analyses.modal]\ncount = 6'),
+    )
+    true = "joints.glue.stiffness_per_area={normal='40 N/um/m^2', shear='10 N/um/m^2', covers=0.7}"
+    block("run scene.toml --no-figures -o true", "--set", true)
+    (modes,) = block.json("true/summary.json")["modal"]
+    wanted = ", ".join(f'"{hz:.12g} Hz"' for hz in modes["frequencies_hz"])
+    block.write(f"[cases.a]\nfrequencies = [{wanted}]\n{AREA}", name="targets")
+    assert "meshed and reduced anew" not in block.prints(IDENTIFY)
+    found = block.json("out/identification.json")["parameters"]
+    assert found["size"]["value"] == approx(0.7, rel=1e-5)
+    assert found["normal"]["value"] == approx(40.0, rel=1e-5)
+    block.change(("covers = 1.0", "covers = 0"))
+    assert "nothing carries" in block.refuses("check scene.toml")
 
 
 MODIFIED = """
@@ -415,6 +455,34 @@ def test_a_record_of_forces_and_displacements_is_a_compliance_with_its_hysteresi
     assert reach == approx(2 * 1.959964 * error, rel=1e-4)
     block.write(text.replace("record =", 'value = "50 um/kN", record ='), name="targets")
     assert "needs either value" in block.refuses(IDENTIFY)
+
+
+def test_a_record_of_a_file_repeats_its_cycles_in_its_own_units(block: Shell) -> None:
+    """The same parallelogram three times over."""
+    up = [(force / 1e3, 50.0 * force / 1e6) for force in (0.0, 100.0, 200.0, 300.0, 400.0)]
+    pairs = [*up, *((force, motion + 0.001) for force, motion in reversed(up))] * 3
+    rows = [f"{motion:.9f},{force:.9f}" for force, motion in pairs]
+    file = block.folder / "push.csv"
+    file.write_text("\n".join(["displacement [mm],force [kN]", *rows]))
+    target = '{ point = "tcp", motion = "z", force = "z", record = "push.csv" }'
+    found = identify(block, f"[cases.a]\ncompliances = [{target}]\n", parameter("z"))
+    line = found["records"]["a tcp dz/Fz"]
+    assert line["compliance"] == approx(50e-9) and line["residual"] == approx(0.5e-6)
+    assert line["hysteresis"] == approx(400.0 * 1.0 / (400.0 * 21.0), rel=1e-6)
+    file.write_text("force,displacement [mm]\n0,0\n1,1\n2,2\n")
+    assert "column force has no unit" in block.refuses(IDENTIFY)
+    file.write_text("force [N],displacement [mm]\n0,0\n1,1\n")
+    assert "it holds 2 pairs" in block.refuses(IDENTIFY)
+
+
+def test_the_published_push_is_fitted_by_the_drive(shell: Shell) -> None:
+    """Its slope and the scatter about it are what the paper prints."""
+    files = (MACHINES / "three_axis.toml", MACHINES / "three_axis_push_targets.toml")
+    printed = shell.prints("identify -o out", *files)
+    assert "line of 151 um/kN" in printed and "residual 0.2 um" in printed
+    fitted, *held = shell.json("out/identification.json")["targets"]
+    assert fitted["model"] == approx(151.0, rel=1e-4)
+    assert [row["measured"] for row in held] == [9.3, 11.5]
 
 
 def test_responses_come_from_a_file_of_test_data(block: Shell) -> None:

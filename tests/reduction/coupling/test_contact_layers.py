@@ -137,8 +137,38 @@ def test_on_a_disk_and_a_ring_it_acts_over_their_area(hole: float) -> None:
     assert set(np.round(spring.diagonal()[6:] / area)) == {soft, stiff}
 
 
-def test_the_joint_point_and_turned_frames_change_nothing() -> None:
-    layer = ContactLayer(3e12, 1e12)
+def test_a_layer_over_the_middle_of_the_patch_is_integrated_over_that_part() -> None:
+    lower, upper = half("lower", "rigid", 12), half("upper", "rigid", 12)
+    stiff, soft, share = 1e14, 1e11, 0.6
+    joined = join(lower, upper, ContactLayer(stiff, soft, covers=share)).joint_springs[0]
+    area = WIDTH * DEPTH * share**2
+    spring = joined.stiffness
+    np.testing.assert_allclose(spring.diagonal()[:3], area * np.array([soft, soft, stiff]))
+    tilt = area * stiff * (share * np.array([DEPTH, WIDTH])) ** 2 / 12.0
+    np.testing.assert_allclose(spring.diagonal()[3:5], tilt)
+    # a field q of the upper face across the layer, over the points of a rule of its own
+    points, weights = np.polynomial.legendre.leggauss(8)
+    x = share * np.repeat(points, len(points))
+    bow = np.sqrt(5.0) * (1.5 * x**2 - 0.5)
+    energy = area * stiff * float(np.outer(weights, weights).ravel() @ (1.0 + bow) ** 2) / 4.0
+    across = [
+        row
+        for row in range(6, len(spring))
+        if spring[row, row] > stiff * area * 1e-2 and abs(spring[2, row]) > stiff * area * 1e-2
+    ]
+    energies = [
+        spring[2, 2] + 2.0 * side * spring[2, row] + spring[row, row]
+        for row in across
+        for side in (1.0, -1.0)
+    ]
+    assert min(abs(np.array(energies) / energy - 1.0)) < 1e-12
+    with_less = elastic(join(lower, upper, ContactLayer(3e12, 1e12, covers=share)))
+    assert (with_less <= elastic(join(lower, upper, ContactLayer(3e12, 1e12))) + 1e-6).all()
+
+
+@pytest.mark.parametrize("covers", [1.0, 0.7])
+def test_the_joint_point_and_turned_frames_change_nothing(covers: float) -> None:
+    layer = ContactLayer(3e12, 1e12, covers)
     lower = half("lower", "rigid", 12)
     straight = elastic(join(lower, half("upper", "rigid", 12), layer))
     turned = elastic(join(lower, half("upper", "rigid", 12, turned=True), layer))
