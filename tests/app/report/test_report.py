@@ -32,7 +32,7 @@ from headstock.app.report.viewer_data import (
     encode_machine,
 )
 from headstock.app.tables.table import Column
-from headstock.app.terminal.console import _Screen
+from headstock.app.terminal.console import Screen
 from headstock.app.terminal.summary import _format_rows
 from headstock.geometry.frames import FloatArray, Frame, rigid_map
 from headstock.geometry.parts.skins import Skin, box_skin
@@ -601,7 +601,7 @@ def test_roundoff_beside_numbers_in_the_same_unit_is_shown_as_zero() -> None:
     shown = re.sub("<[^>]*>", " ", str(draw_rows(columns, rows, "gaps")))
     assert " ".join(shown.split()) == "Face x y 1 12.50 0 2 11.00 0 3 2.00·10⁻⁷ 0.5000"
     screen = io.StringIO()
-    _Screen(file=screen, width=60).print(_format_rows(columns, rows[:2]))
+    Screen(file=screen, width=60).print(_format_rows(columns, rows[:2]))
     cells = [word for word in screen.getvalue().split() if word[0].isdigit()]
     assert cells == ["1", "12.5", "0", "2", "11", "0"]
 

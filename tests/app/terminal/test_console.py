@@ -13,7 +13,7 @@ from made_results import make_modes, make_results
 
 from common import approx
 from headstock.app.tables.static import shared_budget
-from headstock.app.terminal.console import _Screen, add_row, make_console, make_table, print_table
+from headstock.app.terminal.console import Screen, add_row, make_console, make_table, print_table
 from headstock.app.terminal.summary import print_summary
 from headstock.app.texts.bounded_values import (
     bound_size,
@@ -84,7 +84,7 @@ WORDS = (
 
 def print_narrow(width: int | None, *, terminal: bool = True) -> str:
     stream = io.StringIO()
-    console = _Screen(file=stream, width=width, force_terminal=terminal, color_system=None)
+    console = Screen(file=stream, width=width, force_terminal=terminal, color_system=None)
     heads = ">no.", ">undamped Hz", "<± Hz", ">damped Hz", ">damping", "mode", "strain energy in"
     table = make_table(*heads)
     for number in range(9, 12):
