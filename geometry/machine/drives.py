@@ -9,11 +9,80 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 
 Encoder = Literal["motor", "scale"]
+# columns of what a controller gets: set position, speed, acceleration, measured position, motor speed
+SET_SPEED, SET_ACCELERATION, MEASURED, MOTOR_SPEED = 1, 2, 3, 4
+CONTROL_INPUTS = 5
+
+
+@dataclass(frozen=True, eq=False)
+class LinearBlock:
+    """A linear system without names: ``x' = A x + B u``, at a step ``x+ = A x + B u``; ``y = C x +
+    D u``.
+
+    Attributes:
+        a: ``(n, n)``.
+        b: ``(n, n_inputs)``.
+        c: ``(n_outputs, n)``.
+        d: ``(n_outputs, n_inputs)``.
+        step_s: Between two samples [s]; zero in continuous time.
+    """
+
+    a: FloatArray
+    b: FloatArray
+    c: FloatArray
+    d: FloatArray
+    step_s: float = 0.0
+
+    @staticmethod
+    def gain(*factors: float) -> "LinearBlock":
+        """A weighted sum of inputs, without states."""
+        count = len(factors)
+        return LinearBlock(
+            np.zeros((0, 0)),
+            np.zeros((0, count)),
+            np.zeros((1, 0)),
+            np.array([factors], dtype=float),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class AxisControl:
+    """A linear controller of an axis, all as seen along the axis: errors make a force.
+
+    Attributes:
+        errors: ``(k, 5)`` each error per set position, speed and acceleration, measured position and
+            motor speed. Positions count by their difference alone.
+        law: From the errors to the force [N].
+        acceleration_feed_forward: Force per commanded acceleration [kg].
+        filters: Blocks that the force passes, one after the other.
+        dead_time: From a measurement to the force it leads to [s].
+        current_lag: Time constant of the current loop [s].
+        encoder: What the position controller sees; motor speeds are those of the motor.
+    """
+
+    errors: FloatArray
+    law: LinearBlock
+    acceleration_feed_forward: float = 0.0
+    filters: tuple[LinearBlock, ...] = ()
+    dead_time: float = 0.0
+    current_lag: float = 0.0
+    encoder: Encoder = "motor"
+
+    @property
+    def position_gain(self) -> float | None:
+        """Speed per position error [1/s] where one error compares speeds, as in a cascade."""
+        speed = -float(self.errors[0, MOTOR_SPEED])
+        return float(self.errors[0, 0]) / speed if len(self.errors) == 1 and speed else None
+
+    @property
+    def velocity_gain(self) -> float | None:
+        """Direct force per speed error [N s/m] where one error compares speeds."""
+        return None if self.position_gain is None else float(self.law.d[0, 0])
 
 
 @dataclass(frozen=True)
-class AxisControl:
-    """A cascade of P position control and PI velocity control, all as seen along the axis.
+class Cascade:
+    """Gains of P position control and PI velocity control, all as seen along the axis.
 
     Attributes:
         position_gain: kv [1/s].
@@ -25,6 +94,7 @@ class AxisControl:
         dead_time: From a measurement to the force it leads to [s].
         current_lag: Time constant of the current loop [s].
         encoder: What the position controller sees; the velocity controller sees the motor.
+        filters: Blocks that the force passes.
     """
 
     position_gain: float
@@ -35,6 +105,30 @@ class AxisControl:
     dead_time: float = 0.0
     current_lag: float = 0.0
     encoder: Encoder = "motor"
+    filters: tuple[LinearBlock, ...] = ()
+
+    @property
+    def control(self) -> AxisControl:
+        """The controller with these gains; the state of its integrator is a force."""
+        kp = self.velocity_gain
+        law = LinearBlock.gain(kp)
+        if math.isfinite(self.integral_time):
+            rate = np.array([[kp / self.integral_time]])
+            law = LinearBlock(np.zeros((1, 1)), rate, np.ones((1, 1)), law.d)
+        return AxisControl(
+            errors=velocity_error(self.position_gain, self.velocity_feed_forward),
+            law=law,
+            acceleration_feed_forward=self.acceleration_feed_forward,
+            filters=self.filters,
+            dead_time=self.dead_time,
+            current_lag=self.current_lag,
+            encoder=self.encoder,
+        )
+
+
+def velocity_error(position_gain: float, feed_forward: float) -> FloatArray:
+    """Return the row ``(1, 5)`` of the speed error behind P position control."""
+    return np.array([[position_gain, feed_forward, 0.0, -position_gain, -1.0]])
 
 
 @dataclass(frozen=True)
@@ -84,7 +178,6 @@ class Drive:
         scale: Point whose motion along the axis a linear scale reads, tool against work; None for
             the place of the screw.
         friction: Along the axis; None where there is none.
-        cycle: Time between two samples of the controller [s]; zero for a continuous one.
         acceleration_share: Share of the axis' inertia that acceleration feed-forward carries [-].
         ripple: Waves of the motor's torque.
     """
@@ -99,7 +192,6 @@ class Drive:
     coupling: float = math.inf
     scale: str | None = None
     friction: GuideFriction | None = None
-    cycle: float = 0.0
     acceleration_share: float = 0.0
     ripple: tuple[TorqueRipple, ...] = ()
 

@@ -149,7 +149,7 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
 
 def _round_lag(train: DriveTrain, lag: float) -> float:
     """Lag per speed [s]; zero where feed-forward leaves roundoff of what it takes off."""
-    return lag if abs(lag) * train.control.position_gain > ROUNDOFF else 0.0
+    return lag if abs(lag) * (train.control.position_gain or 1.0) > ROUNDOFF else 0.0
 
 
 def list_poles(

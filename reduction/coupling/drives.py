@@ -193,7 +193,6 @@ def make_rigid_train(
         screw_mass=drive.screw_inertia / pitch**2,
         coupling=drive.coupling / pitch**2,
         friction=drive.friction,
-        cycle=drive.cycle,
         beta=beta,
     )
 

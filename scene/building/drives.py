@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from headstock.geometry.machine.drives import AxisControl, Drive, GuideFriction, TorqueRipple
+from headstock.geometry.machine.drives import Drive, GuideFriction, TorqueRipple
 from headstock.geometry.mechanisms.exechon import LENGTHS
+from headstock.scene.building.controllers import build_control, find_faults
 from headstock.scene.building.draft import Draft
 from headstock.scene.reading.findings import Findings, KeyPath
-from headstock.scene.reading.units import DAMPING
 from headstock.scene.schema.drives import DriveTable
 from headstock.scene.schema.effects import CONTOUR_EFFECTS, GRAVITY_STIFFENING, find_effect_fault
 from headstock.scene.schema.scene import SceneTable
@@ -19,7 +19,6 @@ DRIVE_CONTROL = "drive_control"
 FRICTION = "friction"
 SCREW_INERTIA = "screw_inertia"
 TORQUE_RIPPLE = "torque_ripple"
-DEAD_CYCLES = 1.5  # one cycle of computing, and half a cycle during which a force stays
 
 
 def driven_axis(name: str, table: DriveTable) -> str:
@@ -167,6 +166,8 @@ def check_drives(draft: Draft) -> None:
             joints[joint] = name
         if table.scale is not None:
             draft.check_name(("drives", name, "scale"), table.scale, "points")
+        for place, fault in find_faults(table):
+            draft.add(("drives", name, *place), fault)
     _check_drive_effects(draft)
 
 
@@ -208,11 +209,14 @@ def check_motors(draft: Draft, analysis: str) -> None:
 def check_sampling(draft: Draft, band: float, analysis: str, what: str) -> None:
     """Report drives that sample too slowly to show the band [Hz] of an analysis."""
     for name, table in draft.table.drives.items():
-        if table.sampling is not None and 0.5 / table.sampling < band:
+        step = None if table.controller is None else table.controller.step
+        key = ("sampling",) if step is None else ("controller", "step")
+        cycle = table.sampling or step
+        if cycle is not None and 0.5 / cycle < band:
             draft.findings.add_for(
                 analysis,
-                ("drives", name, "sampling"),
-                f"samples at {1.0 / table.sampling:.4g} Hz, which shows motions up to {0.5 / table.sampling:.4g} Hz only (Nyquist), and "
+                ("drives", name, *key),
+                f"samples at {1.0 / cycle:.4g} Hz, which shows motions up to {0.5 / cycle:.4g} Hz only (Nyquist), and "
                 f"[analyses.{analysis}] asks for {band:.4g} Hz; sample faster or lower {what}",
             )
 
@@ -235,7 +239,7 @@ def _build_drive(name: str, table: DriveTable, scene: SceneTable) -> Drive:
         joint=joint,
         motor_inertia=table.inertia,
         lead=lead,
-        control=_build_control(table, lead),
+        control=build_control(table, lead),
         screw_inertia=(table.screw_inertia or 0.0) if SCREW_INERTIA in scene.active else 0.0,
         coupling=math.inf if table.coupling is None else table.coupling,
         scale=table.scale,
@@ -246,28 +250,11 @@ def _build_drive(name: str, table: DriveTable, scene: SceneTable) -> Drive:
             breakaway=friction.coulomb if friction.breakaway is None else friction.breakaway,
             viscous=0.0 if friction.viscous is None else friction.viscous.value,
         ),
-        cycle=table.sampling or 0.0,
         acceleration_share=table.feed_forward.acceleration,
         ripple=tuple(
             wave.fill(TorqueRipple)
             for wave in (table.torque_ripple or () if TORQUE_RIPPLE in scene.active else ())
         ),
-    )
-
-
-def _build_control(table: DriveTable, lead: float) -> AxisControl:
-    gain = table.velocity_gain
-    # a torque per turning speed is a force per speed over the square of travel per radian
-    along = gain.value if gain.dimension == DAMPING else gain.value / (lead / (2.0 * math.pi)) ** 2
-    late = DEAD_CYCLES * table.sampling if table.sampling is not None else table.dead_time or 0.0
-    return AxisControl(
-        position_gain=table.kv,
-        velocity_gain=along,
-        integral_time=math.inf if table.integral_time is None else table.integral_time,
-        velocity_feed_forward=table.feed_forward.velocity,
-        dead_time=late,
-        current_lag=table.current_loop or 0.0,
-        encoder=table.encoder,
     )
 
 

@@ -1,8 +1,13 @@
 """Position and velocity control closed around a machine with free motors: a linear system from set
 points to motions.
 
-    v_ref = kv (x_set - x_measured) + f_v v_set
-    F     = lag(dead time(kp (v_ref - v_motor) + kp / T_n  integral(v_ref - v_motor) + m_f a_set))
+    F = lag(dead time(filters(law(errors) + m_f a_set)))
+
+where errors are weighted sums of what is set and measured; in a cascade of P position and PI velocity
+control
+
+    error = kv (x_set - x_measured) + f_v v_set - v_motor
+    law   = kp error + kp / T_n  integral(error)
 
 The machine is linear about its pose; the travel of an axis is a free coordinate of it, so that set
 points may be as large as the pose allows. The loop is continuous: sampling counts as a dead time of
@@ -11,122 +16,32 @@ set point by a constant.
 """
 
 import dataclasses
-import functools
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import AxisControl
+from headstock.geometry.machine.drives import (
+    CONTROL_INPUTS,
+    MEASURED,
+    MOTOR_SPEED,
+    SET_ACCELERATION,
+    AxisControl,
+    LinearBlock,
+)
 from headstock.solvers.control.drive_trains import FORCE, MOTOR, SLIDE, DriveTrain, measured_channel
+from headstock.solvers.control.linear_blocks import (
+    connect_in_series,
+    make_dead_time,
+    stack_blocks,
+    to_continuous,
+)
 from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 
-ORDER = 6
-# the phase is within 1e-4 rad up to here, which is the Nyquist frequency of a controller whose dead
-# time is 1.5 cycles
-LARGEST_ANGLE = 1.5 * math.pi
 SET_POINTS = ("position", "velocity", "acceleration")
 ENCODER = "encoder"
-
-
-@dataclass(frozen=True, eq=False)
-class LinearBlock:
-    """A linear system without names.
-
-    Attributes:
-        a: ``(n, n)``.
-        b: ``(n, n_inputs)``.
-        c: ``(n_outputs, n)``.
-        d: ``(n_outputs, n_inputs)``.
-    """
-
-    a: FloatArray
-    b: FloatArray
-    c: FloatArray
-    d: FloatArray
-
-    @staticmethod
-    def gain(*factors: float) -> "LinearBlock":
-        """A weighted sum of inputs, without states."""
-        count = len(factors)
-        return LinearBlock(
-            np.zeros((0, 0)),
-            np.zeros((0, count)),
-            np.zeros((1, 0)),
-            np.array([factors], dtype=float),
-        )
-
-
-def _connect_in_series(first: LinearBlock, second: LinearBlock) -> LinearBlock:
-    """The second block fed by the first."""
-    a = np.block(
-        [[first.a, np.zeros((len(first.a), len(second.a)))], [second.b @ first.c, second.a]]
-    )
-    return LinearBlock(
-        a=a,
-        b=np.vstack([first.b, second.b @ first.d]),
-        c=np.hstack([second.d @ first.c, second.c]),
-        d=second.d @ first.d,
-    )
-
-
-def stack_blocks(blocks: Sequence[LinearBlock]) -> LinearBlock:
-    """Blocks side by side, none of which sees another."""
-    parts = ("a", "b", "c", "d")
-    return LinearBlock(
-        **{
-            part: scipy.linalg.block_diag(*(getattr(block, part) for block in blocks))
-            for part in parts
-        }
-    )
-
-
-def _make_dead_time(dead_time: float) -> LinearBlock:
-    """``exp(-s T)`` by the Pade approximation of order six: gain exactly one, phase within 1e-4 rad
-    up to ``s T = 1.5 pi i``.
-
-    Its poles come from the denominator ``sum c_k (s T)^k``; each pair becomes one all-pass of two
-    states, ``1 - 2 b s / (s^2 + b s + c)``.
-
-    Args:
-        dead_time: T [s]; nothing is delayed where it is zero.
-
-    Source: Golub and Van Loan (2013), section 9.3.1 (diagonal Pade approximants of the
-    exponential).
-    """
-    chain = LinearBlock.gain(1.0)
-    if dead_time == 0.0:
-        return chain
-    for middle, square in _pairs():
-        b, c = middle / dead_time, square / dead_time**2
-        root = math.sqrt(c)
-        section = LinearBlock(
-            a=np.array([[0.0, root], [-root, -b]]),
-            b=np.array([[0.0], [root]]),
-            c=np.array([[0.0, -2.0 * b / root]]),
-            d=np.ones((1, 1)),
-        )
-        chain = _connect_in_series(chain, section)
-    return chain
-
-
-@functools.cache
-def _pairs() -> tuple[tuple[float, float], ...]:
-    """``b`` and ``c`` of ``s^2 + b s + c`` for each pair of poles, T = 1."""
-    powers = range(ORDER, -1, -1)
-    coefficients: FloatArray = np.array(
-        [
-            math.factorial(2 * ORDER - k) / (math.factorial(k) * math.factorial(ORDER - k))
-            for k in powers
-        ]
-    )
-    roots = np.roots(coefficients / coefficients[0])
-    upper = roots[roots.imag > 0.0]
-    return tuple((-2.0 * float(root.real), float(abs(root)) ** 2) for root in upper)
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,26 +175,20 @@ def _take_off_anchors(plant: StateSpace, trains: tuple[DriveTrain, ...]) -> Stat
 
 
 def make_controller(control: AxisControl) -> LinearBlock:
-    """A controller: inputs are set position, velocity, acceleration, measured position and motor
-    velocity, the output a force.
-
-    The state of the integrator is a force.
+    """A controller in continuous time: inputs are set position, velocity, acceleration, measured
+    position and motor velocity, the output a force.
     """
-    kv, kp = control.position_gain, control.velocity_gain
-    error = np.array([[kv, control.velocity_feed_forward, 0.0, -kv, -1.0]])
-    direct = kp * error + np.array([[0.0, 0.0, control.acceleration_feed_forward, 0.0, 0.0]])
-    block = LinearBlock(np.zeros((0, 0)), np.zeros((0, 5)), np.zeros((1, 0)), direct)
-    if math.isfinite(control.integral_time):
-        block = LinearBlock(
-            np.zeros((1, 1)), kp / control.integral_time * error, np.ones((1, 1)), direct
-        )
-    block = _connect_in_series(block, _make_dead_time(control.dead_time))
+    law, forward = to_continuous(control.law), np.zeros((1, CONTROL_INPUTS))
+    forward[0, SET_ACCELERATION] = control.acceleration_feed_forward
+    block = LinearBlock(law.a, law.b @ control.errors, law.c, law.d @ control.errors + forward)
+    for further in (*map(to_continuous, control.filters), make_dead_time(control.dead_time)):
+        block = connect_in_series(block, further)
     if control.current_lag > 0.0:
         rate = 1.0 / control.current_lag
         lag = LinearBlock(
             np.array([[-rate]]), np.array([[rate]]), np.ones((1, 1)), np.zeros((1, 1))
         )
-        block = _connect_in_series(block, lag)
+        block = connect_in_series(block, lag)
     return block
 
 
@@ -305,11 +214,12 @@ def _feed_back(
     # five
     read = np.vstack([plant.c[rows_read], _motor_rates(plant, trains, asked)])
     seen_d = np.vstack([plant.d[rows_read], np.zeros((count, plant.d.shape[1]))])
-    measured = np.concatenate([5 * np.arange(count) + 3, 5 * np.arange(count) + 4])
+    first = CONTROL_INPUTS * np.arange(count)
+    measured = np.concatenate([first + MEASURED, first + MOTOR_SPEED])
     # from set points of the axes to controllers: one axis may have two drives
     axes = dict.fromkeys(train.axis for train in trains)
     driven = np.array([[float(train.axis == axis) for axis in axes] for train in trains])
-    spread = np.kron(driven.reshape(count, len(axes)), np.eye(5, 3))
+    spread = np.kron(driven.reshape(count, len(axes)), np.eye(CONTROL_INPUTS, len(SET_POINTS)))
     direct = control.d[:, measured]
     # forces act at once on what the controllers measure, and these at once on forces: an algebraic
     # loop. It is solved here, so that force = gains @ (states, control states, set points, loads)

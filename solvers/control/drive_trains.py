@@ -38,7 +38,6 @@ class DriveTrain:
         beta: Viscous damping over stiffness of its springs [s].
         screw_mass: Screw inertia likewise [kg].
         coupling: Stiffness between motor and screw likewise [N/m]; infinite where it is rigid.
-        cycle: Of the controller [s].
     """
 
     name: str
@@ -59,7 +58,6 @@ class DriveTrain:
     screw_mass: float = 0.0
     coupling: float = math.inf
     friction: GuideFriction | None = None
-    cycle: float = 0.0
 
 
 def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> SecondOrderSystem:

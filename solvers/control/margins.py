@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import AxisControl
+from headstock.geometry.machine.drives import MEASURED, SET_ACCELERATION, SET_SPEED, AxisControl
 from headstock.solvers.control.drive_trains import FORCE, MOTOR, DriveTrain, measured_channel
+from headstock.solvers.control.linear_blocks import respond_exactly
 from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
@@ -101,26 +102,25 @@ class _ControlPaths(NamedTuple):
     """Ways through a controller.
 
     Attributes:
-        feedback: ``(n_freq,)`` force per velocity error [N s/m].
+        feedback: ``(n_freq, 2)`` minus the force per measured position [N/m] and per motor speed
+            [N s/m].
         ahead: ``(n_freq,)`` force per set position, with the feed-forward [N/m].
-        kv: Velocity per position error [1/s].
     """
 
     feedback: ComplexArray
     ahead: ComplexArray
-    kv: float
 
 
 def _control_paths(control: AxisControl, omega: FloatArray) -> _ControlPaths:
     """Ways through a controller at angular frequencies ``(n_freq,)`` [rad/s], delays exact."""
     s = 1j * omega
     late = np.exp(-s * control.dead_time) / (1.0 + s * control.current_lag)
-    # an infinite time times a frequency is no complex number
-    inner = control.velocity_gain * (1.0 + (1.0 / control.integral_time) / s)
-    ahead = (
-        control.position_gain + s * control.velocity_feed_forward
-    ) * inner + s**2 * control.acceleration_feed_forward
-    return _ControlPaths(late * inner, late * ahead, control.position_gain)
+    for block in control.filters:
+        late = late * respond_exactly(block, omega)[:, 0, 0]
+    forces = respond_exactly(control.law, omega)[:, 0] @ control.errors
+    ahead = forces[:, 0] + s * forces[:, SET_SPEED]
+    ahead = ahead + s**2 * (forces[:, SET_ACCELERATION] + control.acceleration_feed_forward)
+    return _ControlPaths(-late[:, None] * forces[:, MEASURED:], late * ahead)
 
 
 def answer_motions(
@@ -137,8 +137,7 @@ def answer_motions(
     """
     paths = [_control_paths(train.control, omega) for train in trains]
     feedback = np.stack([path.feedback for path in paths], axis=1)[..., None]
-    gains = np.array([path.kv for path in paths])[:, None]
-    return feedback * (gains * seen + 1j * omega[:, None, None] * motors)
+    return feedback[:, :, 0] * seen + feedback[:, :, 1] * (1j * omega[:, None, None] * motors)
 
 
 def _follow(loops: ComplexArray, motion: ComplexArray, ahead: ComplexArray) -> ComplexArray:

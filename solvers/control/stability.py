@@ -11,9 +11,8 @@ import numpy as np
 import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import AxisControl
+from headstock.geometry.machine.drives import MEASURED, AxisControl
 from headstock.solvers.control.drive_loops import (
-    LARGEST_ANGLE,
     ClosedLoop,
     close_loops,
     close_plant,
@@ -21,6 +20,7 @@ from headstock.solvers.control.drive_loops import (
     open_plant,
 )
 from headstock.solvers.control.drive_trains import DriveTrain
+from headstock.solvers.control.linear_blocks import LARGEST_ANGLE
 from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
@@ -173,31 +173,41 @@ def find_largest_gain(
 
 
 def scale_position_gain(control: AxisControl, scale: float) -> AxisControl:
-    """The controller with another kv."""
-    return dataclasses.replace(control, position_gain=scale * control.position_gain)
+    """The controller with position errors that count more or less: in a cascade, another kv."""
+    errors = control.errors.copy()
+    errors[:, [0, MEASURED]] *= scale
+    return dataclasses.replace(control, errors=errors)
+
+
+def _scale_law(control: AxisControl, scale: float) -> AxisControl:
+    """The controller with another gain from its errors to the force."""
+    law = control.law
+    return dataclasses.replace(
+        control, law=dataclasses.replace(law, c=scale * law.c, d=scale * law.d)
+    )
 
 
 def _scale_velocity_gain(control: AxisControl, scale: float) -> AxisControl:
     """The controller with another velocity gain, and position control that hardly acts: its
     velocity loop by itself.
     """
-    low_frequency = SMALLEST_SCALE * control.position_gain
-    return dataclasses.replace(
-        control, velocity_gain=scale * control.velocity_gain, position_gain=low_frequency
-    )
+    return scale_position_gain(_scale_law(control, scale), SMALLEST_SCALE)
 
 
 def _advise(system: SecondOrderSystem, trains: tuple[DriveTrain, ...], train: DriveTrain) -> str:
-    gains = train.control
+    kv, kp = train.control.position_gain, train.control.velocity_gain
     scale = find_largest_gain(system, trains, train.name, scale_position_gain)
-    if scale is not None:
-        return f"the largest stable kv found is {scale * gains.position_gain:.4g} 1/s, and {gains.position_gain:.4g} 1/s is asked for"
+    if scale is not None and kv:
+        return f"the largest stable kv found is {scale * kv:.4g} 1/s, and {kv:.4g} 1/s is asked for"
     scale = find_largest_gain(system, trains, train.name, _scale_velocity_gain)
-    if scale is not None:
+    if scale is not None and kp:
         return (
-            f"its velocity loop is so by itself: the largest stable velocity_gain found is {scale * gains.velocity_gain:.4g} N s/m along the axis, and "
-            f"{gains.velocity_gain:.4g} N s/m is asked for"
+            f"its velocity loop is so by itself: the largest stable velocity_gain found is {scale * kp:.4g} N s/m along the axis, and "
+            f"{kp:.4g} N s/m is asked for"
         )
+    scale = find_largest_gain(system, trains, train.name, _scale_law)
+    if scale is not None:
+        return f"its loop is stable at {scale:.3g} times the gain of its controller (gain margin {20.0 * math.log10(scale):.3g} dB)"
     return "no smaller kv or velocity_gain is stable either; check encoder, dead time, and the damping of the machine"
 
 

@@ -19,16 +19,23 @@ from typing import NamedTuple
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import AxisControl
-from headstock.solvers.control.drive_loops import LinearBlock, make_controller, stack_blocks
+from headstock.geometry.machine.drives import (
+    CONTROL_INPUTS,
+    MEASURED,
+    MOTOR_SPEED,
+    SET_ACCELERATION,
+    SET_SPEED,
+    AxisControl,
+    LinearBlock,
+)
+from headstock.solvers.control.drive_loops import make_controller
+from headstock.solvers.control.linear_blocks import stack_blocks
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.motion.friction import CoordinateFriction
 
 INVERSE_TOLERANCE = 1e-10  # of an interpolated inverse: its product with the matrix less identity
 MOST_PARTS = 64  # of the trajectory between two nodes
 CHUNK = 512  # steps evaluated together: more would not fit into the cache
-INPUTS = 5  # of a controller: set position, speed, acceleration, measured position, motor speed
-SPEED, ACCELERATION, POSITION, MOTOR_SPEED = 1, 2, 3, 4
 
 
 @dataclass(frozen=True)
@@ -414,9 +421,9 @@ class ServoMotion:
         """Return the forces of the drives ``(n, d)`` [N]."""
         count, states = self.speeds.shape[1], history.compliant
         read = self.read(history)
-        given = np.zeros((len(states), count, INPUTS))
-        given[:, :, SPEED], given[:, :, ACCELERATION] = self.speeds, self.accelerations
-        given[:, :, POSITION] = read
+        given = np.zeros((len(states), count, CONTROL_INPUTS))
+        given[:, :, SET_SPEED], given[:, :, SET_ACCELERATION] = self.speeds, self.accelerations
+        given[:, :, MEASURED] = read
         given[:, :, MOTOR_SPEED] = self.speeds + history.rate[:, self.motors]
         flat = given.reshape(len(states), -1)
         return states[:, self.motors.stop :] @ self.control.c.T + flat @ self.control.d.T
@@ -448,8 +455,8 @@ def close_motors(
     block = stack_blocks([make_controller(control) for control in controls])
     order = len(block.a)
     motors, states = slice(size - count, size), slice(size, size + order)
-    columns = INPUTS * np.arange(count)
-    measured, turned = columns + POSITION, columns + MOTOR_SPEED
+    columns = CONTROL_INPUTS * np.arange(count)
+    measured, turned = columns + MEASURED, columns + MOTOR_SPEED
     at_motor = np.zeros((count, size))
     at_motor[:, motors] = np.eye(count)
     on_scale = np.array([control.encoder == "scale" for control in controls])
@@ -469,9 +476,9 @@ def close_motors(
     read: FloatArray = np.zeros((len(free.times), count))
     if fixed_readings is not None:
         read = np.asarray(np.where(on_scale, fixed_readings, read))
-    given = np.zeros((len(free.times), count, INPUTS))
-    given[:, :, SPEED], given[:, :, MOTOR_SPEED] = speeds, speeds
-    given[:, :, ACCELERATION], given[:, :, POSITION] = accelerations, read
+    given = np.zeros((len(free.times), count, CONTROL_INPUTS))
+    given[:, :, SET_SPEED], given[:, :, MOTOR_SPEED] = speeds, speeds
+    given[:, :, SET_ACCELERATION], given[:, :, MEASURED] = accelerations, read
     flat = given.reshape(len(free.times), -1)
     load = np.zeros((len(free.times), whole))
     load[:, :size] = free.load

@@ -17,6 +17,7 @@ import scipy.linalg
 from scipy.interpolate import CubicSpline
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import MOTOR_SPEED, SET_ACCELERATION, SET_SPEED
 from headstock.solvers.control.drive_loops import (
     SET_POINTS,
     ClosedLoop,
@@ -308,18 +309,12 @@ class VaryingLoop:
     @property
     def given(self) -> dict[Channel, FloatArray]:
         """Rows of the closed loop's inputs: of position, speed and acceleration along the path,
-        then of loads; controllers get deviations.
+        then of loads; controllers make deviations of them.
         """
         rows = {self.path: np.array([0.0, 0.0, 1.0])}
-        for train, travel in zip(self.trains, self.travels, strict=True):
-            control = train.control
-            deviating = (
-                travel.axis - travel.encoder,
-                control.velocity_feed_forward * travel.axis - travel.motor,
-                control.acceleration_feed_forward * travel.axis,
-            )
+        for train in self.trains:
             kinds = ((train.name, kind) for kind in SET_POINTS)
-            rows |= dict(zip(kinds, np.diag(deviating), strict=True))
+            rows |= dict(zip(kinds, np.eye(len(SET_POINTS)), strict=True))
         return _add_loads(rows, load_channels(self.loads))
 
 
@@ -373,22 +368,24 @@ def _close_loops_along(loop: VaryingLoop, position: float) -> ClosedLoop:
     sample = loop.plant.at(position)
     plant = _plant_at(sample, loop.plant.scales)
     inputs = (*load_channels(loop.loads), loop.path, *friction_channels(loop.trains))
-    return close_plant(plant, _deviation_trains(loop.trains), inputs, loop.outputs)
+    trains = [_deviate(*pair) for pair in zip(loop.trains, loop.travels, strict=True)]
+    return close_plant(plant, trains, inputs, loop.outputs)
 
 
-def _deviation_trains(trains: Sequence[DriveTrain]) -> tuple[DriveTrain, ...]:
-    """Return drives whose controllers get deviations: each has set points of its own, by its name,
-    and takes them unscaled.
+def _deviate(train: DriveTrain, travel: RigidTravel) -> DriveTrain:
+    """Return a drive whose controller gets the motion along the path, by the drive's name, and what is
+    measured less the rigid motion.
     """
-    return tuple(
-        dataclasses.replace(
-            train,
-            axis=train.name,
-            control=dataclasses.replace(
-                train.control, velocity_feed_forward=1.0, acceleration_feed_forward=1.0
-            ),
-        )
-        for train in trains
+    control, errors = train.control, train.control.errors.copy()
+    errors[:, 0] *= travel.axis - travel.encoder
+    errors[:, SET_SPEED] *= travel.axis
+    errors[:, SET_SPEED] += travel.motor * errors[:, MOTOR_SPEED]
+    errors[:, SET_ACCELERATION] *= travel.axis
+    forward = control.acceleration_feed_forward * travel.axis
+    return dataclasses.replace(
+        train,
+        axis=train.name,
+        control=dataclasses.replace(control, errors=errors, acceleration_feed_forward=forward),
     )
 
 

@@ -21,7 +21,7 @@ import numpy as np
 import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import AxisControl, GuideFriction
+from headstock.geometry.machine.drives import Cascade, GuideFriction
 from headstock.solvers.control.drive_loops import (
     ENCODER,
     ClosedLoop,
@@ -43,7 +43,7 @@ from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSys
 from headstock.validation.references.rows import Target, ValidationRow, compare_bound, compare_value
 
 LOAD = ("load", "x")
-CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
+CONTROL = Cascade(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
 EXACT = 1e-6  # the goal is 1e-3; closed forms are met to roundoff
 CYCLE = 250e-6
 ENERGY_LIMIT = 1e-6
@@ -79,7 +79,7 @@ class _TwoMasses:
 
 
 def make_drive(
-    masses: _TwoMasses, control: AxisControl, friction: GuideFriction | None = None
+    masses: _TwoMasses, control: Cascade, friction: GuideFriction | None = None
 ) -> tuple[SecondOrderSystem, DriveTrain]:
     """Return the system with its motor free, and the drive ``X``; the load is the port ``("load",
     "x")``.
@@ -102,7 +102,7 @@ def make_drive(
         name="X",
         axis="X",
         joint="screw",
-        control=control,
+        control=control.control,
         stretch=one,
         stiffness=masses.stiffness,
         thread=masses.stiffness,
@@ -116,7 +116,7 @@ def make_drive(
     return free_motors(locked_motor, [train]), train
 
 
-def _characteristic(masses: _TwoMasses, control: AxisControl) -> tuple[FloatArray, FloatArray]:
+def _characteristic(masses: _TwoMasses, control: Cascade) -> tuple[FloatArray, FloatArray]:
     """Two polynomials in s, lowest power first: the closed loop's is the first plus the second
     times ``exp(-s T)``.
     """
@@ -134,7 +134,7 @@ def _characteristic(masses: _TwoMasses, control: AxisControl) -> tuple[FloatArra
     )
 
 
-def _closed_loop_poles(masses: _TwoMasses, control: AxisControl) -> ComplexArray:
+def _closed_loop_poles(masses: _TwoMasses, control: Cascade) -> ComplexArray:
     """Roots of the characteristic polynomial without dead time [rad/s]."""
     plant, fed = _characteristic(masses, control)
     return np.asarray(
@@ -142,7 +142,7 @@ def _closed_loop_poles(masses: _TwoMasses, control: AxisControl) -> ComplexArray
     )
 
 
-def _delayed_pole(masses: _TwoMasses, control: AxisControl, start: complex) -> complex:
+def _delayed_pole(masses: _TwoMasses, control: Cascade, start: complex) -> complex:
     """Return the exact pole with dead time next to a start, by Newton's method on the
     quasi-polynomial [rad/s].
 
@@ -168,7 +168,7 @@ def _delayed_pole(masses: _TwoMasses, control: AxisControl, start: complex) -> c
     return s
 
 
-def _set_point_response(masses: _TwoMasses, control: AxisControl) -> tuple[FloatArray, FloatArray]:
+def _set_point_response(masses: _TwoMasses, control: Cascade) -> tuple[FloatArray, FloatArray]:
     """Numerator and denominator, lowest power first, of load position over set position, without
     dead time.
     """
@@ -181,7 +181,7 @@ def _set_point_response(masses: _TwoMasses, control: AxisControl) -> tuple[Float
     return np.asarray(numerator), np.asarray(poly.polyadd(plant, fed))
 
 
-def _step_response(masses: _TwoMasses, control: AxisControl, times: FloatArray) -> FloatArray:
+def _step_response(masses: _TwoMasses, control: Cascade, times: FloatArray) -> FloatArray:
     """Load position ``(n,)`` after a unit step of the set position, by residues at the poles.
 
     Args:
@@ -226,8 +226,8 @@ def check_two_masses(comm: MPI.Comm) -> Iterator[ValidationRow]:
         "v / kv",
     )
     yield _evaluate_poles("motor encoder", CONTROL)
-    yield _evaluate_poles("linear scale", AxisControl(40.0, 2e4, 0.02, encoder="scale"))
-    late = AxisControl(40.0, 2e4, 0.02, dead_time=1.5 * CYCLE)
+    yield _evaluate_poles("linear scale", Cascade(40.0, 2e4, 0.02, encoder="scale"))
+    late = Cascade(40.0, 2e4, 0.02, dead_time=1.5 * CYCLE)
     yield _evaluate_poles("dead time of 375 µs", late)
     loads = np.zeros((5001, 3))
     loads[:, 0] = 1.0
@@ -241,7 +241,7 @@ def check_sampled_control(comm: MPI.Comm) -> Iterator[ValidationRow]:
     """Check a controller that samples, computes for a cycle and holds its force, as difference
     equations, beside its dead time.
     """
-    late = AxisControl(40.0, 2e4, 0.02, dead_time=1.5 * CYCLE)
+    late = Cascade(40.0, 2e4, 0.02, dead_time=1.5 * CYCLE)
     system, train = make_drive(MASSES, late)
     model = find_loop_poles(close_loops(system, [train])).poles
     stepwise = _sampled_poles(CONTROL, CYCLE)
@@ -289,7 +289,7 @@ def check_friction(comm: MPI.Comm) -> list[ValidationRow]:
     ]
 
 
-def _sampled_poles(control: AxisControl, cycle: float) -> ComplexArray:
+def _sampled_poles(control: Cascade, cycle: float) -> ComplexArray:
     """Poles ``ln z / T`` of the two masses under a controller of difference equations: plant exact,
     forces kept over a cycle, one cycle late.
     """
@@ -316,7 +316,7 @@ def _sampled_poles(control: AxisControl, cycle: float) -> ComplexArray:
     return np.asarray(np.log(np.linalg.eigvals(total) + 0j) / cycle)
 
 
-def _evaluate_poles(name: str, control: AxisControl) -> ValidationRow:
+def _evaluate_poles(name: str, control: Cascade) -> ValidationRow:
     """Return the largest distance of a pole from its closed form, over its size; real poles beyond
     a dead time's reach are left out.
     """
@@ -339,7 +339,7 @@ def _evaluate_largest_gain() -> ValidationRow:
     M kv / Tn``.
     """
     rigid = _TwoMasses(stiffness=1e13, damping=1e9)
-    control = AxisControl(position_gain=500.0, velocity_gain=8e3, integral_time=0.01)
+    control = Cascade(position_gain=500.0, velocity_gain=8e3, integral_time=0.01)
     system, train = make_drive(rigid, control)
     found = find_largest_gain(system, [train], "X", scale_position_gain) or math.nan
     rate = 1.0 / control.integral_time
@@ -355,7 +355,7 @@ def _settled_offset() -> tuple[float, float]:
     balance.
     """
     law = GuideFriction(coulomb=50.0, breakaway=50.0, smoothing=1e-5)
-    system, train = make_drive(MASSES, AxisControl(40.0, 2e4), law)
+    system, train = make_drive(MASSES, Cascade(40.0, 2e4), law)
     loop = close_loops(system, [train], inputs=friction_channels((train,)), outputs=[LOAD])
     found = _pull(loop, 0.05, np.asarray(np.linspace(0.0, 1.0, 501), dtype=float))
     return 0.05 * (1.0 - 0.05) - float(_column(loop, found, ENCODER)[-1]), found.energy.error
@@ -363,7 +363,7 @@ def _settled_offset() -> tuple[float, float]:
 
 def _stick_and_slip() -> tuple[float, float, float]:
     """Swing of the spring, period, and error of the energy balance."""
-    control = AxisControl(
+    control = Cascade(
         500.0, 1e8, velocity_feed_forward=1.0, acceleration_feed_forward=STICKING.motor
     )
     system, train = make_drive(STICKING, control, DRY)

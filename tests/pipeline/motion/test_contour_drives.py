@@ -10,7 +10,7 @@ import pytest
 
 import scene_runs
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import AxisControl, Drive, TorqueRipple, ripple_force
+from headstock.geometry.machine.drives import Cascade, Drive, TorqueRipple, ripple_force
 from headstock.geometry.mechanisms.exechon import solve_tool_pose
 from headstock.geometry.parts.components import RayleighDamping
 from headstock.pipeline.motion import coupled_contour, lumped_contour
@@ -27,9 +27,9 @@ from headstock.solvers.control.drive_loops import (
     close_loops,
     make_controller,
     set_channels,
-    stack_blocks,
 )
 from headstock.solvers.control.drive_trains import DriveTrain
+from headstock.solvers.control.linear_blocks import stack_blocks
 from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, solve_lumped_modes
@@ -337,7 +337,7 @@ def test_the_full_equations_under_control_hold_in_absolute_coordinates(
 
 def test_torque_ripple_pushes_once_a_turn() -> None:
     drive = Drive(
-        "X", "X", "screw", 1e-3, 0.01, AxisControl(40.0, 1e4), ripple=(TorqueRipple(0.02, 1),)
+        "X", "X", "screw", 1e-3, 0.01, Cascade(40.0, 1e4).control, ripple=(TorqueRipple(0.02, 1),)
     )
     places: FloatArray = np.asarray(np.linspace(0.0, 0.01, 5), dtype=float)
     force = 0.02 * 2.0 * np.pi / 0.01

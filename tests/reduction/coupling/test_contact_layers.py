@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 from common import make_box, make_component
 from headstock.geometry.frames import FloatArray, Frame, rotation_about
-from headstock.geometry.machine.drives import AxisControl, Drive
+from headstock.geometry.machine.drives import Cascade, Drive
 from headstock.geometry.machine.joints import ContactLayer, Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Pose
 from headstock.geometry.parts.components import Component, Material
@@ -213,7 +213,7 @@ def test_motors_are_let_go_beside_a_layer() -> None:
     coupled = join(lower, upper, ContactLayer(1e14, 1e11))
     row: FloatArray = coupled.system.outputs["upper.cut", "z"]
     train = make_rigid_train(
-        Drive("Z", "Z", "glue", 1e-3, 0.01, AxisControl(50.0, 1e4)),
+        Drive("Z", "Z", "glue", 1e-3, 0.01, Cascade(50.0, 1e4).control),
         slide=row,
         scale=row,
         stator=np.zeros(len(row)),

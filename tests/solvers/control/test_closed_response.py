@@ -10,7 +10,7 @@ import pytest
 
 from common import approx
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import AxisControl, Drive, GuideFriction
+from headstock.geometry.machine.drives import Cascade, Drive, GuideFriction
 from headstock.geometry.mechanisms.mechanism import Marker, Mechanism, prismatic
 from headstock.reduction.coupling.drives import find_moved_mass, make_rigid_train
 from headstock.solvers.control.closed_response import control_forces, prepare_closed_frf
@@ -35,11 +35,11 @@ PITCH = LEAD / (2.0 * math.pi)
 BEAM, PLATFORM, SPRING, MOTOR = 65.0, 200.0, 1.5e8, 2e-3
 TIP = ("tip", "z")
 LINES = np.concatenate([[0.0], np.geomspace(0.3, 900.0, 80)])
-CASCADE = AxisControl(30.0, 2e5, integral_time=0.02, dead_time=3.75e-4, current_lag=3e-4)
+CASCADE = Cascade(30.0, 2e5, integral_time=0.02, dead_time=3.75e-4, current_lag=3e-4)
 
 
-def drive_of_leg(control: AxisControl = CASCADE, friction: GuideFriction | None = None) -> Drive:
-    return Drive("leg", "q", "", MOTOR, LEAD, control, friction=friction)
+def drive_of_leg(control: Cascade = CASCADE, friction: GuideFriction | None = None) -> Drive:
+    return Drive("leg", "q", "", MOTOR, LEAD, control.control, friction=friction)
 
 
 def make_leg(drive: Drive, anchor: float = 0.0) -> tuple[SecondOrderSystem, DriveTrain]:
@@ -66,7 +66,7 @@ def make_leg(drive: Drive, anchor: float = 0.0) -> tuple[SecondOrderSystem, Driv
     return free_motors(free, [train]), train
 
 
-def laplace_leg(control: AxisControl, omega: FloatArray, *, at_scale: bool = False) -> ComplexArray:
+def laplace_leg(control: Cascade, omega: FloatArray, *, at_scale: bool = False) -> ComplexArray:
     """Motion of the platform per force on it: ``m2 s^2 x = k (q - x) + f`` and ``m1 s^2 q = k (x -
     q) - G (kv y + s q)``.
     """
@@ -122,7 +122,7 @@ def test_feed_forward_carries_all_that_the_motor_of_a_leg_moves() -> None:
 
 
 def test_poles_of_a_leg_are_the_roots_of_its_characteristic_polynomial() -> None:
-    control = AxisControl(30.0, 2e5, integral_time=0.02)
+    control = Cascade(30.0, 2e5, integral_time=0.02)
     system, train = make_leg(drive_of_leg(control))
     found = find_loop_poles(close_loops(system, [train])).poles
     mass, kp, kv = BEAM + MOTOR / PITCH**2, control.velocity_gain, control.position_gain
@@ -146,7 +146,7 @@ def test_an_unstable_loop_has_no_response() -> None:
 
 def test_a_leg_that_rubs_balances_its_energy() -> None:
     friction = GuideFriction(coulomb=150.0, breakaway=200.0, viscous=1e3, smoothing=1e-3)
-    control = AxisControl(30.0, 2e6, integral_time=0.02, velocity_feed_forward=1.0)
+    control = Cascade(30.0, 2e6, integral_time=0.02, velocity_feed_forward=1.0)
     system, train = make_leg(drive_of_leg(control, friction))
     loop = close_loops(system, [train], outputs=[TIP], inputs=friction_channels((train,)))
     times: FloatArray = np.asarray(np.linspace(0.0, 0.25, 251), dtype=float)

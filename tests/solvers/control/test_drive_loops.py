@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 
 from common import approx, present
-from headstock.geometry.machine.drives import AxisControl
+from headstock.geometry.machine.drives import Cascade
 from headstock.solvers.control.drive_loops import (
     ENCODER,
-    LARGEST_ANGLE,
-    _make_dead_time,
     close_loops,
     find_velocity_lag,
 )
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
+from headstock.solvers.control.linear_blocks import LARGEST_ANGLE, make_dead_time
 from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.linear.modal_analysis import solve_modal
@@ -32,7 +31,7 @@ from headstock.validation.machines.drive_cases import (
 )
 
 MASSES = _TwoMasses()
-CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
+CONTROL = Cascade(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
 change = partial(dataclasses.replace, CONTROL)
 
 
@@ -54,7 +53,7 @@ def test_damping_in_proportion_to_stiffness_stays_in_proportion_when_motors_are_
         np.diag([40.0, 3.0]), beta * stiffness, stiffness, {}, {}, ("table", "nut")
     )
     train = DriveTrain(
-        name="X", axis="X", joint="screw", control=CONTROL, stretch=stretch, stiffness=3e7,
+        name="X", axis="X", joint="screw", control=CONTROL.control, stretch=stretch, stiffness=3e7,
         thread=6e7, slide=np.array([1.0, 0.0]), scale=np.array([1.0, 0.0]), stator=np.zeros(2),
         motor_mass=50.0, beta=beta, screw_mass=20.0, coupling=6e7,
     )  # fmt: skip
@@ -84,7 +83,7 @@ def test_poles_with_dead_time_solve_the_transcendental_equation() -> None:
 
 
 def test_the_dead_time_has_gain_one_and_the_right_phase_as_far_as_it_promises() -> None:
-    block = _make_dead_time(2.0)
+    block = make_dead_time(2.0)
     angles = np.linspace(0.1, LARGEST_ANGLE, 20)
     resolvent = 0.5j * angles[:, None, None] * np.eye(len(block.a)) - block.a
     values = (block.c @ np.linalg.solve(resolvent, block.b[None]) + block.d)[:, 0, 0]
@@ -163,7 +162,8 @@ def test_margins_say_by_how_much_the_gains_may_rise() -> None:
 
     def grows(scale: float) -> int:
         changed = dataclasses.replace(
-            train, control=change(dead_time=1e-3, velocity_gain=scale * CONTROL.velocity_gain)
+            train,
+            control=change(dead_time=1e-3, velocity_gain=scale * CONTROL.velocity_gain).control,
         )
         return len(find_loop_poles(close_loops(system, [changed])).growing())
 
@@ -180,7 +180,7 @@ def test_gains_may_fall_to_the_lowest_gain_and_no_further() -> None:
 
     def grows(scale: float) -> bool:
         changed = dataclasses.replace(
-            train, control=change(velocity_gain=scale * CONTROL.velocity_gain)
+            train, control=change(velocity_gain=scale * CONTROL.velocity_gain).control
         )
         return bool(find_loop_poles(close_loops(system, [changed])).growing())
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from common import approx, present
-from headstock.geometry.machine.drives import AxisControl
+from headstock.geometry.machine.drives import Cascade
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.stability import (
     _scale_velocity_gain,
@@ -25,7 +25,7 @@ from headstock.validation.machines.drive_cases import _TwoMasses, make_drive
 pytestmark = pytest.mark.hard("H31")
 
 MASSES = _TwoMasses(damping=50.0)
-SOFT = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
+SOFT = Cascade(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
 soft_with = partial(dataclasses.replace, SOFT)
 
 
@@ -55,7 +55,7 @@ def test_a_position_gain_that_is_too_high_is_named_with_the_largest_that_is_stab
 def test_the_largest_stable_kv_of_a_rigid_axis_is_that_of_rouths_criterion() -> None:
     # M s^3 + kp s^2 + kp (kv + 1/Tn) s + kp kv / Tn: stable while kp (kv + 1/Tn) > M kv / Tn
     rigid = _TwoMasses(stiffness=1e13, damping=1e9)
-    control = AxisControl(position_gain=500.0, velocity_gain=8e3, integral_time=0.01)
+    control = Cascade(position_gain=500.0, velocity_gain=8e3, integral_time=0.01)
     system, train = make_drive(rigid, control)
     mass, kp, rate = rigid.motor + rigid.load, control.velocity_gain, 1.0 / control.integral_time
     expected = kp * rate / (mass * rate - kp)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from common import approx
-from headstock.geometry.machine.drives import AxisControl
+from headstock.geometry.machine.drives import Cascade
 from headstock.solvers.control.drive_loops import close_loops, open_plant
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
 from headstock.solvers.control.margins import find_margins
@@ -20,7 +20,7 @@ from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_dri
 
 control = pytest.importorskip("control")
 
-GAINS = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, current_lag=3e-4)
+GAINS = Cascade(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, current_lag=3e-4)
 
 
 def to_control(space: StateSpace) -> Any:

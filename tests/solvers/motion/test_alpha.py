@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import AxisControl, Encoder, GuideFriction
+from headstock.geometry.machine.drives import Cascade, Encoder, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.linear.time_response import solve_stepped_response
@@ -57,7 +57,7 @@ def push(times: FloatArray) -> FloatArray:
 
 
 def close_table(
-    control: AxisControl, step: float, friction: GuideFriction | None = None
+    control: Cascade, step: float, friction: GuideFriction | None = None
 ) -> tuple[ServoMotion, FloatArray]:
     """The table with its loop closed, and the force on it ``(n, 3)``."""
     times: FloatArray = np.asarray(np.arange(0.0, WHOLE, step), dtype=float)
@@ -83,7 +83,7 @@ def close_table(
         free = dataclasses.replace(free, friction=rubbing)
     servo = close_motors(
         free,
-        [control],
+        [control.control],
         speeds=speeds[:, None],
         accelerations=accelerations[:, None],
         gravity=np.zeros((2, 2)),
@@ -95,7 +95,7 @@ def close_table(
 
 
 def deviate(
-    control: AxisControl, step: float, friction: GuideFriction | None = None
+    control: Cascade, step: float, friction: GuideFriction | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Deviation of the tip and force of the drive by generalised-α steps."""
     servo, force = close_table(control, step, friction)
@@ -103,7 +103,7 @@ def deviate(
     return servo.motion.tool_motion(history.compliant)[:, 2], servo.forces(history)[:, 0]
 
 
-def deviate_exactly(control: AxisControl, step: float) -> tuple[FloatArray, FloatArray]:
+def deviate_exactly(control: Cascade, step: float) -> tuple[FloatArray, FloatArray]:
     """The same of the closed loop in absolute coordinates, by matrix exponentials."""
     times: FloatArray = np.asarray(np.arange(0.0, WHOLE, step), dtype=float)
     plant = make_plant()
@@ -112,7 +112,7 @@ def deviate_exactly(control: AxisControl, step: float) -> tuple[FloatArray, Floa
         name="leg",
         axis="leg",
         joint="",
-        control=control,
+        control=control.control,
         stretch=row,
         stiffness=math.inf,
         thread=math.inf,
@@ -132,7 +132,7 @@ def deviate_exactly(control: AxisControl, step: float) -> tuple[FloatArray, Floa
 def test_a_move_and_a_force_deviate_as_the_closed_loop_in_absolute_coordinates(
     encoder: Encoder,
 ) -> None:
-    control = AxisControl(
+    control = Cascade(
         40.0,
         3e4,
         integral_time=0.02,
@@ -157,7 +157,7 @@ def test_a_move_and_a_force_deviate_as_the_closed_loop_in_absolute_coordinates(
         assert 3.0 < coarse / fine < 5.0
 
 
-RUBBED = AxisControl(40.0, 3e4, integral_time=0.02, velocity_feed_forward=0.9)
+RUBBED = Cascade(40.0, 3e4, integral_time=0.02, velocity_feed_forward=0.9)
 STICKY = GuideFriction(150.0, 250.0, stribeck_speed=5e-3, viscous=800.0, smoothing=4e-4)
 
 
@@ -200,7 +200,7 @@ def test_friction_at_true_speeds_is_that_of_an_integration_in_absolute_coordinat
 
 
 def test_a_controller_without_integral_sags_under_weight() -> None:
-    control = AxisControl(40.0, 3e4)
+    control = Cascade(40.0, 3e4)
     plant = make_plant()
     weight = -9.81 * plant.mass[:, 1]
     times: FloatArray = np.asarray(np.linspace(0.0, 0.01, 101), dtype=float)
@@ -217,7 +217,7 @@ def test_a_controller_without_integral_sags_under_weight() -> None:
     rest = np.zeros((len(times), 1))
     servo = close_motors(
         free,
-        [control],
+        [control.control],
         speeds=rest,
         accelerations=rest,
         gravity=np.broadcast_to(weight, (2, 2)),

@@ -9,7 +9,7 @@ import pytest
 
 from common import present
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import AxisControl, GuideFriction
+from headstock.geometry.machine.drives import Cascade, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.errors import ModelError
 from headstock.solvers.motion.closed_loop import (
@@ -23,13 +23,13 @@ from headstock.solvers.second_order import SecondOrderSystem
 from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_drive
 
 MASSES = _TwoMasses()
-CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, dead_time=1e-4)
+CONTROL = Cascade(position_gain=40.0, velocity_gain=2e4, integral_time=0.02, dead_time=1e-4)
 MOVE = SetPoint(0.05, 0.05, Ramp("s_curve", 0.1, 0.03))
 SAMPLES: FloatArray = 4e-4 * np.arange(3500.0, dtype=np.float64)
 
 
 def path_with(
-    control: AxisControl = CONTROL, masses: _TwoMasses = MASSES, law: GuideFriction | None = None
+    control: Cascade = CONTROL, masses: _TwoMasses = MASSES, law: GuideFriction | None = None
 ) -> ControlledPath:
     system, train = make_drive(masses, control, law)
     loop = close_loops(system, [train], inputs=friction_channels((train,)), outputs=[LOAD])
@@ -49,7 +49,7 @@ def test_at_constant_speed_it_lags_by_the_speed_over_kv_and_the_parts_add_up() -
 
 def test_a_motor_that_follows_perfectly_leaves_the_deviation_of_a_fixed_one() -> None:
     heavy = dataclasses.replace(MASSES, motor=1e8)
-    control = AxisControl(
+    control = Cascade(
         300.0, 1e11, velocity_feed_forward=1.0, acceleration_feed_forward=heavy.motor + heavy.load
     )
     found = solve_controlled_path(path_with(control, heavy), MOVE, SAMPLES)

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from common import approx
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import AxisControl, GuideFriction
+from headstock.geometry.machine.drives import Cascade, GuideFriction
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.time_response import solve_stepped_response, solve_time_response
@@ -21,7 +21,7 @@ from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_dri
 
 pytestmark = pytest.mark.slow
 
-CONTROL = AxisControl(
+CONTROL = Cascade(
     position_gain=40.0, velocity_gain=2e4, integral_time=0.02, dead_time=2e-4, current_lag=1e-4
 )
 LAW = GuideFriction(

@@ -11,7 +11,7 @@ import pytest
 from common import approx
 from direct_integration import integrate_pieces
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import AxisControl, GuideFriction
+from headstock.geometry.machine.drives import Cascade, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.linear.load_history import (
     LoadHistory,
@@ -39,7 +39,7 @@ from headstock.solvers.motion.friction_loop import friction_channels
 from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_drive
 
 MASSES = _TwoMasses(motor=80.0, load=120.0, stiffness=5e7, damping=2e3)
-CONTROL = AxisControl(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
+CONTROL = Cascade(position_gain=40.0, velocity_gain=2e4, integral_time=0.02)
 LAW = GuideFriction(
     coulomb=50.0, breakaway=80.0, stribeck_speed=1e-3, viscous=100.0, smoothing=1e-4
 )
@@ -49,7 +49,7 @@ RECORD = recorded_load(0.01 + 2.5e-3 * PLACES, 300.0 * np.sin(1.1 * PLACES))
 
 def respond(
     masses: _TwoMasses,
-    control: AxisControl,
+    control: Cascade,
     law: GuideFriction,
     loads: Sequence[LoadHistory],
     duration: float,
@@ -87,7 +87,7 @@ def test_dry_friction_takes_the_same_way_in_every_period_and_stops_a_mass() -> N
     mass, stiffness, dry, released = 2.0, 2e5, 30.0, 200.0
     # the motor weighs so much that it is the wall, which 200 N move by 2 nm; a stuck mass creeps by 3 nm
     masses = _TwoMasses(motor=1e11, load=mass, stiffness=stiffness, damping=0.0)
-    control = AxisControl(position_gain=0.5, velocity_gain=2e11)
+    control = Cascade(position_gain=0.5, velocity_gain=2e11)
     law = GuideFriction(coulomb=dry, breakaway=dry, smoothing=1e-7)
     period = 2.0 * np.pi * np.sqrt(mass / stiffness)
     found, free = respond(
@@ -200,7 +200,7 @@ def test_energy_balances_where_friction_moves_modes_that_are_left_out() -> None:
 def test_a_sharper_law_creeps_half_as_fast(share: float) -> None:
     """A force below breakaway makes a smooth law creep at atanh(P / F) times its smoothing."""
     wall = _TwoMasses(motor=1.0, load=120.0, stiffness=5e7, damping=2e3)
-    weak = AxisControl(position_gain=0.0, velocity_gain=1e-6)
+    weak = Cascade(position_gain=0.0, velocity_gain=1e-6)
     law = GuideFriction(coulomb=80.0, breakaway=80.0, smoothing=1e-4)
     found, _ = respond(wall, weak, law, [step_load(40.0)], 0.05, 2e3, share=share)
     _, moved = found.response.sample()

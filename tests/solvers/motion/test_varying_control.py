@@ -11,7 +11,7 @@ import pytest
 from common import approx
 from direct_integration import integrate_pieces
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.machine.drives import AxisControl, GuideFriction
+from headstock.geometry.machine.drives import Cascade, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
 from headstock.solvers.linear.modal_analysis import solve_modal
@@ -46,7 +46,7 @@ TRAVEL = np.array([0.0, 1.0, 1.0])
 SCREW, SCREW_DAMPING = 6e7, 900.0
 MOTOR, SCREW_TURN, COUPLING = 90.0, 20.0, 9e7
 STATOR = np.array([0.03, 0.0, 0.0])
-CONTROL = AxisControl(
+CONTROL = Cascade(
     position_gain=50.0,
     velocity_gain=2e4,
     integral_time=0.015,
@@ -68,7 +68,7 @@ class Case:
 
     strength: float = 1.0
     friction: GuideFriction | None = None
-    control: AxisControl = CONTROL
+    control: Cascade = CONTROL
     loads: PathLoads | None = None
 
 
@@ -93,7 +93,7 @@ def locked(case: Case, position: float) -> SecondOrderSystem:
 
 def make_train(case: Case) -> DriveTrain:
     return DriveTrain(
-        name="X", axis="X", joint="screw", control=case.control, stretch=STRETCH[1],
+        name="X", axis="X", joint="screw", control=case.control.control, stretch=STRETCH[1],
         stiffness=SCREW, thread=SCREW, slide=STRETCH[1], scale=STRETCH[1], stator=STATOR,
         motor_mass=MOTOR, screw_mass=SCREW_TURN, coupling=COUPLING, damping=SCREW_DAMPING,
         friction=case.friction,
