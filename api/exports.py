@@ -21,6 +21,7 @@ from headstock.pipeline.state_space_export import find_state_space
 from headstock.pipeline.storage.superelements import write_superelement
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.building.loader import build_scene
+from headstock.scene.exports import ExportMotors
 from headstock.scene.reading.files import TomlTable
 from headstock.scene.reading.findings import Findings
 from headstock.scene.scene import Scene
@@ -43,6 +44,7 @@ def export(
     hz: Quantity | None = None,
     step: Quantity | None = None,
     balanced: Quantity | None = None,
+    motors: ExportMotors = "locked",
     output: str | Path | None = None,
     comm: MPI.Comm | None = None,
 ) -> str:
@@ -57,6 +59,7 @@ def export(
         hz: Modes up to here become states, as ``"500 Hz"``.
         step: Over which inputs are constant, as ``"1 ms"``.
         balanced: Error that leaving out states may cause, as ``"1 %"`` of the largest response.
+        motors: Locked; free, their forces go in; or under control, set points of axes go in.
         output: File to write, of several files what their names begin with.
         comm: Ranks that compute together; all that were started where None.
 
@@ -69,7 +72,7 @@ def export(
     """
     made, name = take_machine(machine, "export"), read_name(to, "export", "to")
     given = {"format": name, "component": component, "pose": pose, "hz": hz, "step": step}
-    scene = _plan_export("export", made, {**given, "balanced": balanced})
+    scene = _plan_export("export", made, {**given, "balanced": balanced, "motors": motors})
     wanted = scene.exports[UNNAMED]
     path = wanted.name_file(component or made.scene.path.stem)
     if output is not None:
@@ -86,6 +89,7 @@ def state_space(
     pose: str | None = None,
     step: Quantity | None = None,
     balanced: Quantity | None = None,
+    motors: ExportMotors = "locked",
     comm: MPI.Comm | None = None,
 ) -> MachineStateSpace:
     """Return the state space of a machine in a pose, with the damping of its scene; collective.
@@ -101,6 +105,7 @@ def state_space(
         step: Time over which inputs are constant [s]; None for continuous time.
         balanced: Error that leaving out states may cause, as a share of the largest response; None
             to keep all.
+        motors: Locked; free, their forces go in; or under control, set points of axes go in.
         comm: Ranks that compute together; all that were started where None.
 
     Raises:
@@ -111,6 +116,7 @@ def state_space(
     if hz is None and FrfRequest in made.scene.analyses:
         hz = made.scene.analyses[FrfRequest].to_hz
     given = {"format": "npz", "pose": pose, "hz": hz, "step": step, "balanced": balanced}
+    given["motors"] = motors
     if inputs is not None or outputs is not None:
         channels = {"inputs": inputs, "outputs": outputs}
         frf = {name: listed for name, listed in channels.items() if listed is not None}

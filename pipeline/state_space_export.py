@@ -10,9 +10,9 @@ from headstock.pipeline.exchange.state_spaces import (
     encode_mat,
     encode_npz,
 )
-from headstock.pipeline.stages.frf import add_load_inputs
-from headstock.pipeline.stages.machine import couple_pose, damp_system
+from headstock.pipeline.stages.machine import couple_pose
 from headstock.pipeline.stages.shared_components import make_superelements, start_run
+from headstock.pipeline.stages.state_spaces import make_state_space
 from headstock.pipeline.storage.outputs import check_output, write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store
@@ -21,7 +21,6 @@ from headstock.scene.exports import DEFAULT_STEP_S, Export
 from headstock.scene.reading.findings import Findings
 from headstock.scene.scene import Analyses, Scene, require_name
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.state_space import to_state_space
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.second_order import Channel
@@ -47,6 +46,7 @@ def find_state_space(
     """
     name, up_to_hz = wanted.pose or next(iter(scene.poses)), wanted.hz or 0.0
     require_name(scene, "poses", name, scene.poses)
+    _require_drives(scene, wanted)
     inputs, outputs = _channels(scene)
     request = FrfRequest(inputs, outputs, up_to_hz, poses=(name,))
     state = start_run(dataclasses.replace(scene, analyses=Analyses(request)), comm, store)
@@ -57,17 +57,47 @@ def find_state_space(
             raise ModelError(
                 "a state space is exported for machines of coupled components only, not for a lumped mechanism"
             )
-        coupled = couple_pose(state.parts, state.plan.poses[name]).coupled
-        system = add_load_inputs(damp_system(scene, coupled.system), coupled.loads, inputs)
-        space = to_state_space(system, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz)
+        space = make_state_space(
+            couple_pose(state.parts, state.plan.poses[name]),
+            inputs=inputs,
+            outputs=outputs,
+            up_to_hz=up_to_hz,
+            motors=wanted.motors,
+            warn=state.warn,
+        )
         record = describe_space(
-            space, pose=scene.poses[name], step_s=wanted.step, balanced=wanted.balanced
+            space,
+            pose=scene.poses[name],
+            step_s=wanted.step,
+            balanced=wanted.balanced,
+            rotary=_list_rotary(scene),
         )
         if wanted.step is not None:
             _require_short(scene, wanted.step, record.highest_hz)
         return record
 
     return make_on_root(comm, find)
+
+
+def _require_drives(scene: Scene, wanted: Export) -> None:
+    """Refuse free or controlled motors of a scene without drives.
+
+    Raises:
+        SceneError: It has none.
+    """
+    if wanted.motors != "locked" and not scene.drives:
+        findings = Findings(str(scene.path))
+        findings.add(
+            ("effects", "drive_control"),
+            f"no drive has a motor that is {wanted.motors}; describe one in [drives.NAME] and write drive_control = true",
+        )
+        findings.raise_if_any()
+
+
+def _list_rotary(scene: Scene) -> set[str]:
+    """Return the rotary axes and their drives."""
+    axes = {name for name, axis in scene.machine.axes.items() if axis.kind == "rotary"}
+    return axes | {drive.name for drive in scene.drives.values() if drive.axis in axes}
 
 
 def _require_short(scene: Scene, step_s: float, highest_hz: float) -> None:
@@ -120,6 +150,7 @@ def export_state_space(
     make_on_root(comm, write)
     sizes = f"{len(record.A)} states, {len(record.inputs)} inputs, {len(record.outputs)} outputs"
     text = f"{path}: pose {record.pose}, {sizes}, modes up to {wanted.hz:g} Hz"
+    text += f"; motors {wanted.motors}" if scene.drives else ""
     if wanted.balanced is not None:
         text += f"; balanced: error at most {100.0 * record.bound:.2g} % of the largest response"
     if record.step is not None:

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Literal
 
 DEFAULT_STEP_S = 1e-3
+ExportMotors = Literal["locked", "free", "controlled"]
+MOTORS: dict[str, ExportMotors] = {"locked": "locked", "free": "free", "controlled": "controlled"}
 WHOLE_MACHINE = ("space", "test")
 
 
@@ -60,6 +62,8 @@ class Export:
         step: Over which inputs are constant [s]; None for continuous time, and 1 ms of an FMU.
         balanced: Error that leaving out states may cause, as a share of the largest response; None
             to keep all states.
+        motors: Of a state space: locked; free, with their forces as inputs; under control, with set
+            points as inputs.
         file: What is written, of several files what their names begin with; None for the usual name.
     """
 
@@ -69,6 +73,7 @@ class Export:
     hz: float | None = None
     step: float | None = None
     balanced: float | None = None
+    motors: ExportMotors = "locked"
     file: str | None = None
 
     @property
@@ -103,6 +108,10 @@ class Export:
         for name in ("hz", "step", "balanced"):
             if kind.of != "space" and getattr(self, name) is not None:
                 yield f"{self.format} takes no {name}, which goes with {list_formats('space')}"
+        if kind.of != "space" and self.motors != "locked":
+            yield f"{self.format} takes no motors, which go with {list_formats('space')}"
+        if self.motors == "free" and self.balanced is not None:
+            yield "free motors have no steady response, which balanced truncation needs; leave out balanced"
         if kind.of not in WHOLE_MACHINE and self.pose is not None:
             yield f"{self.format} takes no pose, which goes with {list_formats(*WHOLE_MACHINE)}"
         named = Path(self.file or f"x{kind.endings[0]}")

@@ -79,6 +79,11 @@ class Base(NamedTuple):
 
 
 BLOCK_OF_TRIPTEOR = ("analyses.contouring.side", "analyses.contouring.at")
+OWN_CONTROLLER = Base(
+    THREE_AXIS,
+    "controlled",
+    tuple(f"drives.X.{key}" for key in ("velocity_gain", "integral_time", "sampling")),
+)
 WITHOUT_Y = Base(DATA, without=("axes.Y", "joints.y_guide"))
 # a snippet has to complete one of its page's scenes
 BASES = {
@@ -91,7 +96,11 @@ BASES = {
         Base(TRIPTEOR, "elastic_legs"),
     ],
     "docs/cutting_coefficients.md": [Base(THREE_AXIS, without=("analyses.lobes",))],
-    "docs/drives.md": [Base(THREE_AXIS, "controlled"), Base(TRIPTEOR, "lumped+controlled")],
+    "docs/drives.md": [
+        Base(THREE_AXIS, "controlled"),
+        Base(TRIPTEOR, "lumped+controlled"),
+        OWN_CONTROLLER,
+    ],
     "docs/frequency_response.md": [Base(DATA), Base(CANTILEVER, without=("analyses.modal.count",))],
     "docs/geometric_errors.md": [
         Base(DATA),
@@ -113,6 +122,7 @@ BASES = {
         Base(DATA, without=("axes.X", "joints.x_guide")),
         Base(THREE_AXIS),
         Base(THREE_AXIS, "controlled"),
+        OWN_CONTROLLER,
         Base(THREE_AXIS, "milling"),
         Base(TRIPTEOR, "lumped"),
         Base(CANTILEVER),

@@ -12,7 +12,7 @@ from headstock.app.terminal.console import warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE
 from headstock.pipeline.exports import export
 from headstock.scene.building.loader import load_scene
-from headstock.scene.exports import EXPORT_FORMATS, Export
+from headstock.scene.exports import EXPORT_FORMATS, MOTORS, Export
 from headstock.scene.reading.units import (
     FREQUENCY,
     RATIO,
@@ -67,6 +67,8 @@ def read_export(options: ExportOptions) -> Export:
         raise click.UsageError(
             f"name a component to reduce, or write --to FORMAT: {', '.join(EXPORT_FORMATS)}"
         )
+    if options.motors is not None and options.motors not in MOTORS:
+        raise click.UsageError(f"--motors {options.motors} is unknown; write {', '.join(MOTORS)}")
     wanted = Export(
         form,
         options.component,
@@ -74,6 +76,7 @@ def read_export(options: ExportOptions) -> Export:
         _read_positive("hz", options.hz, FREQUENCY),
         _read_positive("step", options.step, TIME),
         _read_positive("balanced", options.balanced, RATIO),
+        MOTORS[options.motors or "locked"],
         None if file is None else str(file),
     )
     for fault in wanted.find_faults():

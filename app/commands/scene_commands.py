@@ -21,7 +21,7 @@ from headstock.app.commands.options import (
     output_option,
 )
 from headstock.app.commands.plain_typer import typer
-from headstock.scene.exports import list_formats
+from headstock.scene.exports import MOTORS, list_formats
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,6 +167,10 @@ class ExportOptions(SceneOptions):
             "ERROR",
             'Leave out states of a state space up to an error, such as "1 %" of the largest response.',
         ),
+    ] = None
+    motors: Annotated[
+        str | None,
+        option("--motors", "STATE", f"Of a state space: {', '.join(MOTORS)} [locked]."),
     ] = None
     pose: Annotated[str | None, option("--pose", "NAME", "Pose of the machine [the first].")] = None
     mesh: Annotated[

@@ -20,7 +20,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.exchange.matrices import ExchangeError
-from headstock.pipeline.exchange.state_spaces import MachineStateSpace
+from headstock.pipeline.exchange.state_spaces import MachineStateSpace, name_variable
 
 SOURCES = Path(__file__).parent / "fmu"
 MODEL = "headstock"
@@ -42,6 +42,10 @@ UNITS = {
     "m": {"m": "1"},
     "N.m": {"kg": "1", "m": "2", "s": "-2"},
     "rad": {"rad": "1"},
+    "m/s": {"m": "1", "s": "-1"},
+    "m/s2": {"m": "1", "s": "-2"},
+    "rad/s": {"rad": "1", "s": "-1"},
+    "rad/s2": {"rad": "1", "s": "-2"},
 }
 BINARIES = {2: "linux64", 3: "x86_64-linux"}
 SECONDS = 300  # that a compiler may take
@@ -70,7 +74,7 @@ class FmuModel:
     def variables(self) -> list[tuple[str, str, str]]:
         """Name, unit and causality of each variable, inputs first."""
         return [
-            (".".join((kind, *name.rsplit(" ", 1))), unit, causality)
+            (name_variable(kind, name), unit, causality)
             for kind, causality, names, units in (
                 ("force", "input", self.space.inputs, self.space.input_units),
                 ("motion", "output", self.space.outputs, self.space.output_units),

@@ -1,7 +1,7 @@
 """The state space of a machine as a record, and its files for MATLAB and numpy."""
 
 import io
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,13 +12,14 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.scene.scene import LOAD
+from headstock.solvers.control.drive_loops import ENCODER, SET_POINTS
+from headstock.solvers.control.drive_trains import FORCE, MOTOR, SCALE, SLIDE
 from headstock.solvers.linear.balanced_truncation import truncate_balanced
 from headstock.solvers.linear.held_inputs import hold_inputs
 from headstock.solvers.linear.state_space import StateSpace
-from headstock.solvers.second_order import name_channel
+from headstock.solvers.second_order import Channel, name_channel
 
-FORCES = ("N", "N.m")
-MOTIONS = ("m", "rad")
+OF_DRIVES = (FORCE, MOTOR, SCALE, ENCODER, SLIDE)
 UNIT_OF_LOADS = "1"
 NAMES = ("inputs", "outputs", "states", "input_units", "output_units")
 
@@ -36,8 +37,8 @@ class MachineStateSpace:
         inputs: Names of the ``k`` inputs, such as ``tcp x``.
         outputs: Names of the ``p`` outputs.
         states: Names of the ``n`` states.
-        input_units: N, N.m, or 1 for a load of the scene.
-        output_units: m or rad.
+        input_units: N, N.m, or 1 for a load of the scene; m, m/s, m/s2 (rad) of set points.
+        output_units: m or rad; N or N.m of forces of drives.
         pose: Name of the pose.
         positions: Position of each axis in the pose [m, rad].
         step: Time over which inputs are held [s]; None in continuous time.
@@ -83,6 +84,7 @@ def describe_space(
     pose: Pose,
     step_s: float | None = None,
     balanced: float | None = None,
+    rotary: Collection[str] = (),
 ) -> MachineStateSpace:
     """Return the record of a state space.
 
@@ -91,13 +93,14 @@ def describe_space(
         step_s: Over which inputs are held [s]; None for continuous time.
         balanced: Error that leaving out states may cause, as a share of the largest response; None
             to keep all states.
+        rotary: Axes and drives that turn.
 
     Raises:
         ModelError: No state can be left out.
     """
     units = [
-        [UNIT_OF_LOADS if dof == LOAD else kinds["r" in dof] for _, dof in channels]
-        for channels, kinds in ((space.inputs, FORCES), (space.outputs, MOTIONS))
+        [_find_unit(channel, is_input=number == 0, rotary=rotary) for channel in channels]
+        for number, channels in enumerate((space.inputs, space.outputs))
     ]
     highest = float(np.abs(np.linalg.eigvals(space.a).imag).max(initial=0.0)) / (2.0 * np.pi)
     bounds, bound = np.zeros_like(space.d), 0.0
@@ -114,6 +117,29 @@ def describe_space(
         pose=pose.name, positions=pose.positions, step=step_s, highest_hz=highest,
         bounds=bounds, bound=bound, pairs=0 if held is None else held.pairs,
     )  # fmt: skip
+
+
+def _find_unit(channel: Channel, *, is_input: bool, rotary: Collection[str]) -> str:
+    name, word = channel
+    if word == LOAD:
+        return UNIT_OF_LOADS
+    turns = name in rotary if word in (*OF_DRIVES, *SET_POINTS) else "r" in word
+    length, force = ("rad", "N.m") if turns else ("m", "N")
+    if word == FORCE or (is_input and word not in SET_POINTS):
+        return force
+    return length + {"velocity": "/s", "acceleration": "/s2"}.get(word, "")
+
+
+def name_variable(kind: str, name: str) -> str:
+    """Return what a simulator calls a channel.
+
+    Args:
+        kind: ``force`` for inputs, ``motion`` for outputs; what is of a drive or a set point says so.
+        name: Such as ``tcp x``.
+    """
+    owner, word = name.rsplit(" ", 1)
+    kind = "drive" if word in OF_DRIVES else "set" if word in SET_POINTS else kind
+    return f"{kind}.{owner}.{word}"
 
 
 def encode_npz(contents: Mapping[str, Any]) -> bytes:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Annotated
 
-from headstock.scene.exports import EXPORT_FORMATS, Export
+from headstock.scene.exports import EXPORT_FORMATS, Export, ExportMotors
 from headstock.scene.schema import types
 
 
@@ -44,6 +44,9 @@ class ExportTable(types.StrictTable):
     """step of `fmu3, fmu2, mat, npz`, over which inputs are constant; default: 1 ms of an FMU, else continuous time"""
     balanced: ErrorShare | None = None
     """leaves out states up to this error, as a share of the largest response: `"1 %"`"""
+    motors: ExportMotors = "locked"
+    """motors of `fmu3, fmu2, mat, npz` with the effect `drive_control`: `locked`; `free`, their forces go in, motors and scales come out;
+    `controlled`, set points of axes go in, encoders and forces come out"""
     file: Annotated[types.Text, types.without_fault(_find_file_fault)] | None = None
     """name of the file, of several files what their names begin with; default: the name of the export"""
 

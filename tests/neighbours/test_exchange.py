@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from common import Shell, approx
+from fixture_machines import stored_scene
 from headstock.pipeline.storage.superelements import read_superelement
 from headstock.reduction.superelement_checks import rigid_motions
 
@@ -97,3 +98,40 @@ def test_fmpy_validates_compiles_and_runs_the_mill(shell: Shell, version: int) -
     seen = np.array([done[name] for name in motions])[:, 1:]
     states = exact[:, 1:] - space["D"] @ forces[:, 1:] + space["D"] @ forces[:, :-1]
     assert seen == approx(states, abs=1e-9 * np.abs(states).max())
+
+
+def test_python_control_closes_the_loop_of_an_own_controller_as_the_scene_does(
+    shell: Shell,
+) -> None:
+    import control
+
+    num, den = [2e3, 1e5, 1e6], [1e-4, 1.0, 0.0]
+    law = f"controller = {{ num = {num}, den = {den} }}\nencoder = 'scale'"
+    cascade = 'kv = "50 1/s"\nvelocity_gain = "2e4 N s/m"\nintegral_time = "20 ms"'
+    shell.write(stored_scene("control"), (cascade, law))
+    export = "export scene.toml --to npz --state-space 20kHz"
+    for motors in ("free", "controlled"):
+        shell(f"{export} --motors {motors} -o {motors}.npz")
+    spaces = [np.load(f"{motors}.npz") for motors in ("free", "controlled")]
+    free, scene = (
+        control.ss(
+            *(space[key] for key in "ABCD"),
+            inputs=[f"{name} in" for name in space["inputs"]],  # equal names would be connected
+            outputs=[*space["outputs"]],
+        )
+        for space in spaces
+    )
+    named = control.tf(num, den, inputs="error", outputs="X force in")
+    difference = control.summing_junction(["X position in", "-X scale"], "error")
+    wanted = ["tcp x", "X motor", "X scale"]
+    loop = control.interconnect(
+        [free, control.ss(named), difference], inputs=["X position in", "tcp x in"], outputs=wanted
+    )
+    omega = 2.0 * np.pi * np.geomspace(1.0, 400.0, 60)
+    expected = loop(1j * omega)
+    ours = scene(1j * omega)
+    rows = [scene.output_labels.index(name) for name in wanted]
+    columns = [scene.input_labels.index(name) for name in ("X position in", "tcp x in")]
+    found = ours[np.ix_(rows, columns)]
+    scale = np.abs(expected).max(axis=2, keepdims=True)
+    assert (np.abs(found - expected) / scale).max() < 1e-6

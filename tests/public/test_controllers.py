@@ -1,0 +1,155 @@
+"""Controllers that are written as transfer functions and state spaces move the machine as the cascade
+does, and as they do outside.
+"""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.signal
+
+from common import Shell, approx
+from fixture_machines import stored_scene
+from headstock.geometry.frames import FloatArray
+
+CASCADE = 'velocity_gain = "2e4 N s/m"\nintegral_time = "20 ms"'
+GAIN = 'kv = "50 1/s"\n'
+RUN = "run scene.toml -o out --no-figures"
+FREE = 'export scene.toml --to npz --state-space "2 kHz" --motors'
+
+
+def write(shell: Shell, *changes: tuple[str, str], add: str = "") -> None:
+    shell.write(stored_scene("control"), *changes)
+    shell.change(add=add)
+
+
+def read_control(shell: Shell) -> Any:
+    shell(RUN)
+    (control,) = shell.json("out/summary.json")["control"].values()
+    return control
+
+
+@pytest.mark.parametrize(
+    "controller",
+    [
+        "{ num = [2e4, 1e6], den = [1, 0] }",
+        "{ a = [[0]], b = [[1e6]], c = [[1]], d = [[2e4]] }",
+        "{ inputs = ['position_error', 'motor_velocity'], a = [[0]], b = [[50, -1]], c = [[1e6]], d = [[1e6, -2e4]] }",
+    ],
+)
+def test_a_controller_with_the_numbers_of_the_cascade_is_the_cascade(
+    shell: Shell, controller: str
+) -> None:
+    write(shell)
+    cascade = read_control(shell)
+    gain = "" if "position" in controller else GAIN
+    write(shell, (GAIN, gain), (CASCADE, f"controller = {controller}"))
+    other = read_control(shell)
+    for name in ("frequency_hz", "damping_ratio", "real"):
+        values = [[pole[name] for pole in one["poles"]] for one in (cascade, other)]
+        assert len(values[0]) > 2
+        np.testing.assert_allclose(values[1], values[0], rtol=1e-6, atol=1e-9)
+    expected, found = (one["drives"]["X"] for one in (cascade, other))
+    assert found["velocity_lag_um"] == approx(expected["velocity_lag_um"], rel=1e-9)
+    for name, value in expected["margins"].items():
+        assert found["margins"][name] == (None if value is None else approx(value, rel=1e-9))
+
+
+def close_outside(plant: Any, num: list[float], den: list[float], up_to: float) -> FloatArray:
+    """The poles of a loop of position errors around an exported machine, by matrices of SciPy."""
+    a, b, c, d = scipy.signal.tf2ss(num, den)
+    force = plant["B"][:, [list(plant["inputs"]).index("X force")]]
+    row = list(plant["outputs"]).index("X motor")
+    moved = plant["C"][[row]]
+    assert not plant["D"][row].any()
+    whole = np.block([[plant["A"] - force @ d @ moved, force @ c], [-b @ moved, a]])
+    poles = np.linalg.eigvals(whole)
+    return np.sort_complex(poles[(np.abs(poles) < 2.0 * np.pi * up_to) & (poles.imag >= 0.0)])
+
+
+def test_a_loop_closed_around_the_exported_machine_has_the_poles_of_the_scene(
+    shell: Shell,
+) -> None:
+    num, den = [3e4, 2e6, 2e7], [1e-4, 1.0, 0.0]
+    controller = f"controller = {{ num = {num}, den = {den} }}"
+    write(shell, (GAIN, ""), (CASCADE, controller), ("\ncoupling", "\n#"))
+    scene = read_control(shell)
+    shell("export scene.toml --to npz --motors free -o free.npz --state-space", "20 kHz")
+    outside = close_outside(np.load(shell.folder / "free.npz"), num, den, 500.0)
+    inside = [complex(pole["real"], pole["imag"]) for pole in scene["poles"]]
+    assert len(outside) > 3
+    np.testing.assert_allclose(np.sort_complex(inside), outside, rtol=1e-6)
+
+
+def test_a_notch_takes_its_frequency_out_of_the_exported_loop(shell: Shell) -> None:
+    write(shell, (CASCADE, CASCADE + '\nfilters = [{ notch = "90 Hz", depth = "10 %" }]'))
+    shell("export scene.toml --to npz --motors controlled -o closed.npz --state-space", "20 kHz")
+    loop = np.load(shell.folder / "closed.npz")
+    write(shell)
+    shell("export scene.toml --to npz --motors controlled -o plain.npz --state-space", "20 kHz")
+    plain = np.load(shell.folder / "plain.npz")
+
+    def respond(space: Any, output: str, hz: float) -> complex:
+        row, column = (
+            list(space[key]).index(name) for key, name in (("outputs", output), ("inputs", "tcp x"))
+        )
+        inner = np.linalg.solve(2j * np.pi * hz * np.eye(len(space["A"])) - space["A"], space["B"])
+        return complex((space["C"] @ inner + space["D"])[row, column])
+
+    # what the controller makes of the motion of its motor
+    through = [
+        respond(one, "X force", 90.0) / respond(one, "X motor", 90.0) for one in (loop, plain)
+    ]
+    assert abs(through[0] / through[1]) == approx(0.1, rel=1e-6)
+
+
+def test_a_discrete_controller_acts_as_the_continuous_one_it_was_made_of(shell: Shell) -> None:
+    num, den = [3e4, 2e6, 2e7], [1e-4, 1.0, 0.0]
+    step = 1e-4
+    zeros, poles, _ = scipy.signal.cont2discrete((num, den), step, method="bilinear")
+    lists = [part.ravel().tolist() for part in (zeros, poles)]
+    write(
+        shell,
+        (GAIN, ""),
+        (CASCADE, f"controller = {{ num = {num}, den = {den} }}\ndead_time = '50 us'"),
+    )
+    continuous = read_control(shell)
+    write(
+        shell,
+        (GAIN, ""),
+        (CASCADE, f"controller = {{ num = {lists[0]}, den = {lists[1]}, step = '100 us' }}"),
+    )
+    discrete = read_control(shell)
+    values = [[pole["real"] for pole in one["poles"]] for one in (continuous, discrete)]
+    assert len(values[0]) > 3
+    np.testing.assert_allclose(values[1], values[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("controller", "words"),
+    [
+        ("{ num = [1, 0, 0], den = [1, 0] }", "not proper: num has degree 2 and den 1"),
+        ("{ num = [1], den = [0, 1] }", "den begins with zero"),
+        ("{ num = [1] }", "has num, but no den"),
+        ("{ a = [[0]], b = [[1, 2]], c = [[1]] }", "b has 1 rows of 2 numbers"),
+        ("{ num = [1], den = [1, 1], step = '1 ms' }", "pole at z = -1"),
+        ("{ num = [1], den = [1, 0], inputs = ['set_velocity', 'motor_velocity'] }", "2 inputs"),
+        ("{ }", "is empty"),
+    ],
+)
+def test_a_controller_that_cannot_be_is_named_with_file_and_line(
+    shell: Shell, controller: str, words: str
+) -> None:
+    write(shell, (CASCADE, f"controller = {controller}"))
+    message = shell.refuses("check scene.toml")
+    assert re.search(r"scene\.toml:\d+: drives\.X\.controller", message)
+    assert words in message
+
+
+def test_an_unstable_controller_is_named_with_its_axis_and_gain_margin(shell: Shell) -> None:
+    write(
+        shell, (GAIN, ""), (CASCADE, "controller = { num = [1e8], den = [1] }\ndead_time = '1 ms'")
+    )
+    message = shell.prints(RUN, code=1)
+    assert "the control of axis X is unstable" in message
