@@ -87,6 +87,23 @@ def test_the_python_of_the_page_of_files_finds_the_arrays_of_its_table(checkout:
     assert stated - set(kept) == {"damping ratios [1]"} and set(kept) <= stated
 
 
+def test_the_reader_of_the_page_of_other_programs_finds_frequencies_and_their_errors(
+    checkout: Path,
+) -> None:
+    page = "docs/exchange.md"
+    (command,) = (text for text in blocks(page, "sh") if "--to h5" in text)
+    (program,) = (text for text in blocks(page, "python") if "h5py" in text)
+    assert len(program.strip().splitlines()) <= 30
+    run_in(checkout, "sh", "-eu", "-c", command.replace(" -o", " --variant coarse -o"))
+    printed = run_in(checkout, sys.executable, "-P", "-c", program)
+    first, *lines = printed.splitlines()
+    assert "front" in first and "36 dofs" in first
+    values = [float(line.split()[0]) for line in lines]
+    errors = [float(line.split()[3]) for line in lines]
+    assert len(lines) == 6 and values == sorted(values) and values[0] > 100.0
+    assert all(0.0 < error < 50.0 for error in errors)
+
+
 def test_the_python_of_the_page_of_architecture_prints_what_it_shows(checkout: Path) -> None:
     page = "docs/architecture.md"
     _, shown = blocks(page, "text")

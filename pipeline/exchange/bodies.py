@@ -41,8 +41,10 @@ def make_superelement(body: BodyMatrices, *, supported: bool = False) -> Superel
     for number in numbers:
         if number not in body.points:
             raise ExchangeError(
-                f"{body.name}: node {number} has dofs but no place; name a file with its GRID card, or its line in a table of points"
+                f"{body.name}: node {number} has dofs but no place; name a file with its GRID card, or a deck with its line below *NODE"
             )
+        if not np.isfinite(body.points[number]).all():
+            raise ExchangeError(f"{body.name}: the place of node {number} is no number")
     size = len(DOF_NAMES) * len(numbers)
     if size + len(body.scalar_nodes) > MOST_DOFS:
         raise ExchangeError(

@@ -19,6 +19,8 @@ from headstock.pipeline.exchange.matrices import (
     MOST_DOFS,
     BodyMatrices,
     ExchangeError,
+    fill_matrix,
+    require_last_line,
 )
 
 SYMMETRIC, SQUARE, RECTANGULAR = 6, 1, 9
@@ -89,6 +91,7 @@ def parse_dmig(path: Path) -> Arrays:
     ``nodes of NAME``.
     """
     cards: defaultdict[str, list[Card]] = defaultdict(list)
+    require_last_line(path)
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     for card in read_cards(path, text, {"DMIG"}):
         if card.name == "DMIG" and card.fields:
@@ -100,9 +103,11 @@ def parse_dmig(path: Path) -> Arrays:
     found: dict[str, FloatArray | IntArray] = {}
     for name, (head, *columns) in cards.items():
         _require_real(head)
-        nodes, entries = _read_entries(columns)
+        nodes, places, values = _read_entries(columns)
         found[f"nodes of {name}"] = nodes
-        found[name] = _fill_matrix(head, nodes, entries)
+        found[name] = fill_matrix(
+            len(nodes), places, values, symmetric=head.integer(2) == SYMMETRIC
+        )
     return found
 
 
@@ -123,8 +128,10 @@ def _require_real(head: Card) -> None:
         )
 
 
-def _read_entries(columns: Iterable[Card]) -> tuple[IntArray, list[tuple[int, int, float]]]:
-    """Return the dofs in the order of nodes, and the entries by their numbers in it."""
+def _read_entries(columns: Iterable[Card]) -> tuple[IntArray, IntArray, FloatArray]:
+    """Return the dofs in the order of nodes, row and column ``(k, 2)`` of each entry in it, and the
+    entries.
+    """
     written: dict[tuple[tuple[int, int], tuple[int, int]], float] = {}
     for card in columns:
         column = _read_dof(card, 1)
@@ -142,8 +149,12 @@ def _read_entries(columns: Iterable[Card]) -> tuple[IntArray, list[tuple[int, in
             f"a matrix has {len(dofs)} dofs; at most {MOST_DOFS} are read: reduce the model further"
         )
     rows = {dof: row for row, dof in enumerate(dofs)}
-    entries = [(rows[row], rows[column], value) for (row, column), value in written.items()]
-    return np.array(dofs, dtype=np.int64).reshape(-1, 2), entries
+    places = [(rows[row], rows[column]) for row, column in written]
+    return (
+        np.array(dofs, dtype=np.int64).reshape(-1, 2),
+        np.array(places, dtype=np.int64).reshape(-1, 2),
+        np.array(list(written.values())),
+    )
 
 
 def _read_dof(card: Card, start: int) -> tuple[int, int]:
@@ -153,17 +164,3 @@ def _read_dof(card: Card, start: int) -> tuple[int, int]:
             f"{card.place}: DMIG {card.fields[0]}: {node} {dof} is no grid point and component"
         )
     return node, dof
-
-
-def _fill_matrix(
-    head: Card, nodes: IntArray, entries: Iterable[tuple[int, int, float]]
-) -> FloatArray:
-    """Return the whole matrix; of a symmetric one each pair may be written once."""
-    matrix = np.zeros((len(nodes), len(nodes)))
-    written = np.zeros(matrix.shape, dtype=bool)
-    for row, column, value in entries:
-        matrix[row, column], written[row, column] = value, True
-    if head.integer(2) == SYMMETRIC:
-        mirrored = ~written & written.T
-        matrix[mirrored] = matrix.T[mirrored]
-    return matrix

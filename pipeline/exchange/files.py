@@ -23,6 +23,7 @@ from headstock.pipeline.exchange.coordinate_lists import (
     encode_calculix,
     encode_dof_list,
     encode_matrix_market,
+    name_first_dofs,
     read_coordinates,
 )
 from headstock.pipeline.exchange.dmig import NAMES, encode_dmig, read_dmig
@@ -31,6 +32,7 @@ from headstock.pipeline.exchange.matrices import (
     BodyMatrices,
     ExchangeError,
     list_matrices,
+    require_last_line,
     require_matrix,
 )
 from headstock.pipeline.exchange.op4 import encode_op4, read_op4
@@ -104,6 +106,7 @@ def parse_points(path: Path) -> Arrays:
     """Read the points of bulk data, or of a deck, in this process."""
     if path.suffix == DECK:
         return _parse_deck(path)
+    require_last_line(path)
     places: dict[int, FloatArray] = {}
     dofs: list[tuple[int, int]] = []
     chosen: dict[int, str] = {}
@@ -182,7 +185,12 @@ def _read_matrices(path: Path, nodes: IntArray) -> tuple[dict[str, FloatArray], 
     for letter, ending in family.items():
         other = path.with_name(stem + ending)
         if letter != "K" and (letter == "M" or other.is_file()):
-            found[letter] = read_coordinates(other)[1]
+            named, found[letter] = read_coordinates(other)
+            # those of lists without nodes are counted by the caller
+            if named[:, 1].any() and not np.array_equal(named, name_first_dofs(nodes)):
+                raise ExchangeError(
+                    f"{other.name} has other dofs than {path.name}; take matrices of one body"
+                )
     return found, nodes
 
 

@@ -4,6 +4,7 @@ place.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -89,6 +90,32 @@ def require_no_constraints(superelement: Superelement) -> None:
             f"component {superelement.name!r}: interfaces share nodes, which ties some of its dofs; "
             "leave a gap between their patches before it is exported"
         )
+
+
+def require_last_line(path: Path) -> None:
+    """Refuse a text that ends within a line, whose last number may be cut."""
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - 1, 0))
+        if file.read() != b"\n":
+            raise ExchangeError(f"{path.name} ends within a line; copy it again")
+
+
+def fill_matrix(
+    size: int, places: IntArray, values: FloatArray, *, symmetric: bool = True
+) -> FloatArray:
+    """Return a matrix ``(size, size)`` from its entries.
+
+    Args:
+        places: Row and column ``(k, 2)`` of each.
+        symmetric: An entry stands for its mirror image, too, where that is not written.
+    """
+    rows, columns = places.T
+    matrix, written = np.zeros((size, size)), np.zeros((size, size), dtype=bool)
+    matrix[rows, columns], written[rows, columns] = values, True
+    if symmetric:
+        mirrored = ~written & written.T
+        matrix[mirrored] = matrix.T[mirrored]
+    return matrix
 
 
 def require_matrix(matrix: FloatArray, what: str) -> FloatArray:

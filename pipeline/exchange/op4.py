@@ -1,13 +1,15 @@
-"""Nastran OUTPUT4 files: named dense matrices of real numbers, binary, in Fortran records.
+"""Nastran OUTPUT4 files: named dense matrices of real numbers, binary in Fortran records, or text.
 
 Source: the record layout of the OUTPUT4 module (MSC Nastran DMAP Programmer's Guide): header of
 columns, rows, form, type and name; one record per column that is not zero, from its first row that
 is not; a last record beyond the columns.
 """
 
+import re
 import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +22,24 @@ REAL, COMPLEX = (1, 2), (3, 4)
 HEADER = 24  # bytes: four numbers and a name of eight letters
 WORD = 4
 LONGEST_NAME = 8
+# of text: four numbers, a name, and how numbers stand in a line, such as 1P,3E23.16
+TEXT_HEADER = re.compile(
+    r"([ \d]{8})([ \d-]{8})([ \d]{8})([ \d]{8})(.{8})\s*(?:1P,?)?(\d+)[ED](\d+)\.\d+\s*$"
+)
+LONGEST_LINE = 400
+FREE_ENTRIES, MOST_PER_BYTE = 1 << 23, 12  # columns of zeros are not written
+
+
+class _Header(NamedTuple):
+    """Sizes, type and name of a matrix."""
+
+    columns: int
+    rows: int
+    kind: int
+    name: str
+
+
+type _Column = tuple[int, int, FloatArray]  # number, first row, entries
 
 
 def encode_op4(matrices: Mapping[str, FloatArray]) -> bytes:
@@ -53,7 +73,7 @@ def _encode_matrix(name: str, matrix: FloatArray) -> bytes:
 
 
 def read_op4(path: Path) -> dict[str, FloatArray]:
-    """Read the real matrices of a binary OUTPUT4 file of either byte order, with limits.
+    """Read the real matrices of an OUTPUT4 file, binary of either byte order or text, with limits.
 
     Raises:
         ExchangeError: The file is damaged, too large, or holds complex or sparse matrices.
@@ -65,18 +85,31 @@ def parse_op4(path: Path) -> dict[str, FloatArray]:
     """Read an OUTPUT4 file in this process."""
     content = path.read_bytes()
     order = next((o for o in "<>" if content[:WORD] == struct.pack(f"{o}i", HEADER)), None)
-    if order is None:
-        raise ExchangeError(
-            f"{path.name} is no binary OUTPUT4 file of 32-bit records; write it with FORM=UNFORMATTED and without BIGMAT"
-        )
     found: dict[str, FloatArray] = {}
-    records = _split_records(path.name, content, order)
-    for record in records:
-        name, matrix = _read_matrix(path.name, record, records, order)
-        if name in found:
-            raise ExchangeError(f"{path.name} holds two matrices {name}; keep one")
-        found[name] = matrix
+    for header, columns in (
+        _split_text(path.name, content)
+        if order is None
+        else _split_binary(path.name, content, order)
+    ):
+        if header.name in found:
+            raise ExchangeError(f"{path.name} holds two matrices {header.name}; keep one")
+        found[header.name] = _fill(path.name, MOST_PER_BYTE * len(content), header, columns)
     return found
+
+
+def _split_binary(
+    file: str, content: bytes, order: str
+) -> Iterator[tuple[_Header, Iterator[_Column]]]:
+    """Yield the header of each matrix and its columns, which must be taken before the next."""
+    records = _split_records(file, content, order)
+    for record in records:
+        if len(record) != HEADER:
+            raise ExchangeError(
+                f"{file}: a header of {len(record)} bytes where {HEADER} are expected; copy the file again"
+            )
+        columns, rows, _, kind, letters = struct.unpack(f"{order}4i8s", record)
+        header = _Header(columns, rows, kind, letters.decode("latin-1").strip())
+        yield header, _read_columns(records, order, kind)
 
 
 def _split_records(name: str, content: bytes, order: str) -> Iterator[bytes]:
@@ -95,16 +128,68 @@ def _split_records(name: str, content: bytes, order: str) -> Iterator[bytes]:
         place = after + WORD
 
 
-def _read_matrix(
-    file: str, header: bytes, records: Iterator[bytes], order: str
-) -> tuple[str, FloatArray]:
-    """Return the name and the entries of the matrix whose header was read."""
-    if len(header) != HEADER:
-        raise ExchangeError(
-            f"{file}: a header of {len(header)} bytes where {HEADER} are expected; copy the file again"
+def _read_columns(records: Iterator[bytes], order: str, kind: int) -> Iterator[_Column]:
+    entry, words = (f"{order}f4", 1) if kind == REAL[0] else (f"{order}f8", 2)
+    for record in records:
+        if len(record) < 3 * WORD:
+            return
+        column, first, count = struct.unpack_from(f"{order}3i", record)
+        if len(record) != WORD * (3 + count) or count % words:
+            return
+        yield column, first, np.frombuffer(record, entry, offset=3 * WORD)
+
+
+def _split_text(file: str, content: bytes) -> Iterator[tuple[_Header, Iterator[_Column]]]:
+    """Yield the header of each matrix of a text and its columns."""
+    lines = iter(content.decode("latin-1").splitlines())
+    for line in lines:
+        header = TEXT_HEADER.match(line[:LONGEST_LINE])
+        if header is None:
+            raise ExchangeError(
+                f"{file} is no OUTPUT4 file: {line[:40]!r} is no header; write it with FORM=UNFORMATTED or FORM=FORMATTED, without BIGMAT"
+            )
+        try:
+            columns, rows, _, kind = (int(text) for text in header.groups()[:4])
+        except ValueError as error:
+            raise ExchangeError(f"{file}: {line[:40]!r} is no header; copy it again") from error
+        width, name = int(header[7]), header[5].strip()
+        yield (
+            _Header(columns, rows, kind, name),
+            _read_text_columns(lines, max(int(header[6]), 1), max(width, 1), rows),
         )
-    columns, rows, _, kind, letters = struct.unpack(f"{order}4i8s", header)
-    name = letters.decode("latin-1").strip()
+
+
+def _read_text_columns(
+    lines: Iterator[str], per_line: int, width: int, rows: int
+) -> Iterator[_Column]:
+    """Yield columns until what stands there is none."""
+    for line in lines:
+        try:
+            column, first, count = (int(line[start : start + 8]) for start in (0, 8, 16))
+        except ValueError:
+            return
+        if first == 0:
+            yield column, first, np.zeros(0)
+        if not 0 < count <= max(rows, 1):
+            return
+        texts: list[str] = []
+        while len(texts) < count:
+            text = next(lines, "").rstrip()
+            if not text:
+                return
+            texts += [
+                text[k : k + width] for k in range(0, min(len(text), per_line * width), width)
+            ]
+        try:
+            numbers = [float(text.replace("D", "E")) for text in texts[:count]]
+        except ValueError:
+            return
+        yield column, first, np.array(numbers)
+
+
+def _fill(file: str, size: int, header: _Header, columns: Iterator[_Column]) -> FloatArray:
+    """Return the entries of a matrix; its size is compared with that of the file before memory is taken."""
+    count, rows, kind, name = header
     what = f"{file}, matrix {name[:LONGEST_NAME]!r}"
     if kind not in REAL:
         raise ExchangeError(
@@ -112,28 +197,24 @@ def _read_matrix(
         )
     if rows < 0:
         raise ExchangeError(f"{what} is sparse with large indices; write it without BIGMAT")
-    if not (0 < columns <= MOST_DOFS and rows <= MOST_DOFS):
+    if not (0 < count <= MOST_DOFS and rows <= MOST_DOFS):
         raise ExchangeError(
-            f"{what} has {rows} x {columns} entries; at most {MOST_DOFS} x {MOST_DOFS} are read: reduce the model further"
+            f"{what} has {rows} x {count} entries; at most {MOST_DOFS} x {MOST_DOFS} are read: reduce the model further"
         )
-    entry, words = (f"{order}f4", 1) if kind == 1 else (f"{order}f8", 2)
-    matrix = np.zeros((columns, rows))
-    for record in records:
-        if len(record) < 3 * WORD:
-            break
-        column, first, count = struct.unpack_from(f"{order}3i", record)
-        if column == columns + 1:
-            return name, np.ascontiguousarray(matrix.T)
+    if count * rows > max(FREE_ENTRIES, size):
+        raise ExchangeError(
+            f"{what} announces {rows} x {count} entries, far more than the file holds; copy it again"
+        )
+    matrix = np.zeros((count, rows))
+    for column, first, entries in columns:
+        if column == count + 1:
+            return np.ascontiguousarray(matrix.T)
         if first == 0:
             raise ExchangeError(f"{what} is sparse; write it in the dense form")
-        length = count // words
-        if not (0 < column <= columns and first > 0 and first - 1 + length <= rows) or len(
-            record
-        ) != WORD * (3 + count):
+        last = first - 1 + len(entries)
+        if not (0 < column <= count and first > 0 and last <= rows):
             break
-        matrix[column - 1, first - 1 : first - 1 + length] = np.frombuffer(
-            record, entry, offset=3 * WORD
-        )
+        matrix[column - 1, first - 1 : last] = entries
     raise ExchangeError(
         f"{what}: a column does not fit its {rows} rows, or the file ends before the last one; copy it again"
     )

@@ -52,7 +52,7 @@ def own_matrices(size: str) -> tuple[Sparse, Sparse]:
     mass = scipy.sparse.kron(operators.scalar_mass, np.eye(3))
     return tuple(
         scipy.sparse.csc_matrix(order @ matrix @ order.T) for matrix in (operators.stiffness, mass)
-    )  # type: ignore[return-value]
+    )
 
 
 def write_deck(name: str, size: str, *, clamped: bool) -> None:
@@ -65,7 +65,7 @@ def write_deck(name: str, size: str, *, clamped: bool) -> None:
     cells = [
         f"{n}, {', '.join(map(str, cell))}" for n, cell in enumerate(mesh.cells[:, order] + 1, 1)
     ]
-    foot = np.flatnonzero(np.abs(mesh.points[:, 2]) < 1e-9) + 1 if clamped else []
+    foot = np.flatnonzero(np.abs(mesh.points[:, 2]) < 1e-9) + 1
     lines = ["*NODE, NSET=ALL", *nodes, "*ELEMENT, TYPE=C3D10, ELSET=ALL", *cells]
     lines += [
         "*MATERIAL, NAME=STEEL",

@@ -16,7 +16,7 @@ from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.exchange.bodies import make_superelement
 from headstock.pipeline.exchange.files import encode_body, read_body
 from headstock.pipeline.exchange.matrices import ExchangeError, list_matrices
-from headstock.pipeline.exchange.op4 import encode_op4
+from headstock.pipeline.exchange.op4 import encode_op4, read_op4
 from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.superelement import Superelement
 
@@ -85,14 +85,110 @@ def test_another_order_of_dofs_is_refused() -> None:
         make_superelement(shuffled)
 
 
+@functools.cache
+def small() -> Superelement:
+    """Its interfaces alone: files of a few kB."""
+    body, rows = list_matrices(reduced()), slice(12)
+    return make_superelement(
+        dataclasses.replace(
+            body,
+            nodes=body.nodes[rows],
+            stiffness=body.stiffness[rows, rows],
+            mass=body.mass[rows, rows],
+        )
+    )
+
+
+def write_small(folder: Path, form: str) -> list[Path]:
+    """Files of a small body, of each form all that are read."""
+    files = encode_body(small(), form)
+    for ending, content in files.items():
+        (folder / f"part{ending}").write_bytes(content)
+    return [folder / f"part{ending}" for ending in files]
+
+
+def read_part(paths: list[Path], form: str) -> Superelement:
+    points = None if form == "dmig" else paths[0].with_name(POINTS)
+    return read_body(SuperelementFile(paths[0], points))
+
+
+def try_part(paths: list[Path], form: str) -> tuple[Superelement | None, str]:
+    try:
+        return read_part(paths, form), ""
+    except HeadstockError as error:
+        return None, str(error)
+
+
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
-def test_a_file_cut_short_is_one_named_error(tmp_path: Path, form: str, share: float) -> None:
-    file = write(tmp_path, form)
-    content = file.path.read_bytes()
-    file.path.write_bytes(content[: int(share * len(content))])
-    with pytest.raises(HeadstockError, match="part"):
-        read_body(file)
+def test_a_file_cut_anywhere_is_one_named_error_or_whole(tmp_path: Path, form: str) -> None:
+    paths = write_small(tmp_path, form)
+    given, refused = read_part(paths, form), 0
+    for path in paths:
+        content = path.read_bytes()
+        for end in range(0, len(content), max(10, len(content) // 60)):
+            path.write_bytes(content[:end])
+            read, message = try_part(paths, form)
+            assert "part" in message or read is not None
+            refused += read is None
+            if read is not None:
+                assert np.array_equal(read.stiffness, given.stiffness)
+                assert np.array_equal(read.mass, given.mass)
+        path.write_bytes(content)
+    assert refused > 60
+
+
+TEXT_OP4 = """       2       2       6       2KAAX    1P,3E23.16
+       1       1       2
+ 1.5000000000000000E+00 2.0000000000000000E+00
+       2       1       2
+ 2.0000000000000000E+00 4.0000000000000000D-01
+       3       1       1
+ 1.4142135623730951E+00
+"""
+
+
+def test_op4_as_text_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "part.op4"
+    path.write_text(TEXT_OP4 + TEXT_OP4.replace("KAAX", "MAAX").replace("1.5", "1.7"))
+    read = read_op4(path)
+    assert np.array_equal(read["KAAX"], [[1.5, 2.0], [2.0, 0.4]])
+    assert read["MAAX"][0, 0] == 1.7
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("part.op4", TEXT_OP4.replace("       2       2       6", "       2   20001       6"), "20001 x 2"),
+        ("part.op4", TEXT_OP4.replace("       2       2       6", "   19999   19999       6"), "far more"),
+        ("part.op4", TEXT_OP4.replace("       2KAAX", "       4KAAX"), "is complex"),
+        ("part.op4", TEXT_OP4.replace("       2       1       2", "       2       9       2"), "does not fit"),
+        ("part.op4", TEXT_OP4.replace("       2       1       2", "       2       0       2"), "is sparse"),
+        ("part.op4", TEXT_OP4[:-60], "does not fit"),
+        ("part.op4", "nonsense", "is no OUTPUT4 file"),
+        ("part.sti", "1 1 1.0\n20000 20000 1.0\n", "names row 20000, but has 2 entries"),
+        ("part.sti", "1 1 1.0\n20001 20001 1.0\n", "has 20001 dofs"),
+        ("part.sti", "1 1 1.0\n1e300 2 1.0\n", "whole numbers from 1"),
+        ("part.sti", "0 1 1.0\n", "whole numbers from 1"),
+        ("part.sti", "1 1 1.0\n1 1 1.0\n", "an entry twice"),
+        ("part.sti", "1 1 nan\n", "not finite"),
+        ("part.sti", "1 1 1.0\n1 2 1", "ends within a line"),
+        ("part_STIF1.mtx", "1,1,1,1,1.0\n1,11,1,11,1.0\n", "dofs of nodes must be 1 to 6"),
+        ("part_K.mtx", "%%MatrixMarket matrix coordinate real symmetric\n9 9 49000000\n1 1 1.0\n", "more than it has bytes"),
+        ("part_K.mtx", "%%MatrixMarket matrix coordinate real symmetric\n90000 9 1\n1 1 1.0\n", "90000 x 9"),
+        ("part.bdf", "DMIG,KAAX,0,6,2,0\nDMIG,KAAX,7,9,,7,9,1.0\n", "no grid point"),
+    ],
+)  # fmt: skip
+def test_changed_counts_and_huge_indices_are_named(
+    tmp_path: Path, name: str, content: str, message: str
+) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    path.with_name(POINTS).write_text("GRID           1              0.      0.      0.\n")
+    for other in ("part.mas", "part_M.mtx", "part_MASS1.mtx"):
+        path.with_name(other).write_text("1 1 1.0\n")
+    with pytest.raises(HeadstockError, match=message) as raised:
+        read_body(SuperelementFile(path, path.with_name(POINTS)))
+    assert name in str(raised.value)
 
 
 def test_rounding_between_the_halves_of_a_matrix_is_evened_out(tmp_path: Path) -> None:
