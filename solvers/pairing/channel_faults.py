@@ -270,19 +270,24 @@ class _Fit:
         )
 
 
+def _turn(sensor: Sequence[int]) -> Iterator[_Move]:
+    """Yield axes in another order and with other signs: turned by a quarter or third of a revolution, or
+    against a hand; two or three reversed: by half a revolution, or on the other side.
+    """
+    signs = list(product((1, -1), repeat=len(sensor)))
+    for order, turned in product(permutations(sensor), signs):
+        moved = sum(row != source for row, source in zip(sensor, order, strict=True))
+        if moved == 0 and -1 in turned:
+            yield "reversed", sensor, order, turned
+        elif moved:
+            exchange = moved == 2 and -1 not in turned
+            yield "exchanged" if exchange else "turned", sensor, order, turned
+
+
 def _list_moves(sensors: Sequence[Sequence[int]]) -> Iterator[_Move]:
     """Yield every hypothesis."""
     for sensor in sensors:
-        # turned by a quarter or third of a revolution, or against a hand; two or three axes reversed:
-        # by half a revolution, or a sensor on the other side
-        signs = list(product((1, -1), repeat=len(sensor)))
-        for order, turned in product(permutations(sensor), signs):
-            moved = sum(row != source for row, source in zip(sensor, order, strict=True))
-            upright = all(sign == 1 for sign in turned)
-            if moved == 0 and not upright:
-                yield "reversed", sensor, order, turned
-            elif moved:
-                yield "exchanged" if moved == 2 and upright else "turned", sensor, order, turned
+        yield from _turn(sensor)
     for one, other in combinations(sensors, 2):
         if len(one) == len(other) > 1:
             yield "swapped sensors", [*one, *other], [*other, *one], [1] * (2 * len(one))

@@ -232,34 +232,33 @@ class Correlation(Displayed):
     def verdict(self) -> tuple[str, ...]:
         """Sentences that a reader wants first."""
         paired = [row for row in self.modes if row.deviation is not None]
-        sizes = [abs(row.deviation or 0.0) for row in paired]
-        met, count = sum(size <= self.within for size in sizes), len(self.measured.frequencies_hz)
-        largest = ""
-        if paired:
-            worst = paired[int(np.argmax(sizes))]
-            largest = f"; largest deviation {100 * (worst.deviation or 0.0):+.1f} % ({worst.title})"
         lists = {
             "missing in the model": [row for row in self.modes if row.computed is None],
             "computed, but not measured": [row for row in self.modes if row.measured is None],
             "doubtful pairs": [row for row in paired if row.doubts],
         }
         return (
-            f"{met} of {count} measured modes are met within {100 * self.within:g} %{largest}",
+            self._count_met(paired),
             *(
                 f"{what}: {', '.join(row.title for row in rows)}"
                 for what, rows in lists.items()
                 if rows
             ),
-            # neighbours that the model has in the other order: pairing by frequency would hide it
-            *(
-                f"the model has the modes at {one.title} and {other.title} in the other order"
-                for one, other in itertools.pairwise(paired)
-                if (one.computed or 0) > (other.computed or 0)
-            ),
+            *_name_exchanges(paired),
             *(f"paired without point {point}, which hides the pairs" for point in self.left_out),
             *self.since_base,
             *self.faults,
         )
+
+    def _count_met(self, paired: Sequence[CorrelatedMode]) -> str:
+        """Say how many measured modes are met, and which one least."""
+        sizes = [abs(row.deviation or 0.0) for row in paired]
+        met, count = sum(size <= self.within for size in sizes), len(self.measured.frequencies_hz)
+        text = f"{met} of {count} measured modes are met within {100 * self.within:g} %"
+        if not paired:
+            return text
+        worst = paired[int(np.argmax(sizes))]
+        return f"{text}; largest deviation {100 * (worst.deviation or 0.0):+.1f} % ({worst.title})"
 
     def _doubt(self, pair: ModePair) -> Iterator[str]:
         """Yield what speaks against a pair."""
@@ -296,6 +295,13 @@ class Correlation(Displayed):
         ]
         head = ["measured [Hz]", "computed [Hz]", "deviation", "MAC"]
         return ShortForm(f"Correlation of {self.scene} with {self.test}", facts, head, rows)
+
+
+def _name_exchanges(paired: Sequence[CorrelatedMode]) -> Iterator[str]:
+    """Yield neighbours that the model has in the other order: pairing by frequency would hide it."""
+    for one, other in itertools.pairwise(paired):
+        if (one.computed or 0) > (other.computed or 0):
+            yield f"the model has the modes at {one.title} and {other.title} in the other order"
 
 
 def pair_shapes(

@@ -1,7 +1,7 @@
 """A test of a machine compared with its model: from the files of both to a correlation."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -41,7 +41,7 @@ from headstock.studies.correlation.model import (
     prepare_machine,
     request_modes,
 )
-from headstock.studies.correlation.placement import UNMOVED, place_test
+from headstock.studies.correlation.placement import UNMOVED, Placement, place_test
 from headstock.studies.correlation.responses import (
     ComparedResponses,
     compare_responses,
@@ -203,19 +203,7 @@ def _place_test(loaded: _LoadedCorrelation, bare: PreparedMachine | None) -> _Pl
         raise ValueError("points are placed on rank 0")
     points, known = loaded.points, bare.scene.machine.sensors
     named = {name: one for name in points if (one := find_sensor(known, name)) is not None}
-    written = {name: point for name, point in loaded.data.points.items() if name in points}
-    if lost := [name for name in points if name not in named and name not in written]:
-        raise MeasurementError(
-            f"nothing says where the points {', '.join(lost[:8])} of the test lie; export points (UFF 15 or 2411), or write sensors of these"
-            " names into the scene"
-        )
-    placement, frames = UNMOVED, bare.machine.placements
-    if written and (len(named) < len(points) or len(named) >= NEEDED):
-        matches = {
-            name: frames[one.component].origin + frames[one.component].rotation @ one.position
-            for name, one in named.items()
-        }
-        placement = place_test(written, bare.skins, frames, matches)
+    placement, written = _find_placement(loaded, bare, named), loaded.data.points
     carriers = {
         point: find_carriers(bare, placement.move(np.array(written[point].position)))
         for point in points
@@ -230,6 +218,30 @@ def _place_test(loaded: _LoadedCorrelation, bare: PreparedMachine | None) -> _Pl
     scene = dataclasses.replace(bare.scene, machine=machine)
     distances = {point: parts[0].distance for point, parts in carriers.items()}
     return _PlacedTest(scene, sensors, placement.rotation, distances, placement.remarks)
+
+
+def _find_placement(
+    loaded: _LoadedCorrelation, bare: PreparedMachine, named: Mapping[str, Sensor]
+) -> Placement:
+    """Return where the points of a test stand on the machine.
+
+    Args:
+        named: Sensors of the scene that have names of points.
+    """
+    points, frames = loaded.points, bare.machine.placements
+    written = {name: point for name, point in loaded.data.points.items() if name in points}
+    if lost := [name for name in points if name not in named and name not in written]:
+        raise MeasurementError(
+            f"nothing says where the points {', '.join(lost[:8])} of the test lie; export points (UFF 15 or 2411), or write sensors of these"
+            " names into the scene"
+        )
+    if not written or (len(named) == len(points) and len(named) < NEEDED):
+        return UNMOVED
+    matches = {
+        name: frames[one.component].origin + frames[one.component].rotation @ one.position
+        for name, one in named.items()
+    }
+    return place_test(written, bare.skins, frames, matches)
 
 
 def _make_sensors(name: str, carriers: Sequence[Carrier]) -> Iterator[Sensor]:

@@ -209,15 +209,8 @@ type _Fault = tuple[KeyPath, str]  # with its place below the parameter
 def _read_parameter(
     name: str, table: ParameterTable, targets: list[_Target], findings: Findings
 ) -> Parameter | None:
-    first, shifted = (
-        next((target for target in targets if target.rule.kind == kind), None)
-        for kind in ("set", "shift")
-    )
-    example = first or shifted
+    example, reference = _find_reference(targets)
     dimension = NUMBER if example is None else example.quantity.dimension
-    reference = 1.0 if example is None else 0.0
-    if first is not None and first.rule.factor:
-        reference = (first.quantity.value - first.rule.offset) / first.rule.factor
     key: KeyPath = ("parameters", name)
     faults = [*_find_rule_faults(key, targets, dimension, reference)]
     wrong = [*_find_bound_faults(table, dimension)] or [
@@ -245,6 +238,20 @@ def _read_parameter(
         dimension=dimension,
         unit="" if example is None else example.unit,
     )
+
+
+def _find_reference(targets: Sequence[_Target]) -> tuple[_Target | None, float]:
+    """Return a target that says in which unit a parameter is, and the parameter's value in the scene, SI;
+    one of a parameter that only multiplies.
+    """
+    first, shifted = (
+        next((target for target in targets if target.rule.kind == kind), None)
+        for kind in ("set", "shift")
+    )
+    if first is not None and first.rule.factor:
+        return first, (first.quantity.value - first.rule.offset) / first.rule.factor
+    example = first or shifted
+    return example, 1.0 if example is None else 0.0
 
 
 def _find_rule_faults(

@@ -115,10 +115,10 @@ class _Source:
             ),
         ]
         shown = ", ".join(repr(name[:80]) for name in names[:MOST_NAMED])
-        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-        what = f"unknown point{'s' * (len(names) > 1)} {shown}{more}"
+        more = ", ..." if len(names) > MOST_NAMED else ""
+        what = f"{len(names)} unknown points" if len(names) > 1 else "unknown point"
         hint = suggest_names(names[0], observers, what="points, sensors and interfaces")
-        self.add(f"{what}; {hint}", *self.unknown[names[0]])
+        self.add(f"{what} {shown}{more}; {hint}", *self.unknown[names[0]])
 
 
 def _read_case(
@@ -138,35 +138,36 @@ def _read_case(
     modes.sort(key=lambda mode: mode.frequency_hz)
     compliances = [*_read_compliances(source)]
     compliances += [one for one in numbers if isinstance(one, ComplianceTarget)]
-    responses = tuple(_read_responses(source))
-    source.report_unknown()
     floor = (table.modes_above if table.modes_above is not None else fit.modes_above) or 0.0
-    for mode in modes:
-        if mode.frequency_hz <= floor:
-            source.add(
-                f"{mode.frequency_hz:g} Hz lies below modes_above ({floor:g} Hz), so no mode can meet it; lower that"
-            )
-    damped = bool(responses) or any(mode.damping is not None for mode in modes)
-    if damped and DAMPING not in scene.effects:
+    for mode in [mode for mode in modes if mode.frequency_hz <= floor]:
         source.add(
-            "damping and responses are fitted with the effect damping; name it in the scene's effects"
+            f"{mode.frequency_hz:g} Hz lies below modes_above ({floor:g} Hz), so no mode can meet it; lower that"
         )
-    limit = None
-    if (at_most := table.at_most) is not None:
-        sigma = _relative(at_most.tolerance, 1.0, LIMIT_TOLERANCE)
-        limit = ModeLimit(at_most.modes, at_most.below, sigma)
-    return TargetCase(
+    case = TargetCase(
         name=name,
         variant=table.variant,
         pose=pose,
         floor_hz=floor,
         modes=tuple(modes),
         compliances=tuple(compliances),
-        responses=responses,
-        limit=limit,
+        responses=tuple(_read_responses(source)),
+        limit=_read_limit(table),
         like=table.like,
         scene=table.scene or "",
     )
+    source.report_unknown()
+    if case.is_damped and DAMPING not in scene.effects:
+        source.add(
+            "damping and responses are fitted with the effect damping; name it in the scene's effects"
+        )
+    return case
+
+
+def _read_limit(table: CaseTable) -> ModeLimit | None:
+    if (limit := table.at_most) is None:
+        return None
+    sigma = _relative(limit.tolerance, 1.0, LIMIT_TOLERANCE)
+    return ModeLimit(limit.modes, limit.below, sigma)
 
 
 def _read_modes(source: _Source) -> Iterator[ModeTarget]:
@@ -344,32 +345,30 @@ def _relative(spread: Quantity | None, size: float, default: float) -> float:
 
 
 def _read_shape(table: ModeTargetTable, scene: Scene) -> ShapeTarget | None:
-    """Return the shape of a mode; bodies that a description in words is silent about stand still, those
-    to be ignored are left out.
-    """
-    entries: list[tuple[str, int, complex]] = []
-    if table.vectors is not None:
-        for observer, vector in table.vectors.items():
-            entries += [(observer, dof, v) for dof, v in enumerate(vector) if v is not None]
-        tolerance = table.shape_tolerance or VECTOR_TOLERANCE
-        return ShapeTarget(tuple(entries), tolerance, described=False)
-    if table.moves is None:
+    """Return the shape of a mode, measured or in words."""
+    if table.moves is not None:
+        return _read_words(table, scene)
+    if table.vectors is None:
         return None
-    named: dict[tuple[str, int], float] = {}
-    for move in table.moves:
-        letter = move.rotation or move.translation or ""
-        dof = "xyz".index(letter[-1]) + (3 if move.rotation else 0)
-        named |= {(body, dof): -1.0 if letter.startswith("-") else 1.0 for body in move.bodies}
+    entries: list[tuple[str, int, complex]] = []
+    for observer, vector in table.vectors.items():
+        entries += [(observer, dof, v) for dof, v in enumerate(vector) if v is not None]
+    tolerance = table.shape_tolerance or VECTOR_TOLERANCE
+    return ShapeTarget(tuple(entries), tolerance, described=False)
+
+
+def _read_words(table: ModeTargetTable, scene: Scene) -> ShapeTarget:
+    """Return a shape in words: bodies that it is silent about stand still, those to be ignored are left
+    out.
+    """
+    moves = table.moves or ()
+    named = {(body, move.dof): move.sign for move in moves for body in move.bodies}
     kinds = {dof // 3 for _, dof in named}  # translations, rotations
     bodies = [body for body in scene.machine.components if body not in (table.ignore or ())]
-    entries = [
-        (body, dof, named.get((body, dof), 0.0))
-        for body in bodies
-        for dof in range(6)
-        if dof // 3 in kinds
-    ]
+    dofs = [dof for dof in range(6) if dof // 3 in kinds]
+    entries = tuple((body, dof, named.get((body, dof), 0.0)) for body in bodies for dof in dofs)
     tolerance = table.shape_tolerance or DESCRIBED_TOLERANCE
-    return ShapeTarget(tuple(entries), tolerance, described=True, insist=table.insist)
+    return ShapeTarget(entries, tolerance, described=True, insist=table.insist)
 
 
 def _check_shape(source: _Source, table: ModeTargetTable, *key: str | int) -> None:

@@ -104,6 +104,17 @@ class _BodyMoveTable(StrictTable):
     translation: Letter | None = None
     """axis they move along; `-` for the opposite sense of the first motion"""
 
+    @property
+    def dof(self) -> int:
+        """Return the dof, 0 to 5."""
+        letter = self.rotation or self.translation or ""
+        return "xyz".index(letter[-1]) + (3 if self.rotation else 0)
+
+    @property
+    def sign(self) -> float:
+        """Return 1, or -1 for the opposite sense."""
+        return -1.0 if (self.rotation or self.translation or "").startswith("-") else 1.0
+
     def _faults(self) -> Iterator[str]:
         if (self.rotation is None) == (self.translation is None):
             yield 'needs either rotation = "y" or translation = "x"'
@@ -574,6 +585,11 @@ class TargetCase:
             *((target.motion, target.force) for target in self.compliances),
             *((target.motion, target.force) for target in self.responses),
         ]
+
+    @property
+    def is_damped(self) -> bool:
+        """Its targets depend on damping."""
+        return bool(self.responses) or any(mode.damping is not None for mode in self.modes)
 
     @property
     def records(self) -> list[tuple[ComplianceTarget, LineFit]]:

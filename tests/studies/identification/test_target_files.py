@@ -151,6 +151,13 @@ def test_the_example_of_the_documentation_is_a_target_file(tmp_path: Path) -> No
     assert [len(parameter.rules) for parameter in task.parameters] == [4, 2, 4, 7]
 
 
+def test_many_unknown_sensors_are_one_problem_with_their_count(tmp_path: Path) -> None:
+    vectors = ", ".join(f"s{number} = [0, 1, 0]" for number in range(192))
+    (problem,) = problems(tmp_path, GOOD.replace("tcp = [0, 1, 0]", vectors))
+    assert problem.key == "cases.a.modes[0].vectors.s0"
+    assert problem.message.startswith("192 unknown points 's0', 's1', 's2', ...; points, sensors")
+
+
 def test_every_fault_is_told_at_once(tmp_path: Path) -> None:
     text = GOOD
     for old, new in (
