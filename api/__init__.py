@@ -16,7 +16,7 @@ from importlib import import_module
 _HOMES = {  # module to its public names
     "headstock.loading": ("load",),
     "headstock.previews": ("check", "plan"),
-    "headstock.exports": ("export", "state_space", "Superelement"),
+    "headstock.exports": (*("export", "state_space", "varying_state_space", "Superelement"),),
     "headstock.runs": ("open", "run"),
     "headstock.repeated_runs": ("compare", "correlate", "fit_modes", "identify", "study", "sweep"),
     "headstock.machine": ("Machine",),
@@ -26,6 +26,7 @@ _HOMES = {  # module to its public names
     ),
     "headstock.geometry.errors": ("HeadstockError",),
     "headstock.pipeline.exchange.state_spaces": ("MachineStateSpace",),
+    "headstock.pipeline.exchange.varying_spaces": ("VaryingStateSpace",),
     "headstock.pipeline.results.results": ("Results",),
     "headstock.pipeline.results.files": ("read_mesh",),
     "headstock.studies.comparison": ("Comparison",),

@@ -13,11 +13,13 @@ from headstock.values import Quantity
 from headstock.exports import Superelement as Superelement
 from headstock.exports import export as export
 from headstock.exports import state_space as state_space
+from headstock.exports import varying_state_space as varying_state_space
 from headstock.geometry.errors import HeadstockError as HeadstockError
 from headstock.loading import load as load
 from headstock.machine import Machine as Machine
 from headstock.nouns import Box as Box
 from headstock.pipeline.exchange.state_spaces import MachineStateSpace as MachineStateSpace
+from headstock.pipeline.exchange.varying_spaces import VaryingStateSpace as VaryingStateSpace
 from headstock.pipeline.results.files import read_mesh as read_mesh
 from headstock.pipeline.results.results import Results as Results
 from headstock.previews import check as check

@@ -1,5 +1,5 @@
-"""What leaves for other programs, and bodies made of matrices: ``export``, ``state_space`` and
-``Superelement``.
+"""What leaves for other programs, and bodies made of matrices: ``export``, ``state_space``,
+``varying_state_space`` and ``Superelement``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,8 +16,9 @@ from headstock.machine import Machine, Noun
 from headstock.pipeline.exchange.bodies import make_superelement
 from headstock.pipeline.exchange.matrices import BodyMatrices, ExchangeError, require_matrix
 from headstock.pipeline.exchange.state_spaces import MachineStateSpace
+from headstock.pipeline.exchange.varying_spaces import VaryingStateSpace
 from headstock.pipeline.exports import export as write_export
-from headstock.pipeline.state_space_export import find_state_space
+from headstock.pipeline.state_space_export import find_state_space, find_varying
 from headstock.pipeline.storage.superelements import write_superelement
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.building.loader import build_scene
@@ -45,6 +46,8 @@ def export(
     step: Quantity | None = None,
     balanced: Quantity | None = None,
     motors: ExportMotors = "locked",
+    travel: Sequence[str] | str | None = None,
+    error: Quantity | None = None,
     output: str | Path | None = None,
     comm: MPI.Comm | None = None,
 ) -> str:
@@ -60,6 +63,8 @@ def export(
         step: Over which inputs are constant, as ``"1 ms"``.
         balanced: Error that leaving out states may cause, as ``"1 %"`` of the largest response.
         motors: Locked; free, their forces go in; or under control, set points of axes go in.
+        travel: Axes whose positions may change in a state space, such as ``["X", "Y"]``.
+        error: Of the frequency response in poses along the travel; default: 1 %.
         output: File to write, of several files what their names begin with.
         comm: Ranks that compute together; all that were started where None.
 
@@ -72,7 +77,8 @@ def export(
     """
     made, name = take_machine(machine, "export"), read_name(to, "export", "to")
     given = {"format": name, "component": component, "pose": pose, "hz": hz, "step": step}
-    scene = _plan_export("export", made, {**given, "balanced": balanced, "motors": motors})
+    given |= {"balanced": balanced, "motors": motors, "travel": travel, "error": error}
+    scene = _plan_export("export", made, given)
     wanted = scene.exports[UNNAMED]
     path = wanted.name_file(component or made.scene.path.stem)
     if output is not None:
@@ -112,17 +118,70 @@ def state_space(
         SceneError: A channel or pose is unknown, or the step too long for a mode.
         HeadstockError: A computation failed.
     """
-    made = take_machine(machine, "state_space")
-    if hz is None and FrfRequest in made.scene.analyses:
-        hz = made.scene.analyses[FrfRequest].to_hz
     given = {"format": "npz", "pose": pose, "hz": hz, "step": step, "balanced": balanced}
-    given["motors"] = motors
+    given |= {"motors": motors}
+    scene = _plan_space("state_space", machine, given, inputs, outputs)
+    return find_state_space(scene, scene.exports[UNNAMED], comm=comm or MPI.COMM_WORLD)
+
+
+def varying_state_space(
+    machine: Source,
+    travel: Sequence[str] | str,
+    *,
+    hz: Quantity | None = None,
+    inputs: Channels | None = None,
+    outputs: Channels | None = None,
+    pose: str | None = None,
+    step: Quantity | None = None,
+    error: Quantity | None = None,
+    comm: MPI.Comm | None = None,
+) -> VaryingStateSpace:
+    """Return the state space of a machine along the travel of some axes, in states that are the same
+    in all poses; collective. See ``state_space``.
+
+    Args:
+        machine: Machine or path of a scene file.
+        travel: Axes whose positions may change, such as ``["X", "Y"]``; over their limits.
+        hz: Responses are right up to here [Hz].
+        inputs: Where forces act.
+        outputs: Where motion is wanted.
+        pose: Where the other axes stand.
+        step: Time over which inputs are constant [s].
+        error: Of the frequency response in poses along the travel, as a share of it; default: 1 %.
+        comm: Ranks that compute together; all that were started where None.
+
+    Raises:
+        SceneError: An axis is unknown or has no limits, or as ``state_space``.
+        HeadstockError: A computation failed.
+    """
+    given = {
+        "format": "npz",
+        "pose": pose,
+        "hz": hz,
+        "step": step,
+        "travel": travel,
+        "error": error,
+    }
+    scene = _plan_space("varying_state_space", machine, given, inputs, outputs)
+    return find_varying(scene, scene.exports[UNNAMED], comm=comm or MPI.COMM_WORLD)
+
+
+def _plan_space(
+    function: str,
+    machine: Source,
+    given: dict[str, object],
+    inputs: Channels | None,
+    outputs: Channels | None,
+) -> Scene:
+    """Return the scene with channels and an export of what a function is given."""
+    made = take_machine(machine, function)
+    if given["hz"] is None and FrfRequest in made.scene.analyses:
+        given["hz"] = made.scene.analyses[FrfRequest].to_hz
     if inputs is not None or outputs is not None:
         channels = {"inputs": inputs, "outputs": outputs}
         frf = {name: listed for name, listed in channels.items() if listed is not None}
-        made = made.change({"analyses.frf": {"up_to": hz, **frf}})
-    scene = _plan_export("state_space", made, given)
-    return find_state_space(scene, scene.exports[UNNAMED], comm=comm or MPI.COMM_WORLD)
+        made = made.change({"analyses.frf": {"up_to": given["hz"], **frf}})
+    return _plan_export(function, made, given)
 
 
 def _plan_export(function: str, made: Machine, given: Mapping[str, object]) -> Scene:

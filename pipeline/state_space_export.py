@@ -1,21 +1,29 @@
 """The state space of a machine: found, written as a file or as an FMU."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
-from headstock.pipeline.exchange.fmus import FmuModel, encode_fmu
+import numpy as np
+
+from headstock.geometry.machine.machine import Pose
+from headstock.pipeline.exchange.fmu_numbers import fixed_model, varying_model
+from headstock.pipeline.exchange.fmus import encode_fmu
 from headstock.pipeline.exchange.state_spaces import (
     MachineStateSpace,
     describe_space,
     encode_mat,
     encode_npz,
 )
+from headstock.pipeline.exchange.varying_spaces import VaryingStateSpace
 from headstock.pipeline.stages.machine import couple_pose
+from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.stages.shared_components import make_superelements, start_run
 from headstock.pipeline.stages.state_spaces import make_state_space
 from headstock.pipeline.storage.outputs import check_output, write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store
+from headstock.pipeline.varying_state_space import find_varying_state_space
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.exports import DEFAULT_STEP_S, Export
 from headstock.scene.reading.findings import Findings
@@ -32,8 +40,8 @@ SAMPLES = 0.5  # periods of the highest mode that a step may last: below, it is 
 def find_state_space(
     scene: Scene, wanted: Export, *, comm: MPI.Comm, store: Store | None = None
 ) -> MachineStateSpace:
-    """Return the state space between the channels of ``[analyses.frf]``, or x, y and z of every point;
-    on every rank.
+    """Return the state space in a pose between the channels of ``[analyses.frf]``, or x, y and z of
+    every point; on every rank.
 
     Args:
         scene: The same on every rank; its damping counts.
@@ -44,36 +52,27 @@ def find_state_space(
         ModelError: There is no point.
         HeadstockError: A computation failed.
     """
-    name, up_to_hz = wanted.pose or next(iter(scene.poses)), wanted.hz or 0.0
-    require_name(scene, "poses", name, scene.poses)
+    pose, (inputs, outputs) = _find_pose(scene, wanted), _channels(scene)
     _require_drives(scene, wanted)
-    inputs, outputs = _channels(scene)
-    request = FrfRequest(inputs, outputs, up_to_hz, poses=(name,))
-    state = start_run(dataclasses.replace(scene, analyses=Analyses(request)), comm, store)
-    make_superelements(state)
+    state = _reduce(scene, wanted, comm, store)
 
     def find() -> MachineStateSpace:
-        if scene.is_lumped:
-            raise ModelError(
-                "a state space is exported for machines of coupled components only, not for a lumped mechanism"
-            )
         space = make_state_space(
-            couple_pose(state.parts, state.plan.poses[name]),
+            couple_pose(state.parts, pose),
             inputs=inputs,
             outputs=outputs,
-            up_to_hz=up_to_hz,
+            up_to_hz=wanted.hz or 0.0,
             motors=wanted.motors,
             warn=state.warn,
         )
         record = describe_space(
             space,
-            pose=scene.poses[name],
+            pose=pose,
             step_s=wanted.step,
             balanced=wanted.balanced,
             rotary=_list_rotary(scene),
         )
-        if wanted.step is not None:
-            _require_short(scene, wanted.step, record.highest_hz)
+        _require_short(scene, wanted.step, record.highest_hz)
         return record
 
     return make_on_root(comm, find)
@@ -100,13 +99,68 @@ def _list_rotary(scene: Scene) -> set[str]:
     return axes | {drive.name for drive in scene.drives.values() if drive.axis in axes}
 
 
-def _require_short(scene: Scene, step_s: float, highest_hz: float) -> None:
+def find_varying(
+    scene: Scene, wanted: Export, *, comm: MPI.Comm, store: Store | None = None
+) -> VaryingStateSpace:
+    """Return the state space along the travel of some axes; see ``find_state_space``.
+
+    Raises:
+        SceneError: There is no such axis, it has no limits, or the step is too long.
+        ModelError: More than rows of joints changes along the travel.
+    """
+    pose, channels = _find_pose(scene, wanted), _channels(scene)
+    _require_travel(scene, wanted.travel)
+    _require_short(scene, wanted.step, wanted.hz or 0.0)
+    state = _reduce(scene, wanted, comm, store)
+    return make_on_root(comm, lambda: find_varying_state_space(state, wanted, channels, pose))
+
+
+def _find_pose(scene: Scene, wanted: Export) -> Pose:
+    name = wanted.pose or next(iter(scene.poses))
+    require_name(scene, "poses", name, scene.poses)
+    return scene.poses[name]
+
+
+def _reduce(scene: Scene, wanted: Export, comm: MPI.Comm, store: Store | None) -> RunState:
+    """Reduce the components of a machine for responses up to a frequency; collective.
+
+    Raises:
+        ModelError: It is a lumped mechanism.
+    """
+    if scene.is_lumped:
+        raise ModelError(
+            "a state space is exported for machines of coupled components only, not for a lumped mechanism"
+        )
+    pose, (inputs, outputs) = _find_pose(scene, wanted), _channels(scene)
+    request = FrfRequest(inputs, outputs, wanted.hz or 0.0, poses=(pose.name,))
+    state = start_run(dataclasses.replace(scene, analyses=Analyses(request)), comm, store)
+    make_superelements(state)
+    return state
+
+
+def _require_travel(scene: Scene, axes: Sequence[str]) -> None:
+    """Refuse axes that there are not, and those without limits.
+
+    Raises:
+        SceneError: An axis is one of them.
+    """
+    for name in axes:
+        require_name(scene, "axes", name, scene.machine.axes)
+        if not np.isfinite(scene.machine.axes[name].limits).all():
+            findings = Findings(str(scene.path))
+            findings.add(
+                ("axes", name), "has no limits, between which it could travel; write `limits`"
+            )
+            findings.raise_if_any()
+
+
+def _require_short(scene: Scene, step_s: float | None, highest_hz: float) -> None:
     """Refuse a step that samples a mode less than twice in a period.
 
     Raises:
         SceneError: It does.
     """
-    if step_s * highest_hz >= SAMPLES:
+    if step_s is not None and step_s * highest_hz >= SAMPLES:
         findings = Findings(str(scene.path))
         findings.add(
             ("step",),
@@ -136,11 +190,17 @@ def export_state_space(
     check_output(path)
     if wanted.format in FMUS:
         wanted = dataclasses.replace(wanted, step=wanted.step or DEFAULT_STEP_S)
-    record = find_state_space(scene, wanted, comm=comm, store=store)
+    find = find_varying if wanted.travel else find_state_space
+    record = find(scene, wanted, comm=comm, store=store)
 
     def write() -> None:
         if wanted.format in FMUS:
-            content = encode_fmu(FmuModel(scene.name, record), FMUS[wanted.format])
+            model = (
+                varying_model(scene.name, record)
+                if isinstance(record, VaryingStateSpace)
+                else fixed_model(scene.name, record)
+            )
+            content = encode_fmu(model, FMUS[wanted.format])
         elif wanted.format == "npz":
             content = encode_npz(record.contents)
         else:
@@ -148,14 +208,37 @@ def export_state_space(
         write_output(path, content)
 
     make_on_root(comm, write)
-    sizes = f"{len(record.A)} states, {len(record.inputs)} inputs, {len(record.outputs)} outputs"
-    text = f"{path}: pose {record.pose}, {sizes}, modes up to {wanted.hz:g} Hz"
-    text += f"; motors {wanted.motors}" if scene.drives else ""
-    if wanted.balanced is not None:
-        text += f"; balanced: error at most {100.0 * record.bound:.2g} % of the largest response"
+    return f"{path}: {_summarise(record, wanted, has_drives=bool(scene.drives))}"
+
+
+def _summarise(
+    record: MachineStateSpace | VaryingStateSpace, wanted: Export, *, has_drives: bool
+) -> str:
+    """Return what was written in a few words, with errors and the delay of a step."""
+    parts = [f"modes up to {wanted.hz:g} Hz"]
+    if isinstance(record, VaryingStateSpace):
+        states = 2 * len(record.matrices.stiffness)
+        where = f"travel of {', '.join(record.axes)}"
+        error = f"frozen-pose error {100.0 * record.frozen_pose_error:.2g} % in {record.held_out} poses between those of the basis"
+        if record.frozen_pose_error > record.target:
+            error += (
+                f", more than the {100.0 * record.target:g} % asked for: the budget of {record.solved} poses is spent; "
+                "let fewer axes travel, or write a lower hz or a larger error"
+            )
+        parts.append(error)
+    else:
+        states, where = len(record.A), f"pose {record.pose}"
+        parts += [f"motors {wanted.motors}"] if has_drives else []
+        if wanted.balanced is not None:
+            parts.append(
+                f"balanced: error at most {100.0 * record.bound:.2g} % of the largest response"
+            )
     if record.step is not None:
-        text += f"; inputs held over {1e3 * record.step:g} ms, a delay of {180.0 * record.step:.3g} deg per Hz"
-    return text
+        parts.append(
+            f"inputs held over {1e3 * record.step:g} ms, a delay of {180.0 * record.step:.3g} deg per Hz"
+        )
+    sizes = f"{states} states, {len(record.inputs)} inputs, {len(record.outputs)} outputs"
+    return f"{where}, {sizes}, {'; '.join(parts)}"
 
 
 def _channels(scene: Scene) -> tuple[tuple[Channel, ...], tuple[Channel, ...]]:

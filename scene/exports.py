@@ -64,6 +64,8 @@ class Export:
             to keep all states.
         motors: Of a state space: locked; free, with their forces as inputs; under control, with set
             points as inputs.
+        travel: Axes whose positions may change.
+        error: Of the frequency response in poses along the travel that is aimed at; None for 1 %.
         file: What is written, of several files what their names begin with; None for the usual name.
     """
 
@@ -74,6 +76,8 @@ class Export:
     step: float | None = None
     balanced: float | None = None
     motors: ExportMotors = "locked"
+    travel: tuple[str, ...] = ()
+    error: float | None = None
     file: str | None = None
 
     @property
@@ -105,8 +109,8 @@ class Export:
             yield f"{self.format} is of one component; name it"
         if kind.of == "space" and self.hz is None:
             yield f'{self.format} is a state space with modes up to a frequency; write hz, such as "500 Hz"'
-        for name in ("hz", "step", "balanced"):
-            if kind.of != "space" and getattr(self, name) is not None:
+        for name in ("hz", "step", "balanced", "travel", "error"):
+            if kind.of != "space" and getattr(self, name):
                 yield f"{self.format} takes no {name}, which goes with {list_formats('space')}"
         if kind.of != "space" and self.motors != "locked":
             yield f"{self.format} takes no motors, which go with {list_formats('space')}"
@@ -114,6 +118,12 @@ class Export:
             yield "free motors have no steady response, which balanced truncation needs; leave out balanced"
         if kind.of not in WHOLE_MACHINE and self.pose is not None:
             yield f"{self.format} takes no pose, which goes with {list_formats(*WHOLE_MACHINE)}"
+        if self.travel and self.balanced:
+            yield "a balanced state space is that of one pose; leave out balanced or travel"
+        if self.travel and self.motors != "locked":
+            yield "motors are locked where axes travel; leave out motors or travel"
+        if self.error and not self.travel:
+            yield "error goes with travel, the axes whose positions may change"
         named = Path(self.file or f"x{kind.endings[0]}")
         if kind.of in ("mesh", "test") and named.suffix.lower() not in kind.endings:
             yield f"file {self.file!r}: files of {self.format} end in {', '.join(kind.endings)}"

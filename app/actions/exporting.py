@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from headstock.app.actions.running import require_ranks
+from headstock.app.commands.options import split_list
 from headstock.app.commands.scene_commands import ExportOptions
 from headstock.app.terminal.console import warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE
@@ -77,6 +78,8 @@ def read_export(options: ExportOptions) -> Export:
         _read_positive("step", options.step, TIME),
         _read_positive("balanced", options.balanced, RATIO),
         MOTORS[options.motors or "locked"],
+        split_list(options.travel),
+        _read_positive("error", options.error, RATIO),
         None if file is None else str(file),
     )
     for fault in wanted.find_faults():

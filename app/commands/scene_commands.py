@@ -172,6 +172,16 @@ class ExportOptions(SceneOptions):
         str | None,
         option("--motors", "STATE", f"Of a state space: {', '.join(MOTORS)} [locked]."),
     ] = None
+    travel: Annotated[
+        list[str] | None,
+        option(
+            "--travel", "AXES", "Axes whose positions may change in a state space, such as X,Y."
+        ),
+    ] = None
+    error: Annotated[
+        str | None,
+        option("--error", "ERROR", "Of the frequency response anywhere along the travel [1 %]."),
+    ] = None
     pose: Annotated[str | None, option("--pose", "NAME", "Pose of the machine [the first].")] = None
     mesh: Annotated[
         Path | None,

@@ -14,13 +14,10 @@ import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
-import numpy as np
-
-from headstock.geometry.frames import FloatArray
 from headstock.pipeline.exchange.matrices import ExchangeError
-from headstock.pipeline.exchange.state_spaces import MachineStateSpace, name_variable
 
 SOURCES = Path(__file__).parent / "fmu"
 MODEL = "headstock"
@@ -53,34 +50,42 @@ COMPILER = ("cc", "-shared", "-fPIC", "-O2", "-std=c99", "-I.")
 FIXED_TIME = (2026, 1, 1, 0, 0, 0)  # of the entries, so that the same machine is the same file
 
 
-@dataclass(frozen=True, eq=False)
-class FmuModel:
-    """What an FMU is made of: the name of the machine, and its state space at a step."""
+class FmuVariable(NamedTuple):
+    """An input with its value at the start, or an output."""
 
     name: str
-    space: MachineStateSpace
+    unit: str
+    start: float | None = None
+
+    @property
+    def causality(self) -> str:
+        """As model descriptions name it."""
+        return "output" if self.start is None else "input"
+
+
+@dataclass(frozen=True, eq=False)
+class FmuModel:
+    """What an FMU is made of.
+
+    Attributes:
+        description: In a sentence.
+        step: [s].
+        variables: Inputs before outputs; positions of axes behind other inputs.
+        header: Its numbers in C.
+        axes: It has positions of axes, and no derivatives.
+    """
+
+    name: str
+    description: str
+    step: float
+    variables: tuple[FmuVariable, ...]
+    header: str
+    axes: bool = False
 
     @property
     def token(self) -> str:
         """What a model description and its library know each other by."""
-        return "{" + hashlib.sha256(_encode_numbers(self.space).encode()).hexdigest()[:32] + "}"
-
-    @property
-    def description(self) -> str:
-        """In a sentence."""
-        return f"{self.name}: forces in, motions out; inputs are held over {self.space.step:g} s"
-
-    @property
-    def variables(self) -> list[tuple[str, str, str]]:
-        """Name, unit and causality of each variable, inputs first."""
-        return [
-            (name_variable(kind, name), unit, causality)
-            for kind, causality, names, units in (
-                ("force", "input", self.space.inputs, self.space.input_units),
-                ("motion", "output", self.space.outputs, self.space.output_units),
-            )
-            for name, unit in zip(names, units, strict=True)
-        ]
+        return "{" + hashlib.sha256(self.header.encode()).hexdigest()[:32] + "}"
 
 
 def encode_fmu(model: FmuModel, version: int) -> bytes:
@@ -97,7 +102,7 @@ def encode_fmu(model: FmuModel, version: int) -> bytes:
         for path in sorted(SOURCES.iterdir())
         if _belongs(path, version)
     }
-    sources["model.h"] = _encode_header(model).encode()
+    sources["model.h"] = f'#define TOKEN "{model.token}"\n{model.header}'.encode()
     files = {"modelDescription.xml": _describe_model(model, version)}
     files |= {f"sources/{name}": content for name, content in sources.items()}
     if version == 3:
@@ -113,42 +118,7 @@ def encode_fmu(model: FmuModel, version: int) -> bytes:
 
 
 def _belongs(path: Path, version: int) -> bool:
-    return path.name == "core.h" or path.name.startswith(f"fmi{version}")
-
-
-def _encode_numbers(space: MachineStateSpace) -> str:
-    paired = 2 * space.pairs
-    states = np.arange(paired).reshape(-1, 2)
-    arrays = {
-        "BLOCKS": space.A[states[:, :, None], states[:, None, :]],
-        "A": space.A[paired:, paired:],
-        "B": space.B,
-        "C": space.C,
-        "D": space.D,
-    }
-    return "".join(_encode_array(name, array) for name, array in arrays.items())
-
-
-def _encode_array(name: str, array: FloatArray) -> str:
-    numbers = array.ravel().tolist() or [0.0]
-    rows = (", ".join(map(repr, numbers[k : k + 6])) for k in range(0, len(numbers), 6))
-    return f"static const double {name}[] = {{\n" + ",\n".join(rows) + "\n};\n"
-
-
-def _encode_header(model: FmuModel) -> str:
-    space = model.space
-    sizes = {
-        "PAIRS": space.pairs,
-        "DENSE": len(space.A) - 2 * space.pairs,
-        "INPUTS": len(space.inputs),
-        "OUTPUTS": len(space.outputs),
-        "STEP": repr(space.step),
-        "STEP_TEXT": f'"{space.step:g}"',
-        "TOKEN": f'"{model.token}"',
-    }
-    return "".join(f"#define {name} {value}\n" for name, value in sizes.items()) + _encode_numbers(
-        space
-    )
+    return (path.suffix == ".h" and "fmi" not in path.name) or path.name.startswith(f"fmi{version}")
 
 
 def _describe_build() -> bytes:
@@ -160,7 +130,7 @@ def _describe_build() -> bytes:
 
 
 def _describe_model(model: FmuModel, version: int) -> bytes:
-    step = repr(model.space.step)
+    step = repr(model.step)
     root = ElementTree.Element(
         "fmiModelDescription",
         {"fmiVersion": VERSIONS[version], TOKENS[version]: model.token},
@@ -172,7 +142,11 @@ def _describe_model(model: FmuModel, version: int) -> bytes:
     kind = ElementTree.SubElement(
         root,
         "CoSimulation",
-        dict.fromkeys(CAPABILITIES[version], "true"),
+        {
+            name: "true"
+            for name in CAPABILITIES[version]
+            if not (model.axes and name.endswith(("Derivative", "Derivatives")))
+        },
         modelIdentifier=MODEL,
         canHandleVariableCommunicationStepSize="true",
     )
@@ -197,21 +171,23 @@ def _add_variables(root: ElementTree.Element, model: FmuModel, version: int) -> 
     if version == 3:
         time = {"causality": "independent", "variability": "continuous", "unit": "s"}
         ElementTree.SubElement(variables, "Float64", time, name="time", valueReference="0")
-    for reference, (name, unit, causality) in enumerate(model.variables, 1):
+    for reference, given in enumerate(model.variables, 1):
         common = {
-            "name": name,
+            "name": given.name,
             "valueReference": str(reference),
-            "causality": causality,
+            "causality": given.causality,
             "variability": "continuous",
         }
-        start = {"unit": unit, **({"start": "0"} if causality == "input" else {})}
+        start = {"unit": given.unit} | ({} if given.start is None else {"start": repr(given.start)})
         if version == 3:
             ElementTree.SubElement(variables, "Float64", {**common, **start})
         else:
-            initial = {"initial": "calculated"} if causality == "output" else {}
+            initial = {"initial": "calculated"} if given.start is None else {}
             variable = ElementTree.SubElement(variables, "ScalarVariable", {**common, **initial})
             ElementTree.SubElement(variable, "Real", start)
-    outputs = range(1 + len(model.space.inputs), 1 + len(model.variables))
+    outputs = [
+        reference for reference, given in enumerate(model.variables, 1) if given.start is None
+    ]
     for tag in ("Output", "InitialUnknown"):
         parent = structure if version == 3 else ElementTree.SubElement(structure, f"{tag}s")
         for reference in outputs:

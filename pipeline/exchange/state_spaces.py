@@ -1,7 +1,7 @@
 """The state space of a machine as a record, and its files for MATLAB and numpy."""
 
 import io
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -98,10 +98,7 @@ def describe_space(
     Raises:
         ModelError: No state can be left out.
     """
-    units = [
-        [_find_unit(channel, is_input=number == 0, rotary=rotary) for channel in channels]
-        for number, channels in enumerate((space.inputs, space.outputs))
-    ]
+    units = list_units((space.inputs, space.outputs), rotary)
     highest = float(np.abs(np.linalg.eigvals(space.a).imag).max(initial=0.0)) / (2.0 * np.pi)
     bounds, bound = np.zeros_like(space.d), 0.0
     if balanced is not None:
@@ -113,7 +110,7 @@ def describe_space(
     return MachineStateSpace(
         system.a, system.b, system.c, system.d,
         *names, space.states if held is None else tuple(f"state {n + 1}" for n in range(len(held.a))),
-        tuple(units[0]), tuple(units[1]),
+        *units,
         pose=pose.name, positions=pose.positions, step=step_s, highest_hz=highest,
         bounds=bounds, bound=bound, pairs=0 if held is None else held.pairs,
     )  # fmt: skip
@@ -140,6 +137,21 @@ def name_variable(kind: str, name: str) -> str:
     owner, word = name.rsplit(" ", 1)
     kind = "drive" if word in OF_DRIVES else "set" if word in SET_POINTS else kind
     return f"{kind}.{owner}.{word}"
+
+
+def list_units(
+    channels: tuple[Sequence[Channel], Sequence[Channel]], rotary: Collection[str] = ()
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the units of inputs and outputs.
+
+    Args:
+        rotary: Axes and drives that turn.
+    """
+    inputs, outputs = (
+        tuple(_find_unit(channel, is_input=number == 0, rotary=rotary) for channel in listed)
+        for number, listed in enumerate(channels)
+    )
+    return inputs, outputs
 
 
 def encode_npz(contents: Mapping[str, Any]) -> bytes:

@@ -8,7 +8,7 @@ from headstock.scene.schema.scene import SceneTable
 
 
 def check_exports(draft: Draft) -> None:
-    """Report exports of components and poses that there are not, and two into one file."""
+    """Report exports of components, poses and axes that there are not, and two into one file."""
     files = Counter(
         str(wanted.name_file(name)) for name, wanted in build_exports(draft.table).items()
     )
@@ -17,6 +17,8 @@ def check_exports(draft: Draft) -> None:
         if table.component is not None:
             draft.check_name((*key, "component"), table.component, "components")
         draft.check_pose((*key, "pose"), table.pose)
+        for number, axis in enumerate(table.travel or ()):
+            draft.check_name((*key, "travel", number), axis, "axes")
         file = str(table.fill(Export).name_file(name))
         if files[file] > 1:
             draft.add(

@@ -47,6 +47,10 @@ class ExportTable(types.StrictTable):
     motors: ExportMotors = "locked"
     """motors of `fmu3, fmu2, mat, npz` with the effect `drive_control`: `locked`; `free`, their forces go in, motors and scales come out;
     `controlled`, set points of axes go in, encoders and forces come out"""
+    travel: types.Names | None = None
+    """axes whose positions may change in `fmu3, fmu2, mat, npz`: `["X", "Y"]`; default: none, the pose is fixed"""
+    error: ErrorShare | None = None
+    """error of the frequency response anywhere along the travel; default: 1 %"""
     file: Annotated[types.Text, types.without_fault(_find_file_fault)] | None = None
     """name of the file, of several files what their names begin with; default: the name of the export"""
 

@@ -103,7 +103,7 @@ def to_modal_coordinates(
     eigenvalues = (2.0 * np.pi * modes.frequencies_hz) ** 2
     eigenvalues[: modes.rigid_count] = 0.0
     modal_loads, modal_rows = modes.shapes.T @ loads, rows @ modes.shapes
-    elastic = rows @ _elastic_displacements(system, modes, loads)
+    elastic = rows @ elastic_displacements(system, modes, loads)
     flexible = slice(modes.rigid_count, None)
     residual = elastic - (modal_rows[:, flexible] / eigenvalues[flexible]) @ modal_loads[flexible]
     return ModalCoordinates(
@@ -178,7 +178,7 @@ def reduce_to_modes(
     flexible = slice(kept.rigid_count, None)
     squares = (2.0 * np.pi * kept.frequencies_hz[flexible]) ** 2
     flexible_shapes = kept.shapes[:, flexible]
-    elastic = _elastic_displacements(system, modes, loads)
+    elastic = elastic_displacements(system, modes, loads)
     rest = elastic - (flexible_shapes / squares) @ (flexible_shapes.T @ loads)
     # independent shapes among them, by the flexibility they carry
     flexibility = loads.T @ rest
@@ -229,7 +229,7 @@ def has_symmetric_terms(system: SecondOrderSystem) -> bool:
     return all(term is None or is_symmetric(term) for term in terms)
 
 
-def _elastic_displacements(
+def elastic_displacements(
     system: SecondOrderSystem, modes: ModalResult, loads: FloatArray
 ) -> FloatArray:
     """Return the static displacements ``(n, k)`` without the rigid-body motion that an unbalanced

@@ -1,6 +1,7 @@
 """Models leave for other programs by one command, and theirs become parts of a scene."""
 
 import ctypes
+import dataclasses
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -367,3 +368,139 @@ def test_python_exports_and_takes_matrices(shell: Shell) -> None:
     with pytest.raises(hs.HeadstockError, match="their unit is mm"):
         hs.Superelement(body["K"], body["M"], points=1e3 * body["origins"], file="wrong.h5")
     assert not Path("wrong.h5").exists()
+
+
+SLIDE = f"""{STEEL}
+[components.bed]
+material = "steel"
+solid = {{ box = ["900 mm", "300 mm", "100 mm"] }}
+mass = "150 kg"
+fidelity = "rigid"
+interfaces = {{ foot = {{ face = "z-" }}, top = {{ face = "z+" }} }}
+[components.slide]
+material = "steel"
+solid = {{ box = ["200 mm", "200 mm", "120 mm"] }}
+at = ["0 mm", "0 mm", "120 mm"]
+fidelity = "rigid"
+interfaces = {{ bottom = {{ face = "z-" }}, tip = {{ face = "z+" }} }}
+[joints.foot]
+between = ["bed.foot", "ground"]
+kind = "mount"
+stiffness = {{ vertical = "40 N/um", horizontal = "30 N/um" }}
+places = [["400 mm", "120 mm", "0 mm"], ["-400 mm", "120 mm", "0 mm"], ["0 mm", "-120 mm", "0 mm"]]
+[joints.guide]
+between = ["slide.bottom", "bed.top"]
+kind = "linear_guide"
+axis = "x"
+normal = "z"
+stiffness = {{ lateral = "100 N/um", normal = "150 N/um" }}
+damping = {{ lateral = "2e3 N s/m" }}
+loss_factor = 0.02
+places = [["80 mm", "80 mm", "110 mm"], ["-80 mm", "80 mm", "110 mm"],
+    ["80 mm", "-80 mm", "110 mm"], ["-80 mm", "-80 mm", "110 mm"]]
+[joints.screw]
+between = ["slide.bottom", "bed.top"]
+kind = "ball_screw"
+axis = "x"
+at = ["0 mm", "0 mm", "110 mm"]
+stiffness = {{ axial = "60 N/um" }}
+[axes]
+X = {{ joints = ["guide", "screw"], direction = "x", limits = ["-250 mm", "250 mm"] }}
+[points.tcp]
+tool = "slide.tip"
+work = "ground"
+[poses]
+left = {{ X = "-100 mm" }}
+[effects]
+damping = {{ modal = "1 %" }}
+[analyses.modal]
+count = 6
+"""
+
+
+@pytest.fixture(scope="module")
+def sliding(tmp_path_factory: pytest.TempPathFactory) -> hs.VaryingStateSpace:
+    scene = tmp_path_factory.mktemp("slide") / "slide.toml"
+    scene.write_text(SLIDE)
+    return hs.varying_state_space(scene, "X", hz="400 Hz", step=STEP)
+
+
+def test_one_basis_covers_the_travel_to_the_error_it_states(
+    sliding: hs.VaryingStateSpace, shell: Shell
+) -> None:
+    assert sliding.frozen_pose_error <= sliding.target == 0.01 and sliding.held_out >= 2
+    hz = np.linspace(5.0, 400.0, 100)
+    continuous = dataclasses.replace(sliding, step=None)
+    for place in (-0.25, -0.1, 0.03, 0.2501):
+        if place > 0.25:
+            with pytest.raises(hs.SceneError, match="outside the limits of axis X"):
+                continuous.at(X=place)
+            continue
+        text = f'left = {{ X = "{1e3 * place} mm" }}'
+        exact = hs.state_space(shell.write(SLIDE, ('left = { X = "-100 mm" }', text)), hz="4 kHz")
+        wanted = respond(exact, hz)
+        error = np.linalg.norm(respond(continuous.at(X=place), hz) - wanted, axis=(1, 2))
+        assert (error / np.linalg.norm(wanted, axis=(1, 2))).max() < 0.01
+
+
+@pytest.mark.parametrize("form", ["fmu2", "fmu3"])
+def test_an_fmu_of_moving_axes_follows_their_positions(
+    sliding: hs.VaryingStateSpace, shell: Shell, tmp_path: Path, form: str
+) -> None:
+    scene = shell.write(SLIDE)
+    printed = shell.prints(f"export {scene} --to {form} --hz 400Hz --travel X -o slide.fmu")
+    assert f"frozen-pose error {100.0 * sliding.frozen_pose_error:.2g} % in" in printed
+    fmu = Library(Path("slide.fmu"), tmp_path / "fmu")
+    inputs, outputs = fmu.variables("input"), list(fmu.variables("output").values())
+    assert list(inputs)[-1] == "position.X" and len(outputs) == 3
+    calls = [f"{verb}{('Real', 'Float64')[fmu.version - 2]}" for verb in ("Set", "Get")]
+    assert fmu.exchange(calls[1], [inputs["position.X"]], [9.0]) == [-0.1]
+    # at rest for long, then along the travel, each step exact in its pose
+    moving = 0.3 * np.sin(np.linspace(0.0, 1.0, 100))
+    places = np.concatenate([np.full(150, -0.1), -0.1 + moving])
+    forces = np.random.default_rng(5).standard_normal((len(places), 3))
+    state, seen, exact = np.zeros(len(sliding.at().A)), [], []
+    first, space = None, sliding.at()
+    continuous = dataclasses.replace(sliding, step=None)
+    for number, (place, force) in enumerate(zip(places, forces, strict=True)):
+        fmu.exchange(calls[0], list(inputs.values()), [*force, place])
+        assert fmu.step(number * STEP, STEP) == 0
+        seen.append(fmu.exchange(calls[1], outputs, [0.0] * 3))
+        if place != first:
+            first, space = place, continuous.at(X=place)
+            whole = np.zeros((len(state) + 3,) * 2)
+            whole[: len(state)] = np.hstack([space.A, space.B])
+            power = scipy.linalg.expm(whole * STEP)[: len(state)]
+        state = power @ np.concatenate([state, force])
+        exact.append(space.C @ state)
+    assert np.array(seen) == approx(np.array(exact), abs=1e-9 * np.abs(exact).max())
+    fmu.exchange(calls[0], [inputs["position.X"]], [0.4])
+    assert fmu.step(len(places) * STEP, STEP) != 0  # beyond the travel
+
+
+def test_files_of_moving_axes_hold_rows_and_matrices(shell: Shell) -> None:
+    shell(f"export {shell.write(SLIDE)} --to npz --hz 400Hz --travel X -o slide.npz")
+    shell(f"export {shell.write(SLIDE)} --to mat --hz 400Hz --travel X -o slide.mat")
+    file, mat = np.load("slide.npz"), scipy.io.loadmat("slide.mat")
+    assert file["A"].shape == mat["A"].shape and len(file["A"]) == len(file["poses"])
+    assert 0.0 < file["frozen_pose_error"] <= 0.01
+    size = len(file["constant_stiffness"])
+    stiffness = file["constant_stiffness"].copy()
+    for joint in range(1, 6):
+        if f"joint_{joint}_rows" in file:
+            rows = file[f"joint_{joint}_rows"][0]
+            stiffness += rows.T @ file[f"joint_{joint}_stiffness"][0] @ rows
+    assert -file["A"][0][size:, :size] * file["rate"] == approx(stiffness, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--travel Y", "axes.Y there is none of this name; axes: X"),
+        ("--travel X --balanced 1%", "leave out balanced or travel"),
+        ("--error 1%", "error goes with travel"),
+        ("--travel X --step 2ms", "2 ms is too long for a mode at 400 Hz"),
+    ],
+)
+def test_wrong_travels_are_refused(shell: Shell, words: str, message: str) -> None:
+    assert message in shell.refuses(f"export {shell.write(SLIDE)} --hz 400Hz {words}")

@@ -1,19 +1,17 @@
-/* A linear machine at a fixed step with held inputs:  x+ = A x + B u,  y = C x + D u.
-   model.h holds the numbers: A as blocks of two states, then one dense block. */
+/* A machine at a fixed step with held inputs; model.h holds its numbers. The positions of its axes, where
+   it has any, are inputs behind the others. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "model.h"
 
-enum { TIME_REFERENCE = 0, FIRST_INPUT = 1, FIRST_OUTPUT = 1 + INPUTS, VARIABLES = 1 + INPUTS + OUTPUTS };
-#define PAIRED (2 * PAIRS)
-#define STATES (PAIRED + DENSE)
 #define ROOM(count) ((count) > 0 ? (count) : 1) /* C knows no empty array */
+enum { TIME_REFERENCE = 0, FIRST_INPUT = 1, FIRST_OUTPUT = 1 + INPUTS + AXES, VARIABLES = FIRST_OUTPUT + OUTPUTS };
 
 typedef struct {
     double time;
     double states[ROOM(STATES)];
-    double inputs[ROOM(INPUTS)];
+    double inputs[ROOM(INPUTS + AXES)];
 } Motion;
 
 typedef struct {
@@ -21,67 +19,66 @@ typedef struct {
     void *environment;
     void *callback;
     char *name;
+    struct Posed *posed; /* what belongs to the positions of the axes */
 } Machine;
+
+#if AXES
+#include "varying.h"
+#else
+#include "fixed.h"
+#endif
+
+static void rest(Machine *machine) {
+    memset(&machine->motion, 0, sizeof(Motion));
+    for (int axis = 0; axis < AXES; axis++) machine->motion.inputs[INPUTS + axis] = START[axis];
+}
+
+static void destroy(Machine *machine) {
+    if (machine) {
+        free(machine->name);
+        free(machine->posed);
+    }
+    free(machine);
+}
 
 static Machine *create(const char *name, void *environment, void *callback) {
     Machine *machine = calloc(1, sizeof(Machine));
     if (!machine) return NULL;
     machine->name = malloc(strlen(name ? name : "") + 1);
-    if (!machine->name) {
-        free(machine);
+    machine->posed = calloc(1, sizeof(struct Posed));
+    if (!machine->name || !machine->posed) {
+        destroy(machine);
         return NULL;
     }
     strcpy(machine->name, name ? name : "");
     machine->environment = environment;
     machine->callback = callback;
+    rest(machine);
     return machine;
 }
 
-static void destroy(Machine *machine) {
-    if (machine) free(machine->name);
-    free(machine);
-}
-
-/* Number of whole steps in a communication step; -1 where it is no multiple of STEP. */
-static long count_steps(double size) {
+/* Advances by whole steps; NULL, or why it cannot. */
+static const char *do_steps(Machine *machine, double now, double size) {
     double steps = size / STEP;
     long whole = lround(steps);
-    return size >= 0.0 && fabs(steps - (double)whole) <= 1e-6 ? whole : -1;
+    const char *fault = find_fault(machine);
+    if (fault) return fault;
+    if (size < 0.0 || fabs(steps - (double)whole) > 1e-6)
+        return "the communication step must be a multiple of the step of the model, " STEP_TEXT " s";
+    settle(machine);
+    advance(machine, whole);
+    machine->motion.time = now + (double)whole * STEP;
+    return NULL;
 }
 
-static void advance(Motion *motion, long steps) {
-    double *x = motion->states, drive[ROOM(STATES)], next[ROOM(DENSE)];
-    for (int row = 0; row < STATES; row++) {
-        drive[row] = 0.0;
-        for (int input = 0; input < INPUTS; input++) drive[row] += B[row * INPUTS + input] * motion->inputs[input];
-    }
-    for (long step = 0; step < steps; step++) {
-        for (int pair = 0; pair < PAIRS; pair++) {
-            const double *block = BLOCKS + 4 * pair;
-            double first = x[2 * pair], second = x[2 * pair + 1];
-            x[2 * pair] = block[0] * first + block[1] * second + drive[2 * pair];
-            x[2 * pair + 1] = block[2] * first + block[3] * second + drive[2 * pair + 1];
-        }
-        for (int row = 0; row < DENSE; row++) {
-            next[row] = drive[PAIRED + row];
-            for (int column = 0; column < DENSE; column++) next[row] += A[row * DENSE + column] * x[PAIRED + column];
-        }
-        memcpy(x + PAIRED, next, DENSE * sizeof(double));
-    }
-    motion->time += (double)steps * STEP;
-}
-
-static int get_value(const Motion *motion, unsigned reference, double *value) {
+static int get_value(Machine *machine, unsigned reference, double *value) {
     if (reference == TIME_REFERENCE) {
-        *value = motion->time;
+        *value = machine->motion.time;
     } else if (reference < FIRST_OUTPUT) {
-        *value = motion->inputs[reference - FIRST_INPUT];
+        *value = machine->motion.inputs[reference - FIRST_INPUT];
     } else if (reference < VARIABLES) {
-        int output = (int)(reference - FIRST_OUTPUT);
-        double sum = 0.0;
-        for (int state = 0; state < STATES; state++) sum += C[output * STATES + state] * motion->states[state];
-        for (int input = 0; input < INPUTS; input++) sum += D[output * INPUTS + input] * motion->inputs[input];
-        *value = sum;
+        settle(machine);
+        *value = read_output(machine, (int)(reference - FIRST_OUTPUT));
     } else {
         return 0;
     }
@@ -94,10 +91,10 @@ static int set_value(Motion *motion, unsigned reference, double value) {
     return 1;
 }
 
-/* Derivative of an output by an input as it is held: what D passes on at once. */
+/* Derivative of an output by a force as it is held: what D passes on at once. */
 static int get_slope(unsigned unknown, unsigned known, double *slope) {
-    if (unknown < FIRST_OUTPUT || unknown >= VARIABLES || known < FIRST_INPUT || known >= FIRST_OUTPUT) return 0;
-    *slope = D[(unknown - FIRST_OUTPUT) * INPUTS + (known - FIRST_INPUT)];
+    if (unknown < FIRST_OUTPUT || unknown >= VARIABLES || known < FIRST_INPUT || known >= FIRST_INPUT + INPUTS) return 0;
+    *slope = pass_on((int)(unknown - FIRST_OUTPUT), (int)(known - FIRST_INPUT));
     return 1;
 }
 

@@ -35,13 +35,13 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c) { return fmi2OK; }
 fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return fmi2OK; }
 fmi2Status fmi2Terminate(fmi2Component c) { return fmi2OK; }
 fmi2Status fmi2Reset(fmi2Component c) {
-    memset(MOTION(c), 0, sizeof(Motion));
+    rest(c);
     return fmi2OK;
 }
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[]) {
     for (size_t k = 0; k < n; k++)
-        if (!get_value(MOTION(c), vr[k], value + k)) return refuse(c, "unknown value reference");
+        if (!get_value(c, vr[k], value + k)) return refuse(c, "unknown value reference");
     return fmi2OK;
 }
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[]) {
@@ -88,7 +88,7 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
         value[row] = 0.0;
         for (size_t column = 0; column < knowns; column++) {
             double slope;
-            if (!get_slope(unknown[row], known[column], &slope)) return refuse(c, "derivatives of outputs by inputs are known");
+            if (!get_slope(unknown[row], known[column], &slope)) return refuse(c, "derivatives of outputs by forces are known");
             value[row] += slope * seed[column];
         }
     }
@@ -103,10 +103,8 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReferenc
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real now, fmi2Real size, fmi2Boolean no_set_state) {
-    long steps = count_steps(size);
-    if (steps < 0) return refuse(c, "the communication step must be a multiple of the step of the model, " STEP_TEXT " s");
-    MOTION(c)->time = now;
-    advance(MOTION(c), steps);
+    const char *fault = do_steps(c, now, size);
+    if (fault) return refuse(c, fault);
     return fmi2OK;
 }
 fmi2Status fmi2CancelStep(fmi2Component c) { return refuse(c, "no step is under way"); }

@@ -36,14 +36,14 @@ fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance) { return fmi3OK; }
 fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance) { return fmi3OK; }
 fmi3Status fmi3Terminate(fmi3Instance instance) { return fmi3OK; }
 fmi3Status fmi3Reset(fmi3Instance instance) {
-    memset(MOTION(instance), 0, sizeof(Motion));
+    rest(instance);
     return fmi3OK;
 }
 
 fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[], size_t count) {
     if (n != count) return refuse(instance, "every variable is one number");
     for (size_t k = 0; k < n; k++)
-        if (!get_value(MOTION(instance), vr[k], values + k)) return refuse(instance, "unknown value reference");
+        if (!get_value(instance, vr[k], values + k)) return refuse(instance, "unknown value reference");
     return fmi3OK;
 }
 fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, const fmi3Float64 values[], size_t count) {
@@ -86,7 +86,7 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance instance, const fmi3ValueRe
         sensitivity[row] = 0.0;
         for (size_t column = 0; column < columns; column++) {
             double slope;
-            if (!get_slope(unknowns[row], knowns[column], &slope)) return refuse(instance, "derivatives of outputs by inputs are known");
+            if (!get_slope(unknowns[row], knowns[column], &slope)) return refuse(instance, "derivatives of outputs by forces are known");
             sensitivity[row] += slope * seed[column];
         }
     }
@@ -98,7 +98,7 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
         sensitivity[column] = 0.0;
         for (size_t row = 0; row < rows; row++) {
             double slope;
-            if (!get_slope(unknowns[row], knowns[column], &slope)) return refuse(instance, "derivatives of outputs by inputs are known");
+            if (!get_slope(unknowns[row], knowns[column], &slope)) return refuse(instance, "derivatives of outputs by forces are known");
             sensitivity[column] += slope * seed[row];
         }
     }
@@ -106,10 +106,8 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance instance, const fmi3ValueRefere
 }
 
 fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 now, fmi3Float64 size, fmi3Boolean no_set_state, fmi3Boolean *event, fmi3Boolean *terminate, fmi3Boolean *early_return, fmi3Float64 *last) {
-    long steps = count_steps(size);
-    if (steps < 0) return refuse(instance, "the communication step must be a multiple of the step of the model, " STEP_TEXT " s");
-    MOTION(instance)->time = now;
-    advance(MOTION(instance), steps);
+    const char *fault = do_steps(instance, now, size);
+    if (fault) return refuse(instance, fault);
     *event = *terminate = *early_return = fmi3False;
     *last = MOTION(instance)->time;
     return fmi3OK;

@@ -1,0 +1,146 @@
+"""The state space of a machine whose axes move: a record, evaluated at positions, and what its files
+hold.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.machine import Pose, find_limit_fault
+from headstock.pipeline.exchange.state_spaces import MachineStateSpace, describe_space, list_units
+from headstock.scene.reading.findings import Problem, SceneError
+from headstock.solvers.linear.state_space import StateSpace
+from headstock.solvers.linear.varying_matrices import PosedMatrices, VaryingMatrices
+from headstock.solvers.second_order import Channel, name_channel
+
+
+@dataclass(frozen=True, eq=False)
+class VaryingStateSpace:
+    """A machine between its channels wherever its axes stand, in states that are the same in all poses:
+    ``x = (r z, z')``, ``z'' + C(p) z' + K(p) z = B(p) u``, ``y = L(p) z``.
+
+    Attributes:
+        channels: Inputs and outputs.
+        axis_units: m or rad of each axis.
+        positions: Where the axes stand at the start [m, rad].
+        rate: ``r`` [rad/s], above all natural frequencies and decay rates.
+        step: Over which an FMU holds its inputs [s]; None for continuous time.
+        frozen_pose_error: Largest error of the frequency response in poses that did not serve to make
+            it, as a share of the response at that frequency.
+        highest_hz: Highest natural frequency in question: up to it responses are right [Hz].
+        target: What was asked for.
+        held_out: Number of those poses.
+        solved: Number of poses solved with all modes.
+    """
+
+    matrices: VaryingMatrices
+    channels: tuple[tuple[Channel, ...], tuple[Channel, ...]]
+    axis_units: tuple[str, ...]
+    positions: Mapping[str, float]
+    rate: float
+    step: float | None
+    frozen_pose_error: float
+    highest_hz: float
+    target: float
+    held_out: int
+    solved: int
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Names of the axes that move."""
+        return tuple(self.matrices.knots)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(map(name_channel, self.channels[0]))
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(map(name_channel, self.channels[1]))
+
+    @property
+    def input_units(self) -> tuple[str, ...]:
+        """Units of the inputs."""
+        return list_units(self.channels)[0]
+
+    @property
+    def output_units(self) -> tuple[str, ...]:
+        """Units of the outputs."""
+        return list_units(self.channels)[1]
+
+    def at(self, **positions: float) -> MachineStateSpace:
+        """Return the state space at positions of axes [m, rad]; the others stay where they start.
+
+        Raises:
+            SceneError: There is no such axis, or it does not move so far.
+        """
+        for name, position in positions.items():
+            fault = f"there is no axis {name}; axes: {', '.join(self.axes)}"
+            if name in self.axes:
+                knots = self.matrices.knots[name].positions
+                unit = self.axis_units[self.axes.index(name)]
+                fault = find_limit_fault(
+                    name, position, low=float(knots[0]), high=float(knots[-1]), unit=unit
+                )
+            if fault:
+                raise SceneError([Problem("VaryingStateSpace.at", name, "", fault)])
+        place = {**self.positions, **positions}
+        space = to_first_order(self.matrices.at(place), self.rate, self.channels)
+        return describe_space(space, pose=Pose("", place), step_s=self.step)
+
+    @property
+    def contents(self) -> dict[str, Any]:
+        """What files hold: matrices at all knots, and the rows they are made of."""
+        grid = self.matrices.grid
+        poses = [self.at(**place) for place in grid]
+        fields = {
+            "further_damping": self.matrices.further,
+            "loads": self.matrices.loads,
+            "rows": self.matrices.rows,
+        }
+        for number, spring in enumerate(self.matrices.springs, 1):
+            names = (f"joint_{number}_{part}" for part in ("rows", "stiffness", "damping"))
+            fields |= zip(names, spring.fields, strict=True)
+        return {
+            **{letter: np.array([getattr(pose, letter) for pose in poses]) for letter in "ABCD"},
+            **{
+                name: list(getattr(self, name))
+                for name in (
+                    "inputs",
+                    "outputs",
+                    "input_units",
+                    "output_units",
+                    "axes",
+                    "axis_units",
+                )
+            },
+            "poses": np.array([list(place.values()) for place in grid]),
+            **{f"knots_{name}": knots.positions for name, knots in self.matrices.knots.items()},
+            "constant_stiffness": self.matrices.stiffness,
+            "constant_damping": self.matrices.damping,
+            **{name: field.values for name, field in fields.items()},
+            "rate": self.rate,
+            "step": self.step or 0.0,
+            "frozen_pose_error": self.frozen_pose_error,
+        }
+
+
+def to_first_order(
+    matrices: PosedMatrices, rate: float, channels: tuple[tuple[Channel, ...], tuple[Channel, ...]]
+) -> StateSpace:
+    """Return ``x' = A x + B u``, ``y = C x`` of states ``(r z, z')``."""
+    size = len(matrices.stiffness)
+    zero = np.zeros((size, size))
+    a: FloatArray = np.block(
+        [[zero, rate * np.eye(size)], [-matrices.stiffness / rate, -matrices.damping]]
+    )
+    b = np.vstack([np.zeros_like(matrices.loads), matrices.loads])
+    c = np.hstack([matrices.rows / rate, np.zeros_like(matrices.rows)])
+    inputs, outputs = channels
+    names = tuple(f"{part} {k + 1}" for part in ("displacement", "velocity") for k in range(size))
+    return StateSpace(a, b, c, np.zeros((len(outputs), len(inputs))), inputs, outputs, names)
