@@ -3,7 +3,7 @@
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +51,7 @@ UNITS = {
     8: ("mm", "kgf", 1e3, 1 / 9.80665),
 }
 UNITS_TOLERANCE = 1e-3
+MOST_NAMED = 8  # points in a remark
 FUNCTIONS = {
     0: "general functions", 1: "time records", 2: "auto spectra", 3: "cross spectra", 5: "transmissibilities",
     9: "power spectral densities", 12: "spectra",
@@ -66,6 +67,10 @@ NORMAL_MODE, COMPLEX_MODES = 2, (3, 7)
 # tens of the types of elements that are drawn
 LINES, SURFACES = (1, 2), (4, 5, 6, 7, 8, 9)
 type _Record = Mapping[str, Any]
+
+
+class _SkippedError(Exception):
+    """A function that is no frequency response, and why."""
 
 
 def parse_uff(path: Path) -> TestData:
@@ -326,24 +331,27 @@ class _File:
         """Frequency responses, as displacement over force."""
         responses: list[Response] = []
         skipped: defaultdict[str, list[str]] = defaultdict(list)
+        functions = [item for item in self.of(58) if item[0].function == FREQUENCY_RESPONSE]
         coherences = {
             _pair(record): (np.asarray(record["x"]), np.asarray(record["data"]))
             for made, record in self.of(58)
             if made.function == COHERENCE
         }
-        responses_58 = [item for item in self.of(58) if item[0].function == FREQUENCY_RESPONSE]
-        for made, record in responses_58:
-            where = f"{self.name}:{made.line}: {made}"
-            reason = self._qualify(made) or self._add_response(
-                where, record, responses, points, coherences.get(_pair(record))
-            )
-            if reason:
-                skipped[reason].append(f"set {made.number} in line {made.line}")
+        for made, record in functions:
+            try:
+                response = self._make_response(made, record, points)
+            except _SkippedError as reason:
+                skipped[str(reason)].append(f"set {made.number} in line {made.line}")
+                continue
+            lines, coherence = coherences.get(_pair(record), (None, None))
+            if coherence is not None and np.array_equal(lines, response.frequencies_hz):
+                response = replace(response, coherence=coherence)
+            responses.append(response)
         for reason, which in skipped.items():
             self.remarks.append(f"{len(which)} frequency responses skipped ({which[0]}): {reason}")
-        lost_pairs = coherences.keys() - {_pair(record) for _, record in responses_58}
-        if lost_pairs:
-            self.remarks.append(f"{len(lost_pairs)} coherences skipped: of no frequency response")
+        lost = coherences.keys() - {_pair(record) for _, record in functions}
+        if lost:
+            self.remarks.append(f"{len(lost)} coherences skipped: of no frequency response")
         for window, count in self.windows.items():
             text = f"{count} frequency responses have an exponential window (damping factor {window:g})"
             self.remarks.append(
@@ -352,67 +360,53 @@ class _File:
         joined, remarks = join_responses(responses)
         self.remarks += remarks
         if joined is not None:
-            channels = (*joined.motions, *joined.forces)
-            lost = {channel.point for channel in channels if channel.point not in points}
-            if points and lost:
-                self.remarks.append(f"the file does not say where these points lie: {_list(lost)}")
+            self._name_unplaced((*joined.motions, *joined.forces), points)
         return joined
 
-    def _qualify(self, made: UffSet) -> str:
-        """Return why the qualifiers of a function make it no response; empty where they do not."""
-        found = self.qualifiers.get(made.number)
-        if found is None:
-            return ""
-        if found.window:
-            self.windows[found.window] += 1
-        if found.octaves:
-            return "lines of octaves (set 1858), which are no spectrum"
-        return "rotations or moments (set 1858)" if found.rotates else ""
+    def _name_unplaced(
+        self, channels: Iterable[TestChannel], points: Mapping[str, TestPoint]
+    ) -> None:
+        lost = {channel.point for channel in channels if channel.point not in points}
+        if points and lost:
+            self.remarks.append(f"the file does not say where these points lie: {_list(lost)}")
 
-    def _add_response(
-        self,
-        where: str,
-        record: _Record,
-        responses: list[Response],
-        points: Mapping[str, TestPoint],
-        coherence: tuple[FloatArray, FloatArray] | None,
-    ) -> str | None:
-        """Add a function to the responses, or return why it is none."""
+    def _make_response(
+        self, made: UffSet, record: _Record, points: Mapping[str, TestPoint]
+    ) -> Response:
+        """Return a function as a response.
+
+        Raises:
+            _SkippedError: It is none.
+        """
+        qualifiers = self.qualifiers.get(made.number, Qualifiers())
+        if qualifiers.window:
+            self.windows[qualifiers.window] += 1
         directions = record["rsp_dir"], record["ref_dir"]
-        if any(abs(direction) > 3 for direction in directions):
-            return "rotations or moments (directions 4 to 6), which are no displacement over force"
-        if 0 in directions:
-            return "no direction of response or reference"
         kind, unit = record["abscissa_spec_data_type"], record["abscissa_axis_units_lab"]
-        if kind != FREQUENCY and not (kind in UNKNOWN and unit == "Hz"):
-            return f"the abscissa is no frequency (type {kind}, {unit!r})"
-        if not np.iscomplexobj(record["data"]):
-            return "real numbers"
-        factors = self._ordinate(record)
-        if isinstance(factors, str):
-            return factors
-        order, factor = factors
+        in_hertz = kind == FREQUENCY or (kind in UNKNOWN and unit == "Hz")
+        for fault, reason in (
+            (qualifiers.octaves, "lines of octaves (set 1858), which are no spectrum"),
+            (qualifiers.rotates, "rotations or moments (set 1858)"),
+            (
+                max(map(abs, directions)) > 3,
+                "rotations or moments (directions 4 to 6), which are no displacement over force",
+            ),
+            (0 in directions, "no direction of response or reference"),
+            (not in_hertz, f"the abscissa is no frequency (type {kind}, {unit!r})"),
+            (not np.iscomplexobj(record["data"]), "real numbers"),
+        ):
+            if fault:
+                raise _SkippedError(reason)
+        order, factor = self._ordinate(record)
         motion, force = (
             self._channel(record[f"{end}_node"], record[f"{end}_dir"], points)
             for end in ("rsp", "ref")
         )
-        if coherence is not None and not np.array_equal(coherence[0], record["x"]):
-            coherence = None
-        responses.append(
-            Response(
-                where,
-                motion,
-                force,
-                record["x"],
-                factor * record["data"],
-                order,
-                None if coherence is None else coherence[1],
-            )
-        )
-        return None
+        where = f"{self.name}:{made.line}: {made}"
+        return Response(where, motion, force, record["x"], factor * record["data"], order)
 
-    def _ordinate(self, record: _Record) -> tuple[int, float] | str:
-        """How often the motion is differentiated, and the factor to SI; or why that is unknown."""
+    def _ordinate(self, record: _Record) -> tuple[int, float]:
+        """How often the motion is differentiated, and the factor to SI."""
         kind, below = record["ordinate_spec_data_type"], record["orddenom_spec_data_type"]
         above, under = (str(record[f"{axis}_axis_units_lab"]) for axis in ("ordinate", "orddenom"))
         if below == 0 and read_force(under) is None:
@@ -424,9 +418,11 @@ class _File:
         if below in FORCES and (self.has_units or newtons is None):
             newtons = 1.0 / self.force
         if motion is None or kind not in (*UNKNOWN, *ORDERS):
-            return f"the ordinate is no displacement, velocity or acceleration (type {kind}, {above!r})"
+            raise _SkippedError(
+                f"the ordinate is no displacement, velocity or acceleration (type {kind}, {above!r})"
+            )
         if newtons is None or below not in (*UNKNOWN, *FORCES):
-            return f"the denominator is no force (type {below}, {under!r})"
+            raise _SkippedError(f"the denominator is no force (type {below}, {under!r})")
         return motion[0], motion[1] / newtons
 
     def _channel(self, node: int, direction: int, points: Mapping[str, TestPoint]) -> TestChannel:
@@ -533,8 +529,7 @@ def _why_no_mode(record: _Record) -> str:
     return ""
 
 
-def _list(names: Iterable[str], most: int = 8) -> str:
+def _list(names: Iterable[str]) -> str:
     ordered = sorted(names, key=lambda name: (len(name), name))
-    return ", ".join(ordered[:most]) + (
-        f" and {len(ordered) - most} more" if len(ordered) > most else ""
-    )
+    more = f" and {len(ordered) - MOST_NAMED} more" if len(ordered) > MOST_NAMED else ""
+    return ", ".join(ordered[:MOST_NAMED]) + more

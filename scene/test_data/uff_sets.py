@@ -190,16 +190,14 @@ def convert_analysis(name: str, made: UffSet) -> UffSet | None:
 
 
 def _convert_mode(made: UffSet) -> list[str] | None:
-    if len(made.lines) < _ANALYSIS_LINES:
-        raise _LineError(-1, f"ends within its header; {AGAIN}")
+    _require_lines(made, _ANALYSIS_LINES)
     where = _integers(made.lines[2], (10,), 2)[0]
     model, analysis, vector, result, kind, _ = _integers(made.lines[8], (10,) * 6, 8)
     if where != AT_NODES or analysis not in MODES or vector not in MOTIONS:
         return None
     if kind not in REAL + COMPLEX:
         raise _LineError(8, f"data of type {kind}; write 2 or 4 (real), 5 or 6 (complex)")
-    is_complex = kind in COMPLEX
-    parts = 2 if is_complex else 1
+    parts = 2 if kind in COMPLEX else 1
     mode = _integers(made.lines[9], (10,) * 8, 9)[5]
     reals = [_numbers(made.lines[index], index) for index in (11, 12)]
     if min(map(len, reals)) < 6:
@@ -220,7 +218,7 @@ def _convert_mode(made: UffSet) -> list[str] | None:
         rows += [f"{_integers(point, (10,), start)[0]:10}", "".join(filled)[: 13 * 3 * parts]]
     return [
         *made.lines[3:8],
-        "".join(f"{n:10}" for n in (model, analysis, 2, result, 5 if is_complex else 2, 3)),
+        "".join(f"{n:10}" for n in (model, analysis, 2, result, (2, 5)[parts - 1], 3)),
         "".join(f"{n:10}" for n in (2, len(parameters), 1, mode)),
         "".join(f"{float(text):13.5E}" for text in parameters),
         *rows,
@@ -237,9 +235,9 @@ class Qualifiers:
         window: Damping factor of an exponential window; zero without one.
     """
 
-    rotates: bool
-    octaves: bool
-    window: float
+    rotates: bool = False
+    octaves: bool = False
+    window: float = 0.0
 
 
 def read_qualifiers(name: str, sets: Sequence[UffSet]) -> dict[int, Qualifiers]:
@@ -259,14 +257,19 @@ def read_qualifiers(name: str, sets: Sequence[UffSet]) -> dict[int, Qualifiers]:
 
 
 def _read_qualifiers(made: UffSet) -> Qualifiers:
-    if len(made.lines) < 4:
-        raise _LineError(-1, f"ends within its fields; {AGAIN}")
+    _require_lines(made, 4)
     # writers use columns of several widths
     rows = [[float(field) for field in _numbers(made.lines[row], row)] for row in (0, 1, 3)]
     if [len(row) >= least for row, least in zip(rows, (2, 8, 5), strict=True)] != [True] * 3:
         raise _LineError(0, f"has too few fields; {AGAIN}")
     run, kinds, user = rows
     return Qualifiers(bool(kinds[5] or kinds[6]), bool(run[1]), user[4])
+
+
+def _require_lines(made: UffSet, count: int) -> None:
+    """Refuse a set that ends within its header."""
+    if len(made.lines) < count:
+        raise _LineError(-1, f"ends within its header; {AGAIN}")
 
 
 def _locate(name: str, made: UffSet, fault: _LineError) -> MeasurementError:
@@ -312,8 +315,7 @@ def _numbers_per_point(kind: int, even: int) -> int:
 
 def _rewrite_function(made: UffSet) -> list[str]:
     """Set 58: functions."""
-    if len(made.lines) < _FUNCTION_LINES:
-        raise _LineError(-1, f"ends within its header; {AGAIN}")
+    _require_lines(made, _FUNCTION_LINES)
     header = list(made.lines[:_FUNCTION_LINES])
     kind, points, even = _integers(header[6], (10, 10, 10), 6)
     wanted = points * _numbers_per_point(kind, even)
@@ -376,8 +378,7 @@ def _fill_columns(lines: Sequence[str], widths: Sequence[int], first: int) -> tu
 
 def _rewrite_shape(made: UffSet) -> list[str]:
     """Set 55: data at points."""
-    if len(made.lines) < _SHAPE_LINES:
-        raise _LineError(-1, f"ends within its header; {AGAIN}")
+    _require_lines(made, _SHAPE_LINES)
     *_, kind, per_point = _integers(made.lines[5], (10,) * 6, 5)
     reals = _integers(made.lines[6], (10, 10), 6)[1]
     numbers = per_point * (2 if kind == 5 else 1)
@@ -433,8 +434,7 @@ def _rewrite_records(made: UffSet) -> list[str]:
 
 def _rewrite_trace(made: UffSet) -> list[str]:
     """Set 82: a line through points."""
-    if len(made.lines) < 2:
-        raise _LineError(-1, f"ends within its header; {AGAIN}")
+    _require_lines(made, 2)
     wanted = _integers(made.lines[0], (10, 10), 0)[1]
     rows = [" " + " ".join(_numbers(line, index)) for index, line in enumerate(made.lines[2:], 2)]
     count = sum(len(row.split()) for row in rows)
