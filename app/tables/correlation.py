@@ -1,10 +1,12 @@
 """A measured machine beside its model in rows: modes, channels, responses."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from headstock.app.tables.table import (
     Column,
@@ -12,8 +14,11 @@ from headstock.app.tables.table import (
     show_percent,
 )
 from headstock.app.texts.bounded_values import show_bound, show_damping
-from headstock.pipeline.storage.json_texts import find_known
-from headstock.studies.correlation.correlation import CorrelatedMode, Correlation
+from headstock.studies.correlation.correlation import (
+    ComparedChannel,
+    CorrelatedMode,
+    Correlation,
+)
 from headstock.studies.correlation.responses import response_channel
 
 NO_BREAK = "\u00a0"
@@ -89,24 +94,13 @@ _MODE_COLUMNS: tuple[Column[CorrelatedMode], ...] = (
 )
 
 
-@dataclass(frozen=True)
-class ChannelLine:
-    """A channel as a row."""
-
-    point: str
-    direction: str
-    comac: float | None
-    ecomac: float | None
-    distance: float | None
-
-
-_CHANNEL_COLUMNS: tuple[Column[ChannelLine], ...] = (
-    Column(lambda row: row.point, "point", "point", "Point"),
-    Column(lambda row: row.direction, "direction", "direction", "Direction"),
+_CHANNEL_COLUMNS: tuple[Column[ComparedChannel], ...] = (
+    Column(lambda row: response_channel(row.channel)[0], "point", "point", "Point"),
+    Column(lambda row: response_channel(row.channel)[1], "direction", "direction", "Direction"),
     Column(lambda row: row.comac, "CoMAC", ">CoMAC", "CoMAC", show=_show_mac),
     Column(lambda row: row.ecomac, "eCoMAC", ">eCoMAC", "eCoMAC", show=_show_mac),
     Column(
-        lambda row: None if row.distance is None else 1e3 * row.distance,
+        lambda row: None if row.distance_m is None else 1e3 * row.distance_m,
         "distance from the surface [mm]",
         ">off the surface mm",
         "Off the surface [mm]",
@@ -115,60 +109,32 @@ _CHANNEL_COLUMNS: tuple[Column[ChannelLine], ...] = (
 )
 
 
-def list_channels(found: Correlation) -> list[ChannelLine]:
-    """Return the channels, the one that agrees least first."""
-    agreement = found.agreement
-    lines = [
-        ChannelLine(
-            *response_channel(channel),
-            find_known(comac),
-            find_known(ecomac),
-            found.distances.get(channel.point),
-        )
-        for channel, comac, ecomac in zip(
-            found.channels, agreement.comac, agreement.ecomac, strict=True
-        )
-    ]
-    return sorted(lines, key=lambda line: -(line.ecomac or 0.0))
+type _ResponseRow = tuple[str, str, float, float]  # motion, force, FRAC, share
 
 
-@dataclass(frozen=True)
-class ResponseLine:
-    """A frequency response as a row.
-
-    Attributes:
-        share: Its root mean square over the largest one under the same force.
-    """
-
-    motion: str
-    force: str
-    frac: float
-    share: float
-
-
-_RESPONSE_COLUMNS: tuple[Column[ResponseLine], ...] = (
-    Column(lambda row: row.motion, "motion", "motion", "Motion"),
-    Column(lambda row: row.force, "force", "force", "Force"),
-    Column(lambda row: row.frac, "FRAC", ">FRAC", "FRAC", show=_show_mac),
-    Column(lambda row: row.share, "size", ">size", "Size", show=show_percent),
+_RESPONSE_COLUMNS: tuple[Column[_ResponseRow], ...] = (
+    Column(lambda row: row[0], "motion", "motion", "Motion"),
+    Column(lambda row: row[1], "force", "force", "Force"),
+    Column(lambda row: row[2], "FRAC", ">FRAC", "FRAC", show=_show_mac),
+    Column(lambda row: row[3], "size", ">size", "Size", show=show_percent),
 )
 
 
-def list_responses(found: Correlation) -> list[ResponseLine]:
-    """Return the measured responses, the one that agrees least first."""
+def _list_responses(found: Correlation) -> list[_ResponseRow]:
+    """Return the measured responses, each with its root mean square over the largest one under the same
+    force, the one that agrees least first.
+    """
     if found.responses is None:
         return []
-    curves, frac = found.responses.measured, found.responses.frac
-    shares = found.responses.shares
-    lines = [
-        ResponseLine(
-            " ".join(output), " ".join(given), float(frac[row, column]), float(shares[row, column])
+    curves, frac, shares = found.responses.measured, found.responses.frac, found.responses.shares
+    rows = [
+        (" ".join(output), " ".join(given), float(frac[place]), float(shares[place]))
+        for place, (output, given) in zip(
+            np.ndindex(frac.shape), itertools.product(curves.outputs, curves.inputs), strict=True
         )
-        for row, output in enumerate(curves.outputs)
-        for column, given in enumerate(curves.inputs)
-        if math.isfinite(frac[row, column])
+        if math.isfinite(frac[place])
     ]
-    return sorted(lines, key=lambda line: (line.share < LEAST_SHARE, line.frac))
+    return sorted(rows, key=lambda row: (row[3] < LEAST_SHARE, row[2]))
 
 
 def shorten(listing: Listing[Any]) -> tuple[Listing[Any], int]:
@@ -193,10 +159,9 @@ def list_correlation_tables(found: Correlation) -> Iterator[Listing[Any]]:
         "pairs",
     )
     if found.pairs:
-        yield Listing(
-            "Channels that agree least", _CHANNEL_COLUMNS, list_channels(found), "channels"
-        )
-    if responses := list_responses(found):
+        channels = sorted(found.list_channels(), key=lambda row: -(row.ecomac or 0.0))
+        yield Listing("Channels that agree least", _CHANNEL_COLUMNS, channels, "channels")
+    if responses := _list_responses(found):
         yield Listing(
             "Frequency responses that agree least", _RESPONSE_COLUMNS, responses, "responses"
         )

@@ -23,7 +23,7 @@ from headstock.solvers.pairing.mode_pairing import (
     ModeSet,
     pair_modes,
 )
-from headstock.solvers.pairing.shape_agreement import ChannelAgreement, agree_by_channel
+from headstock.solvers.pairing.shape_agreement import agree_by_channel
 from headstock.studies.correlation.modal_fit import ModalFit
 from headstock.studies.correlation.responses import ComparedResponses
 
@@ -85,6 +85,22 @@ class CorrelatedMode:
         if self.measured is None:
             return f"{self.name}: not measured"
         return "; ".join([self.name, *self.doubts])
+
+
+@dataclass(frozen=True)
+class ComparedChannel:
+    """A channel of a test.
+
+    Attributes:
+        comac: Coordinate MAC of the paired shapes; None where nothing moves there.
+        ecomac: Their mean difference, which shows wrong signs and directions.
+        distance_m: From the surface that carries its point; None where a sensor of the scene does.
+    """
+
+    channel: TestChannel
+    comac: float | None
+    ecomac: float | None
+    distance_m: float | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -222,11 +238,16 @@ class Correlation(Displayed):
             "computed_damping": modes.damping_ratio[index],
         }
 
-    @property
-    def agreement(self) -> ChannelAgreement:
-        """Agreement of the paired shapes in each channel."""
+    def list_channels(self) -> list[ComparedChannel]:
+        """Return the channels with the agreement of the paired shapes in each."""
         first, second = ([getattr(p, side) for p in self.pairs] for side in ("first", "second"))
-        return agree_by_channel(self.measured.shapes[:, first], self.shapes[:, second])
+        found = agree_by_channel(self.measured.shapes[:, first], self.shapes[:, second])
+        return [
+            ComparedChannel(
+                channel, find_known(comac), find_known(ecomac), self.distances.get(channel.point)
+            )
+            for channel, comac, ecomac in zip(self.channels, found.comac, found.ecomac, strict=True)
+        ]
 
     @property
     def verdict(self) -> tuple[str, ...]:

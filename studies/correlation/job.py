@@ -280,7 +280,7 @@ def _compare(
         frequencies_hz=measured.frequencies_hz,
     )
     found = Correlation(
-        scene=model.prepared.scene.name,
+        scene=model.scene.name,
         test=job.test.name,
         variant=job.scene.variant,
         fit=loaded.fit,
@@ -301,11 +301,11 @@ def _compare(
         faulty=frozenset(place[0] for place in wrong if place is not None),
         faults=tuple(fault.text for fault in faults),
         remarks=(*loaded.data.remarks, *loaded.fit.remarks, *placed.remarks),
-        warnings=model.prepared.warnings,
+        warnings=model.warnings,
     )
     files = {
-        TARGETS_FILE: write_targets(found, motions, model.prepared.scene, base),
-        SENSORS_FILE: write_sensors(found, model.prepared.scene),
+        TARGETS_FILE: write_targets(found, motions, model.scene, base),
+        SENSORS_FILE: write_sensors(found, model.scene),
     }
     return dataclasses.replace(
         found,
@@ -366,6 +366,4 @@ def _view_shapes(
             shape, seen = expanded[:, [row.measured]], rows @ second[:, [column]]
             factor = find_factor(rows @ shape, seen)
             first[:, column] = np.real(shape * factor)[:, 0]
-    return view_side_by_side(
-        model.machine, model.prepared.skins, model.dofs @ first, model.dofs @ second
-    )
+    return view_side_by_side(model.machine, model.skins, model.dofs @ first, model.dofs @ second)

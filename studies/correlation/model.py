@@ -45,8 +45,8 @@ class PreparedMachine:
     warnings: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class ObservedMachine:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ObservedMachine(PreparedMachine):
     """A machine in the pose of a test whose measured points are known.
 
     Attributes:
@@ -55,15 +55,9 @@ class ObservedMachine:
         rotation: ``(3, 3)`` from the axes of the test to those of the machine.
     """
 
-    prepared: PreparedMachine
     modes: PoseModes
     sensors: Mapping[str, Sensor]
     rotation: FloatArray
-
-    @property
-    def machine(self) -> PoseModel:
-        """The machine in its pose."""
-        return self.prepared.machine
 
     @cached_property
     def dofs(self) -> FloatArray:
@@ -80,11 +74,9 @@ class ObservedMachine:
         """The modes with the damping of joints and materials ``(n_all, m)``, complex where that is not
         in proportion to stiffness and mass; a mode that is damped too strongly stays real.
         """
-        prepared, frequencies = self.prepared, self.modes.frequencies_hz
-        if DAMPING not in prepared.scene.effects:
-            return self.modes.shapes
-        system = self.machine.system
-        if system.damping is None and system.hysteretic is None:
+        system, frequencies = self.machine.system, self.modes.frequencies_hz
+        undamped = system.damping is None and system.hysteretic is None
+        if undamped or DAMPING not in self.scene.effects:
             return self.modes.shapes
         shapes = self.modes.shapes.astype(np.complex128)
         for mode in range(self.modes.rigid_count, len(frequencies)):
@@ -156,5 +148,12 @@ def observe_machine(
         rotation: ``(3, 3)`` from the axes of the test to those of the machine.
     """
     solved = solve_pose_modes(prepared.machine, prepared.scene.analyses[ModalRequest])
-    known = dataclasses.replace(prepared, warnings=(*prepared.warnings, *solved.warnings))
-    return ObservedMachine(known, solved.answer, sensors, rotation)
+    return ObservedMachine(
+        prepared.scene,
+        prepared.machine,
+        prepared.skins,
+        (*prepared.warnings, *solved.warnings),
+        modes=solved.answer,
+        sensors=sensors,
+        rotation=rotation,
+    )

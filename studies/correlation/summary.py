@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from headstock.pipeline.storage.json_texts import JsonTable, find_known, nest_known
+from headstock.pipeline.storage.json_texts import JsonTable, nest_known
 from headstock.scene.test_data.responses import label_channel
 from headstock.studies.correlation.correlation import Correlation
 from headstock.studies.correlation.modal_fit import ModalFit
@@ -19,7 +19,7 @@ def summarise_correlation(found: Correlation) -> JsonTable:
     """Return the content of ``correlate.json``: modes as in the table, MAC by measured (rows) and computed
     modes, channels and responses in the order of the test; null for what is not known.
     """
-    agreement, responses, table = found.agreement, found.responses, found.orthogonality
+    responses, table = found.responses, found.orthogonality
     return {
         "scene": found.scene,
         "variant": found.variant,
@@ -36,15 +36,13 @@ def summarise_correlation(found: Correlation) -> JsonTable:
         "cross_orthogonality": None if table is None else nest_known(table),
         "channels": [
             {
-                "point": channel.point,
-                "direction": list(channel.direction),
-                "comac": find_known(comac),
-                "ecomac": find_known(ecomac),
-                "distance_m": found.distances.get(channel.point),
+                "point": row.channel.point,
+                "direction": list(row.channel.direction),
+                "comac": row.comac,
+                "ecomac": row.ecomac,
+                "distance_m": row.distance_m,
             }
-            for channel, comac, ecomac in zip(
-                found.channels, agreement.comac, agreement.ecomac, strict=True
-            )
+            for row in found.list_channels()
         ],
         "responses": None
         if responses is None

@@ -11,8 +11,7 @@ from headstock.geometry.parts.nearest_places import find_nearest_place
 from headstock.geometry.parts.skins import Skin
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.records import TestPoint, as_vector
-from headstock.studies.correlation.placement import place_test
-from headstock.studies.correlation.surfaces import MachineSurface
+from headstock.studies.correlation.placement import MachineSurface, place_test
 
 
 def box(size: tuple[float, float, float], steps: int = 1) -> Skin:
