@@ -196,13 +196,13 @@ def _interface_areas(
         frame = placed.placements[name]
         read = find_areas(part)
         size = max((np.ptp(corners, axis=(0, 1)).max() for corners in read.values()), default=0.0)
-        for interface, corners in read.items():
+        for label, corners in read.items():
             across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
             # what lies on a whole face is seen above it
-            whole = part.interfaces[interface].patches[0].shape == "whole"
+            whole = part.interfaces[label].patches[0].shape == "whole"
             lifted = corners + (1.0 if whole else 2.0) * LIFT * size * across[:, None]
-            kind = "rail" if part.interfaces[interface].rail else "area of an interface"
+            kind = "rail" if part.interfaces[label].rail else "area of an interface"
             areas[kind].append(lifted @ frame.rotation.T + frame.origin)
         if not isinstance(part.solid, PlanarSolid):
             continue

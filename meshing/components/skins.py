@@ -69,14 +69,20 @@ def find_areas(component: Component) -> dict[str, FloatArray]:
     """
     solid, areas = component.solid, dict[str, FloatArray]()
     for name, interface in component.interfaces.items():
-        find = {StepFile: _find_step_area, MeshFile: _find_mesh_area}.get(type(solid))
         try:
-            parts = [] if find is None else [find(solid, patch) for patch in interface.patches]
+            parts = [_find_area(solid, patch) for patch in interface.patches]
         except (MeshError, ValueError):
             continue
         if sum(map(len, parts)):
             areas[name] = np.concatenate(parts)
     return areas
+
+
+def _find_area(solid: Solid, patch: Patch) -> FloatArray:
+    """Return the triangles ``(m, 3, 3)`` of a patch."""
+    if isinstance(solid, StepFile):
+        return _find_step_area(solid, patch)
+    return _find_mesh_area(solid, patch) if isinstance(solid, MeshFile) else np.zeros((0, 3, 3))
 
 
 def _find_step_area(solid: StepFile, patch: Patch) -> FloatArray:
@@ -87,9 +93,10 @@ def _find_step_area(solid: StepFile, patch: Patch) -> FloatArray:
     corners = survey.points[survey.triangles[np.isin(survey.owners, list(numbers))]]
     if patch.shape == "whole" or not len(corners):
         return corners
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals: FloatArray = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
-    middles, center = corners.mean(axis=1), np.array(patch.center)
+    middles: FloatArray = corners.mean(axis=1)
+    center = np.array(patch.center)
     nearest = int(np.argmin(np.linalg.norm(middles - center, axis=1)))
     normal = normals[nearest]
     origin = center - ((center - middles[nearest]) @ normal) * normal

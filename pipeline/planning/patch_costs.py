@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 
 from headstock.geometry.parts.components import Component
 from headstock.meshing.components.mesh_request import patch_groups
+from headstock.meshing.components.meshing import MeshEstimate
+from headstock.pipeline.planning.budgets import displacement_dofs
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.scene.scene import Scene
 
@@ -13,17 +15,27 @@ DECIDED = 0.6  # dofs without most of the elements across patches, over those wi
 FEWEST_ACROSS = (1, 2)
 
 
+def estimate_dofs(component: Component, estimate: MeshEstimate) -> int:
+    """Return the displacement dofs of a mesh to be made."""
+    if estimate.nodes:
+        return 3 * estimate.nodes
+    return displacement_dofs(estimate.cells, component.mesh)
+
+
 def describe_patch_costs(
-    component: Component, scene: Scene, dofs: int, count_dofs: Callable[[Component], int]
+    component: Component,
+    scene: Scene,
+    estimate: MeshEstimate,
+    survey: Callable[[Component], MeshEstimate],
 ) -> str:
     """Return which patch makes most of a mesh by the elements across it, and how large it would be
     with fewer of them; empty where none does.
 
     Args:
-        dofs: Of the mesh.
-        count_dofs: Surveys the mesh of a component.
+        estimate: Of the mesh.
+        survey: Estimates the mesh of a component.
     """
-    mesh = component.mesh
+    mesh, dofs = component.mesh, estimate_dofs(component, estimate)
     narrowest = min(_list_widths(component, scene), default=None)
     if narrowest is None or dofs < FEWEST_DOFS or mesh.growth is not None or mesh.cells == "hex":
         return ""
@@ -39,7 +51,7 @@ def describe_patch_costs(
     if fewer is None:
         return ""
     coarse = _with_across(scene, component, fewer).machine.components[component.name]
-    without = count_dofs(coarse)
+    without = estimate_dofs(coarse, survey(coarse))
     if without > DECIDED * dofs:
         return ""
     width, name = narrowest

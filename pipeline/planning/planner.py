@@ -25,7 +25,6 @@ from headstock.pipeline.planning.budgets import (
     STAGE_SECONDS,
     check_cells,
     check_time,
-    displacement_dofs,
     iterative_memory_mb,
     iterative_seconds,
     mesh_memory_mb,
@@ -37,7 +36,7 @@ from headstock.pipeline.planning.budgets import (
     write_seconds,
 )
 from headstock.pipeline.planning.interfaces import find_glued_joints, has_choice
-from headstock.pipeline.planning.patch_costs import describe_patch_costs
+from headstock.pipeline.planning.patch_costs import describe_patch_costs, estimate_dofs
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.planning.reductions import (
@@ -141,12 +140,7 @@ def _plan_components(
             )
             estimate = count(part)
             if survey:
-                patch_costs = describe_patch_costs(
-                    part,
-                    scene,
-                    _estimated_dofs(part, estimate),
-                    lambda other, count=count: _estimated_dofs(other, count(other)),
-                )
+                patch_costs = describe_patch_costs(part, scene, estimate, count)
             choice = _choose_solver(part, scene, estimate)
             if choice.method == "iterative":
                 settings = dataclasses.replace(part.reduction, solver="iterative")
@@ -272,7 +266,7 @@ def _component_stages(
         if estimate is None or choice is None:
             raise ValueError(f"component {name!r} is meshed, but nobody estimated its mesh")
         check_cells(component, estimate.cells, limits.elements)
-        dofs = _estimated_dofs(component, estimate)
+        dofs = estimate_dofs(component, estimate)
         meshing = Stage(
             "mesh",
             name,
@@ -313,16 +307,10 @@ def _component_stages(
     assert_never(component.fidelity)
 
 
-def _estimated_dofs(component: Component, estimate: MeshEstimate) -> int:
-    if estimate.nodes:
-        return 3 * estimate.nodes
-    return displacement_dofs(estimate.cells, component.mesh)
-
-
 def _choose_solver(component: Component, scene: Scene, estimate: MeshEstimate) -> SolverChoice:
     box = bounding_box(component.solid)
     extents = None if box is None else [high - low for low, high in box]
-    return choose_solver(component, scene, _estimated_dofs(component, estimate), extents)
+    return choose_solver(component, scene, estimate_dofs(component, estimate), extents)
 
 
 def _place_machine(machine: PlannedMachine, pose: Pose) -> Stage:

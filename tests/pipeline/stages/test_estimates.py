@@ -2,6 +2,7 @@
 guesses.
 """
 
+import dataclasses
 import functools
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ from mpi4py import MPI
 import scene_runs
 from common import present
 from fixture_machines import machine, stored_scene
+from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
 from headstock.pipeline.answers.modal import DAMPED_FREQUENCY, DAMPING_RATIO
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer, compliance_key
 from headstock.pipeline.numbers.estimates import DISCRETISATION, REDUCTION, Estimate
@@ -25,6 +27,7 @@ from headstock.pipeline.stages.run_state import RunState
 from headstock.pipeline.stages.warnings import find_warnings
 from headstock.pipeline.storage.store import Store
 from headstock.scene.building.loader import load_scene
+from headstock.solvers.pairing.response_peaks import ResponsePeak
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
 
@@ -53,6 +56,23 @@ def test_interfaces_whose_kind_matters_are_named_with_about_the_range_that_both_
     named = float(words.split("about ")[1].split(" Hz")[0])
     widest = max(high - low for low, high in map(present, modes.spread_hz))
     assert widest / 3.0 < named < 3.0 * widest
+
+
+def _make_response(pose: str, error: Estimate) -> PoseResponse:
+    """A response with one peak [m/N], and its ±."""
+    tcp = (("tcp", "x"),)
+    curves = ResponseCurves(pose, tcp, tcp, np.array([10.0]), np.ones((1, 1, 1), dtype=complex))
+    response = PoseResponse(
+        curves,
+        "modal",
+        damped=True,
+        free_body=(),
+        singular_hz=(),
+        figures=(),
+        peaks=(ResponsePeak(0, 0, 0, 10.0, 1e-9),),
+    )
+    (peak,) = response.heights
+    return dataclasses.replace(response, errors={response.key(peak): error})
 
 
 def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_and_a_remedy() -> (
@@ -84,18 +104,19 @@ def test_a_number_that_is_less_than_twice_its_error_is_warned_of_with_its_owner_
             analyses=SimpleNamespace(frf=None, get=lambda kind: None),
             machine=SimpleNamespace(joints={}),
         ),
-        plan=SimpleNamespace(components={}),
+        plan=SimpleNamespace(components={}, poses={"reference": None, "far": None}),
         reduced={},
         modal=[modes],
         static=[static],
-        answers=(),
+        answers=(_make_response("far", guess(DISCRETISATION, 9.9e-9)),),
     )
     found = find_warnings(cast(RunState, state))
     assert len(found) == 2
     assert all(word in found[0] for word in ("'column'", "frequency 2", "50 Hz"))
     assert "reduction.modes_to" in found[0]
-    assert "y compliance" in found[1] and "tcp" in found[1]
-    assert "9 times its value" in found[1]
+    # the worst of this component, a compliance of the other pose and a peak of this one
+    assert "peak of tcp x under tcp x at mode 1 in pose far" in found[1]
+    assert "9.9 times its value" in found[1]
     assert "smaller mesh size" in found[1]
 
 
