@@ -21,7 +21,10 @@ TAG = re.compile(r"<[^>]*>")
 FIELD_BOOSTS = {"title": 1e3, "text": 1.0}
 K1 = 1.2
 SCRIPT = SETTINGS_FILE.parent / "docs" / "javascripts" / "search_words.js"
-STOP_WORDS = frozenset(re.findall(r"STOPPED = `(.*?)`", SCRIPT.read_text(), re.S)[0].split())
+STOP_WORDS, ASKING = (
+    frozenset(re.findall(rf"{name} = `(.*?)`", SCRIPT.read_text(), re.S)[0].split())
+    for name in ("STOPPED", "ASKING")
+)
 MOST_PAGES = int(re.findall(r"MOST_PAGES = (\d+);", SCRIPT.read_text())[0])
 HEADING = re.compile(r"^#{1,6} +(.*?)(?: *\{[^}]*\})?$")
 LINK = re.compile(r"!?\[([^\]]*)\]\([^)]*\)(?:\{[^}]*\})?")
@@ -98,6 +101,7 @@ class SiteSearch:
         scores: dict[int, float] = defaultdict(float)
         matched: dict[int, set[str]] = defaultdict(set)
         words = [word for word in SEPARATOR.split(query.lower()) if word and word not in STOP_WORDS]
+        words = [word for word in words if word not in ASKING] or words
         for word in words:
             for token, weights in self.weights.items():
                 if token.startswith(word):

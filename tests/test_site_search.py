@@ -66,6 +66,7 @@ def test_questions_find_their_pages(search: SiteSearch) -> None:
     [
         ("How do I read a UFF file of a modal test?", ["faq", "test_data"]),
         ("what is the damping of a linear guide", ["frequency_response", "faq"]),
+        ("where do I write interface_errors", ["errors", "scene_reference"]),
         ("where do I find the compliance at the tool of my machine", ["faq"]),
     ],
 )

@@ -8,8 +8,15 @@
     not of off often on only or other our own rather said say says she should since so some than that the
     their them then there these they this tis to too twas us wants was we were what when where which while
     who whom why will with would yet you your`;
-  const stopped = new Set(STOPPED.split(/\s+/));
-  const isKept = (word) => !stopped.has(word.toLowerCase().replace(/[^\p{L}\p{N}]+$/u, ""));
+  const ASKING = `find need put use using want write`; // left out of questions that have other words
+  const keep = (words, left) => {
+    const leave = new Set(left.split(/\s+/));
+    return words.filter((word) => !leave.has(word.toLowerCase().replace(/[^\p{L}\p{N}]+$/u, "")));
+  };
+  const shorten = (query) => {
+    const words = keep(query.split(/\s+/), STOPPED);
+    return (keep(words, ASKING).length ? keep(words, ASKING) : words).join(" ");
+  };
   window.Worker = class extends window.Worker {
     constructor(...given) {
       super(...given);
@@ -20,7 +27,7 @@
 
     postMessage(message, ...more) {
       const asked = message.type === QUERY;
-      super.postMessage(asked ? { ...message, data: message.data.split(/\s+/).filter(isKept).join(" ") } : message, ...more);
+      super.postMessage(asked ? { ...message, data: shorten(message.data) } : message, ...more);
     }
   };
 })();
