@@ -54,7 +54,7 @@ def describe_patch_costs(
     without = estimate_dofs(coarse, survey(coarse))
     if without > DECIDED * dofs:
         return ""
-    width, name = narrowest
+    width, _, name = narrowest
     thousands = float(f"{1e-3 * without:.2g}")
     return (
         f"; most of it by {mesh.across_patches} elements across {name}, {1e3 * width:.4g} mm wide: about"
@@ -62,14 +62,14 @@ def describe_patch_costs(
     )
 
 
-def _list_widths(component: Component, scene: Scene) -> Sequence[tuple[float, str]]:
-    """Return the width [m] of each imprinted patch of a component, and its group."""
+def _list_widths(component: Component, scene: Scene) -> Sequence[tuple[float, float, str]]:
+    """Return width and negative length [m] of each imprinted patch of a component, and its group."""
     machine = scene.machine
     groups = patch_groups(
         component, tuple(machine.supports.values()), tuple(machine.loads.values())
     )
     return [
-        (min(patch.size), name)
+        (min(patch.size), -max(patch.size), name)
         for name, patches in groups.items()
         for patch in patches
         if patch.shape != "whole" and patch.size
