@@ -19,6 +19,7 @@ from headstock.pipeline.answers.modal import PoseModes
 from headstock.pipeline.answers.static import PointCompliance, StaticAnswer
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.numbers.numbers import Key
+from headstock.pipeline.planning.budgets import iterative_seconds, reduction_seconds
 from headstock.pipeline.planning.plan import Plan, Stage, StageRecord
 from headstock.pipeline.planning.resources import measure
 from headstock.pipeline.results.views import PoseView, ShiftArray
@@ -295,6 +296,20 @@ Announcer = Callable[[Stage], None]
 Observer = Callable[[StageRecord], None]
 
 
+def _expect_by_mesh(state: RunState, stage: Stage) -> Stage:
+    """Return the reduction of a mesh with what it costs by that mesh, which a plan without a survey
+    takes for one without imprints; any other stage as it is.
+    """
+    mesh = state.meshes.get(stage.component or "")
+    if stage.kind != "reduce" or stage.component is None or mesh is None:
+        return stage
+    component, dofs = state.plan.components[stage.component], 3 * len(mesh.points)
+    iterates = component.reduction.solver == "iterative"
+    cost = iterative_seconds if iterates else reduction_seconds
+    seconds = cost(dofs, component, mesh.quality.volume)
+    return dataclasses.replace(stage, estimated_dofs=dofs, estimated_seconds=seconds)
+
+
 def run_stage(
     state: RunState,
     stage: Stage,
@@ -313,7 +328,7 @@ def run_stage(
     Raises:
         HeadstockError: The work failed, or the memory was not enough for it.
     """
-    announce(stage)
+    announce(_expect_by_mesh(state, stage))
     with measure() as cost:
         try:
             outcome = work(state, stage)

@@ -23,7 +23,7 @@ from headstock.geometry.parts.components import (
 )
 from headstock.geometry.parts.solids import Box, SuperelementFile
 from headstock.meshing.components.meshing import mesh_component
-from headstock.pipeline.planning.plan import StageRecord
+from headstock.pipeline.planning.plan import Stage, StageRecord
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.runner import run_scene
@@ -302,6 +302,16 @@ def test_frequencies_beyond_the_reach_of_the_kept_modes_are_warned_of(tmp_path: 
     scene = dataclasses.replace(few, analyses=Analyses(ModalRequest(count=13)))
     assert any("complete up to" in warning for warning in run(scene, tmp_path).warnings)
     assert not any("complete up to" in warning for warning in run(make_scene(), tmp_path).warnings)
+
+
+def test_a_reduction_is_expected_to_take_what_its_mesh_asks_for(tmp_path: Path) -> None:
+    scene, expected = make_scene(), dict[str, Stage]()
+    state = start_run(scene, MPI.COMM_SELF, Store(tmp_path / "store"))
+    planned = {stage.kind: stage for stage in state.plan.stages if stage.component == "column"}
+    made = make_superelements(state, announce=lambda stage: expected.setdefault(stage.kind, stage))
+    assert expected["reduce"].estimated_dofs == made["column"].full_dofs
+    assert expected["reduce"].estimated_dofs != planned["reduce"].estimated_dofs
+    assert expected["reduce"].estimated_seconds != planned["reduce"].estimated_seconds
 
 
 def test_stages_are_reported_as_they_end_with_their_cost(tmp_path: Path) -> None:
