@@ -17,7 +17,6 @@ from headstock.geometry.machine.carriages import (
 from headstock.geometry.machine.machine import show_position
 from headstock.geometry.parts.components import Component, Interface
 from headstock.geometry.parts.patches import OVERHANG_TOLERANCE
-from headstock.meshing.scipy_library import scipy
 from headstock.solvers.errors import ModelError
 
 CONTROL_POINT_DOFS = 4
@@ -114,6 +113,29 @@ def place_knots(low: float, high: float, control_points: int) -> FloatArray:
     return np.concatenate([np.full(DEGREE, low), inner, np.full(DEGREE, high)])
 
 
+def evaluate_splines(knots: FloatArray, points: FloatArray, degree: int = DEGREE) -> FloatArray:
+    """Return the B-splines ``(k, n)`` of clamped knots ``(n + degree + 1,)`` at points ``(k,)``; beyond
+    the ends the polynomials there.
+
+    Source: de Boor (2001), chapter X, the recurrence of the splines that are not zero.
+    """
+    count = len(knots) - degree - 1
+    interval = np.clip(np.searchsorted(knots, points, side="right") - 1, degree, count - 1)
+    values = np.zeros((degree + 1, len(points)))
+    values[0] = 1.0
+    for order in range(1, degree + 1):
+        carried = np.zeros(len(points))
+        for index in range(order):
+            right, left = knots[interval + index + 1], knots[interval + index + 1 - order]
+            share = values[index] / (right - left)
+            values[index] = carried + (right - points) * share
+            carried = (points - left) * share
+        values[order] = carried
+    splines = np.zeros((len(points), count))
+    splines[np.arange(len(points))[:, None], interval[:, None] + np.arange(-degree, 1)] = values.T
+    return splines
+
+
 def control_point_positions(knots: FloatArray, center: FloatArray, axis: int) -> FloatArray:
     """Return the places ``(N, 3)`` of the control points on the centre line: there a spline field
     that is linear takes their values.
@@ -163,10 +185,7 @@ def carriage_rows(rail: Rail, position: float, length: float) -> FloatArray:
     """
     position = _check_position(rail, position, length)
     points, mean, slope = _weigh_carriage(rail.knots, position, length, rail.blur)
-    degree = _degree(rail.knots)
-    splines = scipy.interpolate.BSpline(rail.knots, np.eye(len(rail.knots) - degree - 1), degree)(
-        points
-    )
+    splines = evaluate_splines(rail.knots, points, _degree(rail.knots))
     control = rail.control.reshape(splines.shape[1], CONTROL_POINT_DOFS, -1)
     means = np.tensordot(mean @ splines, control, axes=1)
     rows = np.zeros((6, control.shape[2]))

@@ -10,13 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy.io
-import scipy.sparse
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.process.strangers import PART, read_apart
 from headstock.meshing.process.worker import Arrays
+from headstock.meshing.scipy_library import scipy
 from headstock.pipeline.exchange.matrices import (
     MOST_DOFS,
     MOST_ENTRIES,

@@ -8,10 +8,9 @@ the axes of one common frame, then all others; origin and unit quaternion of eac
 import io
 
 import numpy as np
-import scipy.io
-from scipy.spatial.transform import Rotation
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.scipy_library import scipy
 from headstock.pipeline.exchange.matrices import ExchangeError, require_no_constraints
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
@@ -54,7 +53,7 @@ def encode_simscape(superelement: Superelement) -> dict[str, bytes]:
     ]
     content = {
         "origins": np.array([frame.origin for frame in superelement.frames]),
-        "orientations": Rotation.from_matrix(np.array(turned)).as_quat(
+        "orientations": scipy.spatial.transform.Rotation.from_matrix(np.array(turned)).as_quat(
             canonical=True, scalar_first=True
         ),
         "K": stiffness,

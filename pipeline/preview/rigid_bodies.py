@@ -98,7 +98,7 @@ def _fix_unresisted(layout: DofLayout, acting: FloatArray) -> FloatArray:
     """Return rows ``(m, n)`` of what bodies do not resist, such as the rotations of a point mass,
     where no joint ``(k, n)`` acts on it.
     """
-    rows = [np.zeros((0, layout.size))]
+    rows: list[FloatArray] = [np.zeros((0, layout.size))]
     for name, body in layout.superelements.items():
         local = body.constraints @ turn_dofs(body, layout.placements[name])
         block = np.zeros((len(local), layout.size))

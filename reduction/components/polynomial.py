@@ -11,7 +11,6 @@ from typing import cast
 import numpy as np
 import scipy.linalg
 import scipy.sparse
-from scipy.linalg.lapack import dormqr
 
 from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame, rigid_transfer
 from headstock.geometry.machine.machine import Sensor
@@ -55,7 +54,6 @@ BODY_NODE = "body"
 BREAKS = 3  # of area integrals along the bar
 SAFETY = 2.5  # of what one degree less is too stiff by: it covers what more degrees soften
 FIRST_SEARCH = 40  # modes
-REFLECTIONS_AT_ONCE = 64
 ROUNDING = 1e-11  # what functions of thin sections leave, orthonormal to that
 
 
@@ -77,18 +75,38 @@ class _Condensed:
     """Polynomials with their boundary prescribed.
 
     Attributes:
-        free: ``(3 n, f)`` orthonormal displacements that leave the boundary at rest.
+        reflectors: ``V (3 n, m)`` and ``T (m, m)``: the last f columns of ``1 - V T V^T`` are the
+            orthonormal displacements that leave the boundary at rest.
         inner: ``(f, f)`` their stiffness.
         psi: ``(3 n, n_b)`` static shapes of the boundary dofs.
         stiffness: ``(n_b, n_b)``.
         factor: Of the inner stiffness, as ``cho_solve`` takes it.
     """
 
-    free: FloatArray
+    reflectors: tuple[FloatArray, FloatArray]
     inner: FloatArray
     factor: tuple[FloatArray, bool]
     psi: FloatArray
     stiffness: FloatArray
+
+    def spread(self, motions: FloatArray) -> FloatArray:
+        """Return the displacements ``(3 n, k)`` of motions ``(f, k)`` that leave the boundary at rest."""
+        vectors, factors = self.reflectors
+        count = len(factors)
+        spread = -vectors @ (factors @ (vectors[count:].T @ motions))
+        spread[count:] += motions
+        return spread
+
+    def gather(self, forces: FloatArray) -> FloatArray:
+        """Return the part ``(f, k)`` of forces ``(3 n, k)`` that acts on such motions."""
+        vectors, factors = self.reflectors
+        count = len(factors)
+        gathered: FloatArray = forces[count:] - vectors[count:] @ (factors.T @ (vectors.T @ forces))
+        return gathered
+
+    def solve(self, forces: FloatArray) -> FloatArray:
+        """Return the displacements ``(3 n, k)`` under forces, the boundary at rest."""
+        return self.spread(scipy.linalg.cho_solve(self.factor, self.gather(forces)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -384,17 +402,13 @@ def _rigid_dofs(
 def _condense(
     component: Component, space: PolynomialSpace, boundary: _Boundary, rigid: FloatArray
 ) -> _Condensed:
-    count, size = boundary.rows.shape
-    # few reflections, which cost less to apply than the basis that they make
-    (reflections, tau), _ = scipy.linalg.qr(boundary.rows.T, mode="raw")
-
-    def turn(matrix: FloatArray, side: str, form: str) -> FloatArray:
-        lwork = REFLECTIONS_AT_ONCE * size
-        return np.asarray(dormqr(side, form, reflections, tau, matrix, lwork)[0])
-
-    free = turn(np.eye(size)[:, count:], "L", "N")
-    forces = turn(space.stiffness, "R", "N")
-    inner, forces = turn(forces, "L", "T")[count:, count:], forces[:, count:]
+    vectors, factors = _reflect(boundary.rows)
+    count, stiffness = len(factors), space.stiffness
+    # (1 - V T V^T)^T K (1 - V T V^T) = K - V W^T - W V^T
+    moved = stiffness @ vectors @ factors
+    moved -= 0.5 * vectors @ (factors.T @ (vectors.T @ moved))
+    change = moved[count:] @ vectors[count:].T
+    inner = stiffness[count:, count:] - change - change.T
     try:
         factor = scipy.linalg.cho_factor(inner)
     except scipy.linalg.LinAlgError as error:
@@ -408,15 +422,33 @@ def _condense(
         # one interface moves as a rigid body only: nothing but rounding is left of its stiffness
         rest = np.zeros_like(rest)
     part = boundary.rows.T @ (boundary.values @ rest)
-    bent = part - free @ scipy.linalg.cho_solve(factor, forces.T @ part)
+    condensed = _Condensed((vectors, factors), inner, factor, part, np.zeros((0, 0)))
+    bent = part - condensed.solve(stiffness @ part)
     psi = space.rigid_motion(space.bar.center) @ inverse + bent
-    return _Condensed(free, inner, factor, psi, bent.T @ space.stiffness @ bent)
+    return dataclasses.replace(condensed, psi=psi, stiffness=bent.T @ stiffness @ bent)
+
+
+def _reflect(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return V and T of the reflections ``1 - V T V^T`` that turn independent rows ``(m, n)`` into the
+    first m axes.
+
+    Source: Puglisi (1992), Modification of the Householder method based on the compact WY
+    representation.
+    """
+    (vectors, lengths), _ = scipy.linalg.qr(rows.T, mode="raw")
+    vectors = np.tril(vectors, -1)
+    np.fill_diagonal(vectors, 1.0)
+    # rows that are axes already are not reflected
+    vectors[:, lengths == 0.0] = 0.0
+    products = np.triu(vectors.T @ vectors, 1)
+    np.fill_diagonal(products, 1.0 / np.where(lengths == 0.0, 1.0, lengths))
+    return vectors, scipy.linalg.solve_triangular(products, np.eye(len(products)))
 
 
 def _find_modes(whole: _Condensed, density: float, target: ModeTarget | None) -> _Modes:
     """Find the modes with the boundary at rest; none without a target."""
     if target is None:
-        return _Modes(np.zeros(0), np.zeros((len(whole.free), 0)), 0.0, np.inf)
+        return _Modes(np.zeros(0), np.zeros((len(whole.psi), 0)), 0.0, np.inf)
     total, asked = len(whole.inner), FIRST_SEARCH
     while True:
         asked = min(asked, total)
@@ -428,7 +460,7 @@ def _find_modes(whole: _Condensed, density: float, target: ModeTarget | None) ->
             break
         asked *= 2
     reach, beyond = (frequencies[count], squares[count]) if count < total else (np.inf, np.inf)
-    shapes = whole.free @ vectors[:, :count] / math.sqrt(density)
+    shapes = whole.spread(vectors[:, :count]) / math.sqrt(density)
     return _Modes(squares[:count], shapes, float(reach), float(beyond))
 
 
@@ -438,8 +470,8 @@ def _attach(
     """Return the modes with residual-attachment modes of forces at places ``(s, 3)`` behind them, see
     ``fixed_interface_modes.add_attachment_modes``.
     """
-    forces = whole.free.T @ space.pull(places, np.eye(places.size))
-    kept = math.sqrt(density) * whole.free.T @ modes.shapes
+    forces = whole.gather(space.pull(places, np.eye(places.size)))
+    kept = math.sqrt(density) * whole.gather(modes.shapes)
     responses = scipy.linalg.cho_solve(whole.factor, forces)
     rest = responses - kept @ ((kept.T @ forces) / (density * modes.squares)[:, None])
     combinations, squares = combine_attachments(
@@ -451,7 +483,7 @@ def _attach(
     return dataclasses.replace(
         modes,
         squares=np.concatenate([modes.squares, squares]),
-        shapes=np.hstack([modes.shapes, whole.free @ rest @ combinations]),
+        shapes=np.hstack([modes.shapes, whole.spread(rest @ combinations)]),
         attached=len(squares),
     )
 
@@ -475,7 +507,7 @@ def _missing_energy(
 
 def _measure_truncation(whole: _Condensed, modes: _Modes, density: float) -> Truncation:
     """Return the moments of the modes left out, see ``fixed_interface_modes.measure_truncation``."""
-    boundary, every = whole.free.T @ whole.psi, math.sqrt(density) * whole.free.T @ modes.shapes
+    boundary, every = whole.gather(whole.psi), math.sqrt(density) * whole.gather(modes.shapes)
     kept, attached = np.split(every, [len(modes.squares) - modes.attached], axis=1)
     for _ in range(2):
         boundary = boundary - kept @ (kept.T @ boundary)
@@ -524,8 +556,7 @@ def _reduce_load(
 ) -> StaticLoad:
     """Return a force on the reduced dofs, and what remains of its displacement with those at zero."""
     modal = modes.shapes.T @ force
-    rest = whole.free @ scipy.linalg.cho_solve(whole.factor, whole.free.T @ force)
-    rest -= modes.shapes @ (modal / modes.squares)
+    rest = whole.solve(force[:, None])[:, 0] - modes.shapes @ (modal / modes.squares)
     return StaticLoad(
         np.concatenate([whole.psi.T @ force, modal]), space.move(points, rest[:, None])[:, 0]
     )

@@ -19,6 +19,7 @@ from headstock.reduction.rails import (
     CONTROL_POINT_DOFS,
     Rail,
     control_point_positions,
+    evaluate_splines,
     place_knots,
 )
 from headstock.solvers.errors import ModelError
@@ -98,9 +99,7 @@ def fit_rail(
     center = np.array(patch.centroid)
     center[axis] = 0.5 * (low + high)
     fields = _section_fields(patch, axis, center)
-    splines = scipy.interpolate.BSpline.design_matrix(
-        patch.points[:, axis], knots, DEGREE
-    ).toarray()
+    splines = evaluate_splines(knots, patch.points[:, axis])
     columns = np.einsum("nk,nif->nikf", splines, fields).reshape(3 * len(patch.nodes), -1)
     weighted = np.zeros_like(columns)
     for direction in range(3):
@@ -191,7 +190,7 @@ def line_condition(lines: Sequence[FloatArray], control_points: int, order: int)
         starts, lengths = ends[:-1], np.diff(ends)
         nodes = starts[:, None] + lengths[:, None] * np.linspace(0.0, 1.0, order + 1)
         nodes = np.clip(nodes, knots[0], knots[-1])
-        splines = scipy.interpolate.BSpline.design_matrix(nodes.ravel(), knots, DEGREE).toarray()
+        splines = evaluate_splines(knots, nodes.ravel())
         splines = splines.reshape(*nodes.shape, control_points)
         gram += np.einsum("e,ij,eik,ejl->kl", lengths, LINE_MASS[order], splines, splines)
     return _condition(gram)

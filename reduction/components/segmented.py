@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
-import scipy  # whose interpolation, a third of a second, is loaded where it is used
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray, rigid_transfer
 from headstock.geometry.machine.carriages import DEGREE
@@ -29,7 +28,7 @@ from headstock.reduction.components.segment_chain import (
     surface_motion,
     traction_load,
 )
-from headstock.reduction.rails import Rail, control_point_motion, lay_out_rail
+from headstock.reduction.rails import Rail, control_point_motion, evaluate_splines, lay_out_rail
 from headstock.reduction.superelement import Recovery, SensorRows, StaticLoad, Superelement
 from headstock.reduction.superelement_checks import check_superelement
 from headstock.solvers.errors import ModelError
@@ -151,7 +150,8 @@ def _fit_rail(row: SegmentedBar, rail: Rail, name: str) -> Rail:
         raise ModelError(
             f'rail {name} runs along {along}, across its segments; write segments = {{ along = "{along}" }}'
         )
-    sites = np.linspace(bar.low, bar.high, max(2 * row.chain.count + 1, DEGREE + 1))
+    count = max(2 * row.chain.count + 1, DEGREE + 1)
+    sites = np.linspace(bar.low, bar.high, count, dtype=np.float64)
     motions = []
     for site in sites:
         center, point = np.array(bar.center), np.array(rail.center)
@@ -160,8 +160,10 @@ def _fit_rail(row: SegmentedBar, rail: Rail, name: str) -> Rail:
             control_point_motion(point, bar.axis, center) @ section_motion(row.chain, float(site))
         )
     values = _over_all_nodes(row, np.vstack(motions).T).T
-    spline = scipy.interpolate.make_interp_spline(sites, values.reshape(len(sites), -1), k=DEGREE)
-    return dataclasses.replace(rail, knots=spline.t, control=spline.c.reshape(len(values), -1))
+    # without knots next to the ends: "not a knot"
+    knots = np.concatenate([[bar.low] * (DEGREE + 1), sites[2:-2], [bar.high] * (DEGREE + 1)])
+    control = np.linalg.solve(evaluate_splines(knots, sites), values.reshape(len(sites), -1))
+    return dataclasses.replace(rail, knots=knots, control=control.reshape(len(values), -1))
 
 
 def _row_mass(row: SegmentedBar, density: float) -> FloatArray:

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # whose search of neighbours is loaded where it is used
 
 from headstock.geometry.frames import FloatArray, rigid_map
+from headstock.meshing.scipy_library import scipy
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.superelement import Superelement
@@ -62,21 +62,22 @@ def place_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
     """
     if superelement.recovery is None:
         return carried_motion(superelement, points)
-    basis_points = superelement.recovery.points
-    count = min(NEIGHBOURS, len(basis_points))
-    distances, neighbours = scipy.spatial.KDTree(basis_points).query(points, k=count)
-    result = np.zeros((len(points), 3, len(superelement.labels)))
-    field = superelement.recovery.basis.reshape(len(basis_points), 3, -1)
-    for row, (distance, near) in enumerate(
-        zip(distances.reshape(-1, count), neighbours.reshape(-1, count), strict=True)
-    ):
-        reach = max(float(distance.max()), np.finfo(float).tiny)
-        arms = np.column_stack([np.ones(count), (basis_points[near] - points[row]) / reach])
-        weights = 1.0 / (SOFTENING + (distance / reach) ** 2)
-        # the value of the fit at the place itself is its constant term
-        factors = np.linalg.pinv(arms * weights[:, None])[0] * weights
-        result[row] = np.tensordot(factors, field[near], axes=1)
-    return result.reshape(3 * len(points), -1)
+    recovery, size = superelement.recovery, len(superelement.recovery.points)
+    count = min(NEIGHBOURS, size)
+    distances, neighbours = (
+        found.reshape(-1, count)
+        for found in scipy.spatial.KDTree(recovery.points).query(points, k=count)
+    )
+    reaches = np.maximum(distances.max(axis=1, initial=0.0), np.finfo(float).tiny)[:, None]
+    arms = np.ones((*neighbours.shape, 4))
+    arms[:, :, 1:] = (recovery.points[neighbours] - points[:, None]) / reaches[:, :, None]
+    weights = 1.0 / (SOFTENING + (distances / reaches) ** 2)
+    # the value of the fit at the place itself is its constant term
+    factors = np.linalg.pinv(arms * weights[:, :, None])[:, 0] * weights
+    ends = np.arange(0, factors.size + 1, count)
+    fit = scipy.sparse.csr_array((factors.ravel(), neighbours.ravel(), ends), (len(points), size))
+    moved: FloatArray = fit @ recovery.basis.reshape(size, -1)
+    return moved.reshape(3 * len(points), -1)
 
 
 def carried_motion(superelement: Superelement, points: FloatArray) -> FloatArray:

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy  # whose assignment, a tenth of a second, is loaded where it is used
 
 from headstock.geometry.frames import FloatArray
+from headstock.meshing.scipy_library import scipy
 
 type Field = npt.NDArray[Any]  # real, or complex where it was measured
 SAME_MODE = 0.5  # a smaller correlation makes two modes different ones
@@ -98,9 +98,11 @@ def assign_modes(
 
     Source: Kuhn (1955).
     """
-    rows, columns = scipy.optimize.linear_sum_assignment(
-        np.where(correlations >= mac_threshold, correlations + tie_break, 0.0), maximize=True
-    )
+    gains = np.where(correlations >= mac_threshold, correlations + tie_break, 0.0)
+    # the same answer as `scipy.optimize` has, which takes a tenth of a second to load; a pair that
+    # weighs nothing would be none
+    graph = scipy.sparse.csr_array(gains - gains.min(initial=0.0) + 1.0)
+    rows, columns = scipy.sparse.csgraph.min_weight_full_bipartite_matching(graph, maximize=True)
     pairs = [
         ModePair(int(i), int(j), float(correlations[i, j]))
         for i, j in zip(rows, columns, strict=True)

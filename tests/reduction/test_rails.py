@@ -25,7 +25,13 @@ from headstock.meshing.component_mesh import ComponentMesh, IntArray
 from headstock.reduction.components.interface_patches import measure_patch
 from headstock.reduction.components.rail_fits import fit_rail
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.rails import Rail, carriage_rows, control_point_positions, place_knots
+from headstock.reduction.rails import (
+    Rail,
+    carriage_rows,
+    control_point_positions,
+    evaluate_splines,
+    place_knots,
+)
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import check_superelement, rigid_motions
 from headstock.solvers.errors import ModelError
@@ -373,3 +379,10 @@ def test_a_segmented_screw_is_as_stiff_along_and_about_itself_as_its_shaft_where
         found = rows @ flexibility @ rows.T
         assert found[2, 2] == approx((distance - 0.01) / axial, rel=allowed)
         assert found[5, 5] == approx((distance - 0.01) / torsional, rel=allowed)
+
+
+def test_splines_and_their_ends_are_those_of_scipy() -> None:
+    knots = place_knots(-0.2, 0.7, 9)
+    points = np.concatenate([np.linspace(-0.25, 0.75, 23), knots])
+    expected = BSpline(knots, np.eye(9), 3)(points)
+    np.testing.assert_allclose(evaluate_splines(knots, points), expected, atol=1e-14)

@@ -10,6 +10,7 @@ from headstock.solvers.errors import AccuracyError, ModelError
 from headstock.solvers.linear import modal_analysis
 from headstock.solvers.linear.modal_analysis import solve_lowest_modes, solve_modal
 from headstock.solvers.linear.symmetric_matrices import find_null_space
+from headstock.solvers.linear.symmetric_modes import ModalPairs, solve_symmetric_modes
 from headstock.solvers.second_order import SecondOrderSystem
 
 
@@ -94,10 +95,8 @@ def test_residuals_of_many_modes_are_bounded_closely_and_a_spoiled_shape_is_refu
     exact = np.abs(left).max(axis=0) / np.sqrt((shapes**2 * weights).sum(axis=0))
     assert (exact <= modal.residuals).all() and modal.residuals.max() < 1e2 * exact.max()
 
-    solve = modal_analysis.solve_symmetric_modes
-
-    def spoil(*matrices: FloatArray, **options: float) -> modal_analysis.ModalPairs:
-        pairs = solve(*matrices)
+    def spoil(*matrices: FloatArray, **options: float) -> ModalPairs:
+        pairs = solve_symmetric_modes(*matrices)
         pairs.shapes[7, 30] += 1e-4 * np.abs(pairs.shapes[:, 30]).max()
         return pairs
 
