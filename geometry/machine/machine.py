@@ -121,6 +121,7 @@ class Machine:
         axes: By name, in the order in which the scene lists them.
         gravity: Acceleration of gravity in the machine frame [m/s^2].
         gravity_stiffening: Whether small motions include the geometric stiffness due to gravity.
+        base_motions: Acceleration of the ground by name of the load, machine axes [m/s^2].
         rayleigh: Viscous damping by mass and stiffness of everything, springs of joints included.
         sensors: Sensors and point masses by name.
         mechanism: The closed-loop mechanism that carries components, if any: their placements, and
@@ -136,6 +137,7 @@ class Machine:
     supports: dict[str, Support] = field(default_factory=dict)
     loads: dict[str, Load] = field(default_factory=dict)
     displacements: dict[str, JointDisplacement] = field(default_factory=dict)
+    base_motions: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     probes: dict[str, Probe] = field(default_factory=dict)
     sensors: dict[str, Sensor] = field(default_factory=dict)
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.80665)
@@ -312,6 +314,11 @@ def orient_machine(machine: Machine, frame: Frame) -> Machine:
         axes=axes,
         loads=loads,
         displacements=displacements,
+        base_motions={
+            name: (float(x), float(y), float(z))
+            for name, given in machine.base_motions.items()
+            for x, y, z in [rotation @ given]
+        },
     )
 
 

@@ -319,7 +319,10 @@ def _has_probe_loads(scene: Scene) -> bool:
     """Return whether probes would show anything at rest."""
     machine = scene.machine
     acting = {GRAVITY, "guide_errors"} & {*scene.effects}
-    return bool(machine.probes and (machine.loads or machine.displacements or acting))
+    return bool(
+        machine.probes
+        and (machine.loads or machine.displacements or machine.base_motions or acting)
+    )
 
 
 STAGES, ANSWERS = "headstock.pipeline.stages", "headstock.pipeline.answers"

@@ -116,7 +116,7 @@ def _list_kernel_parts(component: Component, plan: Plan, scene: Scene) -> list[K
     loads = [load for load in scene.machine.loads.values() if load.component == component.name]
     request = ReductionRequest(
         modes=mode_target(component) if plan.with_modes else None,
-        gravity=plan.gravity is not None,
+        gravity=plan.gravity is not None or bool(scene.machine.base_motions),
     )
     parts: list[KernelPart] = ["stiffness"]
     if needs_mass(component, loads, request):

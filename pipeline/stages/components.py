@@ -374,7 +374,7 @@ def _as_asked(component: Component, reduced: ReducedComponent) -> ReducedCompone
 def _reduction_request(state: RunState, component: Component) -> ReductionRequest:
     return ReductionRequest(
         modes=mode_target(component) if state.plan.with_modes else None,
-        gravity=state.plan.gravity is not None,
+        gravity=state.plan.gravity is not None or bool(state.scene.machine.base_motions),
         attached=any(sensor.is_loaded for sensor in component_sensors(state, component)),
     )
 

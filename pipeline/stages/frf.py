@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from headstock.geometry.frames import BoolArray, FloatArray
+from headstock.geometry.machine.machine import Machine
 from headstock.pipeline.answers.frf import (
     DrivePointFigures,
     Height,
@@ -180,9 +181,7 @@ def _name_direct_channels(parts: MachineParts, response: FrequencyResponse) -> t
     inside = [
         name
         for name, dof in response.inputs
-        if dof == LOAD
-        and machine.loads[name].kind != "force"
-        and is_reduced(machine.loads[name].component)
+        if dof == LOAD and any(map(is_reduced, _list_loaded(machine, name)))
     ]
     moved = [
         name
@@ -200,6 +199,14 @@ def _name_direct_channels(parts: MachineParts, response: FrequencyResponse) -> t
             else ()
         ),
     )
+
+
+def _list_loaded(machine: Machine, name: str) -> list[str]:
+    """Return the components inside of which a load acts: all of them of a ground that moves."""
+    if name in machine.base_motions:
+        return list(machine.components)
+    load = machine.loads[name]
+    return [] if load.kind == "force" else [load.component]
 
 
 def estimate_figures(

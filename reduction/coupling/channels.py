@@ -132,8 +132,8 @@ def machine_loads(
     basis: FloatArray,
     gravity: FloatArray | None,
 ) -> dict[str, FloatArray]:
-    """Return the generalised load ``(n,)`` of every load of the machine by name, and of gravity
-    where it acts.
+    """Return the generalised load ``(n,)`` of every load of the machine by name, of a ground that moves,
+    and of gravity where it acts.
 
     Args:
         layout: Places of the components' dofs among the ``n_all`` stacked ones.
@@ -145,13 +145,22 @@ def machine_loads(
         ModelError: A superelement was reduced without a load that acts on it.
     """
     stacked = {load.name: _stacked_load(layout, load) for load in machine.loads.values()}
-    if gravity is not None:
-        stacked[GRAVITY] = np.zeros(layout.size)
-        for name in layout.superelements:
-            stacked[GRAVITY][layout.offsets[name]] = _weight(
-                layout, matrices, name, np.asarray(gravity, dtype=float)
+    fields = list_fields(machine, gravity)
+    for name, acceleration in fields.items():
+        stacked[name] = np.zeros(layout.size)
+        for component in layout.superelements:
+            stacked[name][layout.offsets[component]] = _weight(
+                layout, matrices, component, acceleration
             )
     return {name: basis.T @ vector for name, vector in stacked.items()}
+
+
+def list_fields(machine: Machine, gravity: FloatArray | None) -> dict[str, FloatArray]:
+    """Return the accelerations ``(3,)`` that act on the mass of every component, by load, machine axes
+    [m/s^2]: gravity, and seen from a ground that moves minus what it does.
+    """
+    fields = {name: -np.array(given) for name, given in machine.base_motions.items()}
+    return fields if gravity is None else {**fields, GRAVITY: np.asarray(gravity, dtype=float)}
 
 
 def load_factors(placement: Frame, load: Load) -> dict[str, float]:

@@ -10,7 +10,7 @@ import scipy.linalg
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Machine, Probe
-from headstock.reduction.coupling.channels import gravity_factors, load_factors
+from headstock.reduction.coupling.channels import gravity_factors, list_fields, load_factors
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import turn_dofs
 from headstock.reduction.superelement import ProbeLoad, ProbeRows
@@ -133,8 +133,8 @@ def component_factors(
         for load in machine.loads.values()
         if load.component == name
     }
-    if gravity is not None:
-        factors["gravity"] = gravity_factors(coupled.placements[name], gravity)
+    for source, acceleration in list_fields(machine, gravity).items():
+        factors[source] = gravity_factors(coupled.placements[name], acceleration)
     return {
         load: {key: size for key, size in by_key.items() if key in unit_loads}
         for load, by_key in factors.items()

@@ -350,7 +350,12 @@ def _build_machine(draft: Draft, name: str, folder: Path) -> Machine:
         loads={
             key: loads.build_load(key, table, parts)
             for key, table in scene.loads.items()
-            if table.joint is None
+            if table.joint is None and table.base is None
+        },
+        base_motions={
+            key: (table.base[0], table.base[1], table.base[2])
+            for key, table in scene.loads.items()
+            if table.base is not None
         },
         displacements={
             key: loads.build_displacement(key, table)

@@ -75,19 +75,21 @@ class SupportTable(types.StrictTable):
             yield "an edge has no one normal; write directions such as x or [1, 0, 1]"
 
 
-LoadKind = Literal["force", "traction", "pressure", "body", "displacement"]
+LoadKind = Literal["force", "traction", "pressure", "body", "displacement", "base"]
 LOAD_KINDS: dict[LoadKind, tuple[str, ...]] = {
     "force": ("force", "moment"),
     "traction": ("traction",),
     "pressure": ("pressure",),
     "body": ("body",),
     "displacement": ("displacement", "rotation"),
+    "base": ("base",),
 }
 
 
 class LoadTable(types.StrictTable):
     """A static load: force and moment at an interface, traction or pressure on an area, a body
-    acceleration field, or a displacement and rotation that a joint is given.
+    acceleration field, a displacement and rotation that a joint is given, or an acceleration of the
+    ground.
     """
 
     at: types.Text | None = None
@@ -119,9 +121,12 @@ class LoadTable(types.StrictTable):
     rotation: Annotated[list[types.Angle], Field(min_length=3, max_length=3)] | None = None
     """small rotation about x, y, z through the joint's point"""
 
+    base: Annotated[list[types.Acceleration], Field(min_length=3, max_length=3)] | None = None
+    """acceleration of the ground along x, y, z; motions are relative to it"""
+
     @property
     def owner(self) -> str:
-        """The component it acts on; empty of a displacement."""
+        """The component it acts on; empty of a displacement and of a moving ground."""
         return self.component or (self.face or self.at or "").partition(".")[0]
 
     @property
@@ -132,9 +137,12 @@ class LoadTable(types.StrictTable):
     def _faults(self) -> Iterator[str]:
         kinds = [kind for kind, keys in LOAD_KINDS.items() if self.given(keys)]
         if len(kinds) != 1:
-            yield "needs exactly one of force (with moment), traction, pressure, body, displacement (with rotation)"
+            yield "needs exactly one of force (with moment), traction, pressure, body, displacement (with rotation), base"
         places = self.given(("at", "face", "component", "joint")).keys()
-        if "joint" in places or "displacement" in kinds:
+        if "base" in kinds:
+            if places:
+                yield f"base moves the whole ground; remove {next(iter(places))}"
+        elif "joint" in places or "displacement" in kinds:
             if places != {"joint"} or "displacement" not in kinds:
                 yield 'a displacement is given to a joint; write joint = "foot", displacement = ["0 um", "0 um", "-20 um"]'
         elif "force" in kinds and "at" not in places:
