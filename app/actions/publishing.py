@@ -23,7 +23,7 @@ from headstock.app.report.report import Stills, Worth, render_report, write_repo
 from headstock.app.tables.table import encode_csv
 from headstock.app.terminal.console import print_remarks
 from headstock.app.terminal.guard import DONE
-from headstock.app.views.registry import list_tables
+from headstock.app.views.registry import find_views, list_tables
 from headstock.meshing.process.strangers import SUMMARY, require_size
 from headstock.pipeline.numbers.folders import RESULTS_FILE, read_summary
 from headstock.pipeline.results.files import (
@@ -164,4 +164,6 @@ def _write_tables(folder: Path, run: Results) -> list[str]:
         OutputError: A file cannot be written.
     """
     contents = {f"{table.name}.csv": encode_csv(table) for table in list_tables(run)}
+    for view in find_views(run):
+        contents |= view.files(run)
     return replace_outputs(folder, TABLES_FOLDER, contents)

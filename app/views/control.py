@@ -4,10 +4,24 @@ from collections.abc import Iterator
 from typing import Literal
 
 from headstock.app.drawings.figures import draw_poles
-from headstock.app.tables.table import Cell, Column, Listing, PlainTable, tabulate
+from headstock.app.tables.table import (
+    Cell,
+    Column,
+    Listing,
+    PlainTable,
+    bound_column,
+    plain_column,
+    tabulate,
+)
 from headstock.app.texts.bounded_values import show_damping
 from headstock.app.views.view import Section, TerminalPart, View
-from headstock.pipeline.answers.control import UM, ClosedLoopDrive, ClosedLoopPole, ControlAnswer
+from headstock.pipeline.answers.control import (
+    UM,
+    ClosedLoopDrive,
+    ClosedLoopPole,
+    ControlAnswer,
+    GuardFrequency,
+)
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.results import Results
 
@@ -72,6 +86,73 @@ DRIVE_COLUMNS: tuple[Column[DriveRow], ...] = (
 )
 
 
+type GuardRow = tuple[ControlAnswer, GuardFrequency]
+
+
+def _guard_error(row: GuardRow) -> float | None:
+    return row[0].error_of(row[0].guard_key(row[1])).total
+
+
+GUARD_COLUMNS: tuple[Column[GuardRow], ...] = (
+    plain_column(lambda row: row[1].drive, "drive", "drive", "Drive"),
+    plain_column(lambda row: row[0].pose, "pose", "pose", "Pose"),
+    *bound_column(
+        lambda row: row[1].frequency_hz,
+        _guard_error,
+        "frequency [Hz]",
+        ">Hz",
+        "Frequency [Hz]",
+        error_file="± [Hz]",
+    ),
+    Column(
+        lambda row: row[1].damping_ratio,
+        "damping ratio",
+        ">damping",
+        "Damping",
+        show=show_damping,
+    ),
+    Column(lambda row: row[1].height, "height over rigid machine", ">height", "Height", digits=3),
+    plain_column(lambda row: row[1].name, "motion", "motion", "Motion"),
+)
+
+
+def _list_guards(run: Results) -> list[GuardRow]:
+    """Return the frequencies to guard in every pose, drive by drive."""
+    rows = [(answer, guard) for answer in run.find(ControlAnswer) for guard in answer.guards]
+    return sorted(rows, key=lambda row: row[1].drive)
+
+
+def _tabulate_guards(rows: list[GuardRow]) -> PlainTable:
+    """Return the same for files, with the position of every axis in m or rad."""
+    table = tabulate("guard_frequencies", GUARD_COLUMNS, rows)
+    axes = list(dict.fromkeys(axis for answer, _ in rows for axis in answer.positions))
+    headings = (*table.headings, *(f"{axis} [m or rad]" for axis in axes))
+    places = [tuple(answer.positions.get(axis, 0.0) for axis in axes) for answer, _ in rows]
+    lines = zip(table.rows, places, strict=True)
+    return PlainTable(table.name, headings, tuple((*row, *place) for row, place in lines))
+
+
+def _find_bands(rows: list[GuardRow]) -> list[str]:
+    """Say of each drive how far its highest resonance moves over the poses, and a notch for it."""
+    lines = []
+    for drive in dict.fromkeys(guard.drive for _, guard in rows):
+        first = [row for row in rows if row[1].drive == drive and row[1].number == 1]
+        hz = [row[1].frequency_hz for row in first]
+        errors = [_guard_error(row) for row in first]
+        known = [size for size in errors if size is not None]
+        low = min(value - (size or 0.0) for value, size in zip(hz, errors, strict=True))
+        high = max(value + (size or 0.0) for value, size in zip(hz, errors, strict=True))
+        width = max(
+            0.5 * (high - low) / (0.5 * (high + low)), *(row[1].damping_ratio for row in first)
+        )
+        bound = "" if len(known) == len(errors) else ", without ± where none is known"
+        lines.append(
+            f"  {drive}: {min(hz):.4g} to {max(hz):.4g} Hz in {len(first)} poses, {low:.4g} to {high:.4g} Hz with ±{bound};"
+            f' filters = [{{ notch = "{0.5 * (low + high):.4g} Hz", damping = {width:.2g} }}]'
+        )
+    return lines
+
+
 def _list_drives(control: ControlAnswer) -> list[DriveRow]:
     return [(drive, not control.verdict) for drive in control.drives]
 
@@ -81,6 +162,8 @@ def _list_tables(run: Results) -> Iterator[PlainTable]:
         yield tabulate(
             f"poles_{file_stem(control.pose)}", POLE_COLUMNS, enumerate(control.poles, 1)
         )
+    if rows := _list_guards(run):
+        yield _tabulate_guards(rows)
 
 
 def _list_parts(run: Results) -> Iterator[TerminalPart]:
@@ -89,6 +172,10 @@ def _list_parts(run: Results) -> Iterator[TerminalPart]:
         yield Listing(title, POLE_COLUMNS, enumerate(control.poles, 1))
         title = f"Drives in pose {control.pose}, lag at {60e3 * control.speed:g} mm/min"
         yield Listing(title, DRIVE_COLUMNS, _list_drives(control))
+    if rows := _list_guards(run):
+        yield Listing("Frequencies to guard, motors free", GUARD_COLUMNS, rows)
+        yield from _find_bands(rows)
+        yield ""
 
 
 VIEW = View(
@@ -102,6 +189,9 @@ VIEW = View(
             "answers": run.find(ControlAnswer),
             "drive_columns": DRIVE_COLUMNS,
             "pole_columns": POLE_COLUMNS,
+            "guard_columns": GUARD_COLUMNS,
+            "guards": _list_guards(run),
+            "bands": _find_bands(_list_guards(run)),
             "draw_poles": draw_poles,
             "enumerate": enumerate,
             "list_drives": _list_drives,

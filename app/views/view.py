@@ -57,12 +57,14 @@ class View:
     Attributes:
         tables: For files; the report offers them, too.
         long_tables: For files only: a row per sample.
+        files: Of other forms in the folder of the tables, by name.
         terminal: Tables, shares and lines in order.
         section: Of the report, or what makes it of a run; None for none.
     """
 
     tables: Callable[[Results], Iterable[PlainTable]] = _show_nothing
     long_tables: Callable[[Results], Iterable[PlainTable]] = _show_nothing
+    files: Callable[[Results], Mapping[str, bytes]] = lambda _: {}
     terminal: Callable[[Results], Iterable[TerminalPart]] = _show_nothing
     section: Section | Callable[[Results], Section | None] | None = None
 

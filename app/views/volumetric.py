@@ -5,6 +5,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product
 
+import numpy as np
+
 from headstock.app.drawings.figures import draw_budget, draw_map, map_layers
 from headstock.app.drawings.volumetric import draw_motions, draw_volume, list_maps
 from headstock.app.tables.static import (
@@ -38,6 +40,8 @@ from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.storage.json_texts import find_known
 from headstock.solvers.linear.volumetric import Squareness, measure_range
+
+MOST_LINES = 256  # of a file of LinuxCNC
 
 
 def _tabulate_map(stem: str, found: PoseGrid) -> PlainTable:
@@ -202,10 +206,60 @@ def _volumetric_words(found: VolumetricAnswer) -> list[str]:
     return lines + left_out_words(estimate.left_out)
 
 
+def _tabulate_corrections(found: VolumetricAnswer) -> PlainTable:
+    """Tabulate what brings the tool back in every pose: minus its error, with ± where it is known."""
+    scales = {"m": ("mm", 1e3), "rad": ("deg", math.degrees(1.0))}
+    units = [scales[found.axis_units[axis]] for axis in found.axes]
+    shown = [f"{symbol} [{'um' if dof < 3 else 'urad'}]" for dof, symbol in enumerate(SYMBOLS)]
+    headings = (
+        *(f"{axis} [{unit}]" for axis, (unit, _) in zip(found.axes, units, strict=True)),
+        *(f"correction {name}" for name in shown),
+        *(f"± {name}" for name in shown),
+    )
+    positions = [
+        [scale * float(value) for value in values]
+        for (_, scale), values in zip(units, found.positions, strict=True)
+    ]
+    values = zip(found.total.reshape(-1, 6), found.grid_errors.reshape(-1, 6), strict=True)
+    rows = tuple(
+        (
+            *place,
+            *(find_known(-MICRO * float(size)) for size in moved),
+            *(find_known(MICRO * float(size)) for size in bound),
+        )
+        for place, (moved, bound) in zip(product(*positions), values, strict=True)
+    )
+    return PlainTable(f"compensation_{file_stem(found.point)}", headings, rows)
+
+
+def _encode_compensations(run: Results) -> dict[str, bytes]:
+    """Return the file of LinuxCNC for each linear axis along x, y or z: nominal position, and where the
+    axis really is going forward and back [mm], rising, at most 256 lines without comments.
+
+    Source: LinuxCNC, ``usrmotLoadComp`` of the motion controller with ``COMP_FILE_TYPE = 0``.
+    """
+    files = {}
+    for volume in run.find(VolumetricAnswer):
+        for line in volume.lines:
+            if line.along is None or np.isnan(line.motions[:, line.along]).any():
+                continue
+            sign = math.copysign(1.0, line.travel[line.along])
+            count = min(len(line.positions), MOST_LINES)
+            kept = np.unique(np.linspace(0, len(line.positions) - 1, count).round().astype(int))
+            nominal = 1e3 * line.positions[kept]
+            actual = nominal + 1e3 * sign * line.motions[kept, line.along]
+            files[f"{file_stem(volume.point)}_{file_stem(line.axis)}.comp"] = "".join(
+                f"{place:.6f} {moved:.7f} {moved:.7f}\n"
+                for place, moved in zip(nominal, actual, strict=True)
+            ).encode()
+    return files
+
+
 def _list_tables(run: Results) -> Iterator[PlainTable]:
     for volume in run.find(VolumetricAnswer):
         stem = file_stem(volume.point)
         yield _tabulate_map(f"volumetric_{stem}", volume)
+        yield _tabulate_corrections(volume)
         yield tabulate(f"error_motions_{stem}", LINE_COLUMNS, _list_lines(volume))
         yield tabulate_budget(f"volumetric_budget_{stem}", volume.budget)
 
@@ -227,6 +281,7 @@ def _list_parts(run: Results) -> Iterator[TerminalPart]:
 
 VIEW = View(
     tables=_list_tables,
+    files=_encode_compensations,
     terminal=_list_parts,
     section=lambda run: Section(
         "volumetric",

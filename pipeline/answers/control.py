@@ -1,11 +1,12 @@
 """Loops of drives closed around the machine, as results: poles, and the figures of each drive."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from headstock.pipeline.answers.answer import Answer, Entry
-from headstock.pipeline.numbers.numbers import Number, make_key
+from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.margins import LoopMargins
 
@@ -53,6 +54,26 @@ class ClosedLoopPole:
         }
 
 
+@dataclass(frozen=True)
+class GuardFrequency:
+    """A natural frequency that the motor of a drive excites and measures, to be kept out of its loop.
+
+    Attributes:
+        number: Among those of its drive, from the highest resonance down.
+        frequency_hz: With the motors free [Hz].
+        damping_ratio: Of the mode, without control.
+        height: Of the resonance over the response of the rigid machine [-]; None without damping.
+        name: What moves.
+    """
+
+    drive: str
+    number: int
+    frequency_hz: float
+    damping_ratio: float
+    height: float | None
+    name: str
+
+
 @dataclass(frozen=True, eq=False)
 class ClosedLoopDrive:
     """A drive in its closed loop.
@@ -94,6 +115,8 @@ class ControlAnswer(Answer):
         up_to_hz: Poles are listed up to here [Hz].
         speed: Of the set point that axes lag behind [m/s].
         verdict: Why the loops are unstable, in plain words; empty when they are not.
+        guards: Frequencies to guard, by drive.
+        positions: Of each axis in the pose [m, rad].
     """
 
     pose: str
@@ -102,11 +125,19 @@ class ControlAnswer(Answer):
     poles: tuple[ClosedLoopPole, ...]
     drives: tuple[ClosedLoopDrive, ...]
     verdict: str = ""
+    guards: tuple[GuardFrequency, ...] = ()
+    positions: Mapping[str, float] = field(default_factory=dict)
     entry: ClassVar[str] = "control"
     keys: ClassVar[str] = """control.*(up_to_hz speed_m_per_s stable verdict
         poles[](frequency_hz damping_ratio real imag drive name)
         drives.*(axis encoder kv_per_s velocity_gain_n_s_per_m dead_time_s motor_mass_kg
-        velocity_lag_um margins.*))"""
+        velocity_lag_um margins.*) positions.*
+        guards[](drive number frequency_hz error_hz damping_ratio height name))"""
+
+    def guard_key(self, guard: GuardFrequency) -> Key:
+        """Return the key of a frequency to guard."""
+        at = {"pose": self.pose, "drive": guard.drive, "mode": guard.number}
+        return make_key("guard_frequency", **at)
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield the poles and, of stable loops, lag and margins of each drive."""
@@ -114,6 +145,9 @@ class ControlAnswer(Answer):
             at: dict[str, str | int] = {"pose": self.pose, "pole": number}
             yield Number(make_key("pole_frequency", **at), pole.frequency_hz, "Hz")
             yield Number(make_key("pole_damping", **at), pole.damping_ratio, "1")
+        for guard in self.guards:
+            key = self.guard_key(guard)
+            yield Number(key, guard.frequency_hz, "Hz", self.errors.get(key))
         for drive in () if self.verdict else self.drives:
             at = {"pose": self.pose, "drive": drive.train.name}
             yield Number(make_key("velocity_lag", **at), drive.velocity_lag, "m")
@@ -131,6 +165,14 @@ class ControlAnswer(Answer):
             "drives": {
                 drive.train.name: drive.summarise(stable=not self.verdict) for drive in self.drives
             },
+            "positions": dict(self.positions),
+            "guards": [
+                {
+                    **dataclasses.asdict(guard),
+                    "error_hz": self.error_of(self.guard_key(guard)).total,
+                }
+                for guard in self.guards
+            ],
         }
         if self.verdict:
             summary["verdict"] = self.verdict

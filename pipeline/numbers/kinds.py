@@ -159,6 +159,12 @@ KINDS: Mapping[str, Kind] = {
     "pole_damping": Kind(
         "damping of control poles", ("pose", "pole"), shown={"1": ("%", 100.0)}, compared=False
     ),
+    "guard_frequency": Kind(
+        "frequencies to guard",
+        ("pose", "drive", "mode"),
+        compared=False,
+        evidence="validate coverage",
+    ),
     "velocity_lag": Kind("velocity lag", ("pose", "drive")),
     "loop_margin": Kind("margins of drive loops", ("pose", "drive", "figure")),
     "gravity_deflection": Kind(

@@ -9,7 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.pipeline.answers.control import ClosedLoopDrive, ClosedLoopPole, ControlAnswer
+from headstock.pipeline.answers.control import (
+    ClosedLoopDrive,
+    ClosedLoopPole,
+    ControlAnswer,
+    GuardFrequency,
+)
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.stages.machine import damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import (
@@ -22,14 +27,16 @@ from headstock.pipeline.stages.run_state import (
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.scene.analyses.control import ControlRequest
 from headstock.solvers.control.drive_loops import close_loops, find_velocity_lag
-from headstock.solvers.control.drive_trains import DriveTrain
+from headstock.solvers.control.drive_trains import MOTOR, DriveTrain
 from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import LoopPoles, find_loop_poles, require_stable
 from headstock.solvers.errors import UnstableControlError
-from headstock.solvers.linear.modal_analysis import ModalResult
+from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.second_order import SecondOrderSystem
 
 ROUNDOFF = 1e-12  # of a stiffness that weight and anchors are taken off, and of a lag
+TINY = 1e-12  # damping ratio or share of a motion that counts as none
+LEAST_HEIGHT, MOST_GUARDS = 0.2, 6  # of a resonance over the rigid machine; listed of each drive
 MARGIN_REACH = 4.0  # margins are looked for up to so many times the highest requested pole
 
 
@@ -140,7 +147,16 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
         for train, item in zip(trains, margins, strict=True)
     )
     listed = list_poles(driven, poles, request.up_to_hz)
-    answer = ControlAnswer(pose, request.up_to_hz, request.speed, listed, drives, verdict)
+    answer = ControlAnswer(
+        pose,
+        request.up_to_hz,
+        request.speed,
+        listed,
+        drives,
+        verdict,
+        positions=driven.released.pose.positions,
+    )
+    answer = _guard_frequencies(answer, driven, MARGIN_REACH * request.up_to_hz)
     return Outcome(
         detail=f"{len(listed)} poles, {'unstable: see below' if verdict else 'stable'}",
         answers=(answer,),
@@ -150,6 +166,48 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
 def _round_lag(train: DriveTrain, lag: float) -> float:
     """Lag per speed [s]; zero where feed-forward leaves roundoff of what it takes off."""
     return lag if abs(lag) * (train.control.position_gain or 1.0) > ROUNDOFF else 0.0
+
+
+def _guard_frequencies(
+    answer: ControlAnswer, driven: DrivenMachine, up_to_hz: float
+) -> ControlAnswer:
+    """Add the natural frequencies that stand out of the response of each motor to its own force, with
+    their ±.
+
+    A mode that moves the motor by phi peaks at ``phi^2 / (2 zeta omega^2)``, and the rigid machine moves
+    by ``sum phi_rigid^2 / omega^2``: their ratio is the height of the resonance.
+    """
+    system, modes = driven.system, keep_lowest(driven.modes, up_to_hz=up_to_hz)
+    elastic = slice(modes.rigid_count, None)
+    omega, shapes = 2.0 * np.pi * modes.frequencies_hz[elastic], modes.shapes[:, elastic]
+    losses = np.zeros(len(omega))
+    for matrix, scale in ((system.damping, omega), (system.hysteretic, omega**2)):
+        if matrix is not None:
+            losses += np.einsum("ik,ij,jk->k", shapes, matrix, shapes) / (2.0 * scale)
+    names, errors = (
+        driven.released.name_modes(modes).names,
+        driven.released.estimate_mode_errors(modes),
+    )
+    guards, bounds = [], {}
+    for train in driven.trains:
+        moved = system.outputs[train.name, MOTOR] @ modes.shapes
+        share = moved[elastic] ** 2 / max(
+            float(moved[: modes.rigid_count] @ moved[: modes.rigid_count]), TINY
+        )
+        heights = share / (2.0 * np.maximum(losses, TINY))
+        order = [int(k) for k in np.argsort(-heights, kind="stable")[:MOST_GUARDS]]
+        for number, mode in enumerate((k for k in order if heights[k] > LEAST_HEIGHT), 1):
+            guard = GuardFrequency(
+                train.name,
+                number,
+                float(modes.frequencies_hz[elastic][mode]),
+                float(losses[mode]),
+                float(heights[mode]) if losses[mode] > TINY else None,
+                names[modes.rigid_count + mode],
+            )
+            guards.append(guard)
+            bounds[answer.guard_key(guard)] = errors[modes.rigid_count + mode]
+    return dataclasses.replace(answer, guards=tuple(guards)).with_errors(bounds, "replace")
 
 
 def list_poles(
