@@ -44,6 +44,7 @@ class PointCompliance:
         free_motions: Motions of the machine that nothing holds.
         displacements: Load, ``gravity`` and ``guide_errors`` among them, to its part ``(6,)`` of
             the displacement.
+        turns: Its rotations are known; those of a sensor are NaN.
     """
 
     compliance: FloatArray
@@ -52,6 +53,12 @@ class PointCompliance:
     displacement: FloatArray | None = None
     free_motions: tuple[str, ...] = ()
     displacements: dict[str, FloatArray] = field(default_factory=dict)
+    turns: bool = True
+
+    @property
+    def is_partial(self) -> bool:
+        """Some of it is not known."""
+        return bool(self.free_motions) or not self.turns
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +129,7 @@ class StaticAnswer(Answer):
                 if values is not None:
                     check_finite(
                         f"static {what} at {name}",
-                        values[~np.isnan(values)] if point.free_motions else values.ravel(),
+                        values[~np.isnan(values)] if point.is_partial else values.ravel(),
                     )
                     group[what] = values
             for load, values in point.displacements.items():
@@ -135,7 +142,7 @@ def compliance_key(pose: str, point: str, direction: str) -> Key:
 
 
 def _summarise_point(name: str, point: PointCompliance, errors: dict[str, Estimate]) -> Entry:
-    what, free = f"static compliance at {name}", bool(point.free_motions)
+    what, free = f"static compliance at {name}", point.is_partial
     summary: Entry = {
         "compliance_um_per_kN": null_open(what, point.compliance[:3, :3] * UM_PER_KN, free=free),
         "compliance_6x6": null_open(what, point.compliance, free=free),

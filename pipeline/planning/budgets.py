@@ -350,7 +350,9 @@ def lobes_seconds(
     parts = components.values()
     segments = sum(part.segments.count for part in parts if part.fidelity == "segmented")
     poles = FEWEST_POLES + POLES_PER_DOF * max(0, dofs - DOFS_OF_A_BODY * segments)
-    tool = components.get(machine.points[request.at].carrier.component or "")
+    sensor = machine.sensors.get(request.at)
+    carrier = machine.points[request.at].carrier if sensor is None else sensor
+    tool = components.get(carrier.component or "")
     faster = FASTER_TOOL if tool is not None and tool.fidelity != "rigid" else 1.0
     own = np.array([request.rows_at(float(speed), faster=faster) for speed in request.speeds])
     rows = own + 2.0 * poles

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import DIRECTIONS, DOF_NAMES, FloatArray, Frame
+from headstock.geometry.frames import DIRECTIONS, FloatArray, Frame
 from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.machine import Pose
 from headstock.geometry.mechanisms.exechon import solve_pose
@@ -55,7 +55,12 @@ from headstock.reduction.motions.body_motions import (
     solve_machine_static,
     warn_of_free_motions,
 )
-from headstock.reduction.motions.compliance_budget import find_weakest_link, point_budget
+from headstock.reduction.motions.compliance_budget import (
+    find_weakest_link,
+    motions_at,
+    point_budget,
+    turns_at,
+)
 from headstock.reduction.motions.mode_naming import NamedModes, name_modes
 from headstock.reduction.motions.part_names import name_families
 from headstock.reduction.motions.tool_deviation import fixed_offsets
@@ -171,6 +176,7 @@ class CoupledPose:
                 displacements.pop(ALL_LOADS, None),
                 tuple(map(str, free)),
                 displacements,
+                turns=turns_at(coupled, name),
             ),
             (warn_of_free_motions(self.undeclared(free) or free),) if free else (),
             failures,
@@ -194,8 +200,10 @@ class CoupledPose:
                 raise free_motion_error(coupled)
         except ModelError as error:
             return {}, (f"displacements under the loads {', '.join(coupled.loads)}: {error}",)
-        rows = np.array([coupled.system.outputs[name, dof] for dof in DOF_NAMES])
+        rows = motions_at(coupled.system.outputs, name)
         determined = solution.determines(rows)[:, None] & solution.balanced
+        if not turns_at(coupled, name):
+            determined[len(DIRECTIONS) :] = False
         moved = np.where(determined, rows @ solution.displacements, np.nan)
         offsets = fixed_offsets(coupled, self.parts.scene.machine, name)
         offsets[ALL_LOADS] = np.sum([np.zeros(6), *offsets.values()], axis=0)

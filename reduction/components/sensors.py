@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.frames import DOF_NAMES, FloatArray, Frame
 from headstock.geometry.machine.machine import Sensor
 from headstock.geometry.parts.nearest_places import describe_distance
 from headstock.reduction.superelement import SensorRows, StaticLoad, Superelement
@@ -36,25 +36,26 @@ class SensorPlaceError(ModelError):
 
 
 def observe_recovered(element: Superelement, sensors: Iterable[Sensor]) -> dict[str, SensorRows]:
-    """Return the motion at sensors that lie at points whose motion an imported superelement recovers.
+    """Return the motion at sensors of an imported superelement: at its nodes, and at points whose
+    motion it recovers.
 
     Raises:
-        SensorPlaceError: There is no such point within reach.
-        ModelError: The superelement has no recovery basis.
+        SensorPlaceError: There is no such place within reach.
     """
-    recovery = element.recovery
-    if recovery is None:
-        raise ModelError(
-            f"component {element.name!r} is an imported superelement without recovery basis, so sensors cannot be placed on it; "
-            "use a point at one of its interfaces"
-        )
+    nodes = np.array([frame.origin for frame in element.frames]).reshape(-1, 3)
+    moved = np.eye(len(DOF_NAMES) * len(nodes), len(element.labels))
+    basis = moved.reshape(len(nodes), len(DOF_NAMES), -1)[:, :3]
+    places, recovery = nodes, element.recovery
+    if recovery is not None:
+        places = np.concatenate([nodes, recovery.points])
+        basis = np.concatenate([basis, recovery.basis.reshape(len(recovery.points), 3, -1)])
     rows = {}
     for sensor in sensors:
-        distances = np.linalg.norm(recovery.points - sensor.position, axis=1)
+        distances = np.linalg.norm(places - sensor.position, axis=1)
         nearest = int(np.argmin(distances))
         if distances[nearest] > sensor.reach:
-            raise SensorPlaceError(sensor, recovery.points[nearest], float(distances[nearest]))
-        rows[sensor.name] = SensorRows(recovery.basis[3 * nearest : 3 * nearest + 3])
+            raise SensorPlaceError(sensor, places[nearest], float(distances[nearest]))
+        rows[sensor.name] = SensorRows(basis[nearest])
     return rows
 
 

@@ -1,6 +1,7 @@
 """Compliance at a point of a machine, and which component or joint it comes from."""
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +29,7 @@ class PointBudget:
     Attributes:
         compliance: ``(6, 6)`` motion per unit load [m/N, rad/N, m/(N m), rad/(N m)], machine axes;
             NaN where the load does work on a free motion of the machine, or the motion is part of
-            one.
+            one, and for the rotations of a sensor.
         shares: For x, y and z the share of each component and joint in that direction's compliance;
             each sums to 1. Empty for a direction in which nothing deforms.
         displacements: ``(n, 6)`` responses to the unit loads; zero where there is none.
@@ -66,7 +67,7 @@ class WeakLink:
 
 def point_loads(coupled: CoupledMachine, point: str) -> FloatArray:
     """Return the generalised loads ``(n, 6)`` of unit forces and moments on the tool, opposite ones
-    on the work, machine axes.
+    on the work, machine axes; zero for moments at a sensor.
 
     Raises:
         ModelError: There is no such point.
@@ -74,7 +75,13 @@ def point_loads(coupled: CoupledMachine, point: str) -> FloatArray:
     if (point, "x") not in coupled.system.inputs:
         names = sorted({name for name, _ in coupled.system.inputs})
         raise ModelError(f"there is no point {point!r}; points and interfaces: {names}")
-    return np.column_stack([coupled.system.inputs[point, dof] for dof in DOF_NAMES])
+    return motions_at(coupled.system.inputs, point).T
+
+
+def motions_at(channels: Mapping[tuple[str, str], FloatArray], point: str) -> FloatArray:
+    """Return the rows ``(6, n)`` of a point, sensor or interface; zero for rotations of a sensor."""
+    nothing = np.zeros_like(channels[point, "x"])
+    return np.array([channels.get((point, dof), nothing) for dof in DOF_NAMES])
 
 
 def point_compliance(coupled: CoupledMachine, point: str) -> FloatArray:
@@ -113,18 +120,27 @@ def point_budget(coupled: CoupledMachine, point: str) -> PointBudget:
         shares[direction] = _shares(
             energies_now, work, _roundoff(coupled, displacements[:, i]), f"{point} {direction}"
         )
-    return PointBudget(compliance, shares, displacements, bool(np.isnan(compliance).any()))
+    count = len(DOF_NAMES) if turns_at(coupled, point) else len(DIRECTIONS)
+    free = bool(np.isnan(compliance[:count, :count]).any())
+    return PointBudget(compliance, shares, displacements, free)
+
+
+def turns_at(coupled: CoupledMachine, point: str) -> bool:
+    """Tell whether rotations are known there: not at a sensor."""
+    return (point, DOF_NAMES[-1]) in coupled.system.outputs
 
 
 def _solve_point(coupled: CoupledMachine, point: str) -> tuple[FloatArray, FloatArray]:
-    """Return the compliance ``(6, 6)``, NaN where a free motion makes it undetermined, and
-    displacements ``(n, 6)``.
+    """Return the compliance ``(6, 6)``, NaN where a free motion makes it undetermined and for the
+    rotations of a sensor, and displacements ``(n, 6)``.
     """
     result = solve_balanced(coupled.system, point_loads(coupled, point))
     if not result.balanced[: len(DIRECTIONS)].any():
         raise free_motion_error(coupled)
-    rows = np.vstack([coupled.system.outputs[point, dof] for dof in DOF_NAMES])
+    rows = motions_at(coupled.system.outputs, point)
     determined = result.determines(rows)[:, None] & result.balanced
+    if not turns_at(coupled, point):
+        determined[:, len(DIRECTIONS) :] = determined[len(DIRECTIONS) :] = False
     return np.where(determined, rows @ result.displacements, np.nan), result.displacements
 
 

@@ -95,6 +95,11 @@ class LobesRequest(Request):
     part: Side = "right"
 
     @property
+    def loaded_places(self) -> tuple[str, ...]:
+        """Return where the cut acts."""
+        return (self.at,)
+
+    @property
     def asks_for_feed(self) -> bool:
         """Return whether one of the directions is that of the feed."""
         return any(travel.along is None for travel in self.directions)
@@ -217,7 +222,7 @@ class _LobesTable(types.RequestTable):
     ]
     """directions of the travel. `feed` is that of a path, see [lobes](lobes.md#over-the-workspace-and-along-a-path)"""
     at: types.Text | None = None
-    """point where the tool is; default: the first one"""
+    """point where the tool is, or a sensor there that measures x, y and z; default: the first point"""
     up: types.Direction = (0.0, 0.0, 1.0)
     """direction from the tool's tip to its holder"""
     up_to: types.PositiveFrequency = 1000.0
@@ -290,7 +295,7 @@ def _check(table: _LobesTable, draft: Draft) -> None:
     """
     scene = draft.table
     if table.at is not None:
-        draft.check_name((*KEY, "at"), table.at, "points")
+        draft.check_point((*KEY, "at"), table.at)
     elif not draft.sections.get("points"):
         draft.add(KEY, 'there is no point where the tool cuts; write [points], or at = "tcp"')
     _check_speeds(table, draft.findings)

@@ -10,12 +10,17 @@ from headstock.scene.schema.types import Names, RequestTable
 
 @dataclass(frozen=True)
 class StaticRequest(Request):
-    """Compliance at named points, in named poses (all of them when empty)."""
+    """Compliance at named points and sensors, in named poses (all of them when empty)."""
 
     analysis: ClassVar[str] = "static"
 
     at: tuple[str, ...]
     poses: tuple[str, ...] = ()
+
+    @property
+    def loaded_places(self) -> tuple[str, ...]:
+        """Return where unit loads act."""
+        return self.at
 
 
 class StaticTable(RequestTable):
@@ -24,7 +29,7 @@ class StaticTable(RequestTable):
     loads_probes = "by the scene"
 
     at: Names | None = None
-    """points at which it is computed; default: all of them"""
+    """points, and sensors that measure x, y and z, at which it is computed; default: all points"""
     poses: Names | None = None
     """poses in which it is computed; default: all of them"""
 
@@ -37,7 +42,7 @@ def _build(table: StaticTable, draft: Draft) -> StaticRequest:
 def _check(table: StaticTable, draft: Draft) -> None:
     """Report points and poses that do not exist."""
     for index, point in enumerate(table.at or ()):
-        draft.check_name(("analyses", "static", "at", index), point, "points")
+        draft.check_point(("analyses", "static", "at", index), point)
 
 
 def _check_subject(table: StaticTable, draft: Draft) -> None:

@@ -110,6 +110,15 @@ class Draft:
             names = [*self.sections.get("points", ()), *self.sections.get("sensors", ())]
             self.findings.check_name(key, name, names, "point", "points", more)
 
+    def check_point(self, key: KeyPath, name: str) -> None:
+        """Report what is neither a point nor a sensor that measures x, y and z."""
+        if name not in self.sensors:
+            names = [*self.sections.get("points", ()), *self.sensors]
+            self.findings.check_name(key, name, names, "point", "points")
+            return
+        if lacking := [one for one in DIRECTIONS if one not in self.sensors[name].directions]:
+            self.add(key, describe_unmeasured(self.sensors[name], lacking[0]))
+
     def _check_sensor(self, key: KeyPath, name: str, direction: str) -> None:
         named = _select_sensors(self.sensors, name)
         entry, dot, _ = name.partition(".")

@@ -9,6 +9,7 @@ import numpy as np
 
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.reduction.coupling.slopes import ObservedDof, slope_modes
+from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import slope_squares
 from headstock.solvers.linear.symmetric_modes import solve_symmetric_modes
 from headstock.studies.identification.cases import CaseState, make_case, solve_case
@@ -89,7 +90,7 @@ def _list_whole_places(state: CaseState) -> list[str]:
 def _list_compliances(
     state: CaseState, places: list[str], scale: FloatArray
 ) -> Iterator[tuple[str, FloatArray]]:
-    """Yield compliances of places that are no targets."""
+    """Yield compliances of places that are no targets; none of a machine that moves freely."""
     case = state.model.case
     known = {(target.motion, target.force) for target in case.compliances}
     ends = [ObservedDof(place, dof) for place in places for dof in range(3)]
@@ -107,7 +108,11 @@ def _list_compliances(
     asked = dataclasses.replace(case, modes=(), compliances=targets, responses=(), limit=None)
     model = state.model
     measured = make_case(asked, model.parametric, model.pose, model.parameters)
-    for item in list_observations(solve_case(measured, state.values), ()):
+    try:
+        observations = list(list_observations(solve_case(measured, state.values), ()))
+    except ModelError:
+        return
+    for item in observations:
         yield item.name, item.find_slopes() * scale
 
 

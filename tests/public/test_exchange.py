@@ -231,6 +231,33 @@ def test_matrices_of_other_programs_are_a_part(shell: Shell, form: str, solid: s
     assert found == approx(given, rel=1e-7 if form == "dmig" else 1e-9)
 
 
+def test_sensors_stand_on_the_nodes_of_a_foreign_part(shell: Shell) -> None:
+    """Its tip as a sensor moves as the point there; beside a node there is nothing to read."""
+    shell.write(BEAM)
+    shell("export scene.toml beam --to op4")
+    more = (
+        '[analyses.static]\nat = ["tip", "s"]\n[sensors.s]\ncomponent = "beam"\n'
+        'at = ["0 mm", "0 mm", "300 mm"]\n'
+    )
+    shell.change(
+        (
+            'solid = { box = ["30 mm", "20 mm", "300 mm"] }',
+            'solid = { superelement = "beam.op4", points = "beam_points.bdf" }',
+        ),
+        ('material = "steel"\nfidelity = "polynomial"\n', ""),
+        ('interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }\n', ""),
+        ("beam.foot", "beam.node_1"),
+        ("beam.tip", "beam.node_2"),
+        add=more,
+    )
+    shell("run scene.toml -o out --no-figures")
+    static = shell.json("out/summary.json")["static"]
+    found, expected = (np.array(static[at]["compliance_um_per_kN"]) for at in ("s", "tip"))
+    assert found == approx(expected, rel=1e-9, abs=1e-9 * expected.max())
+    shell.change(('"300 mm"]\n', '"290 mm"]\n'))
+    assert '"0 mm", "0 mm", "300 mm"' in shell.refuses("run scene.toml -o out --no-figures")
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

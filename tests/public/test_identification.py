@@ -392,6 +392,29 @@ def test_measurements_are_suggested_for_what_the_data_leave_open(block: Shell) -
     assert "Suggested measurements" in printed
 
 
+def test_a_machine_that_moves_freely_gets_suggestions_too(block: Shell) -> None:
+    """It has no compliance; two masses in a row on one spring leave one of the stiffnesses open."""
+    feet = SCENE[SCENE.index("[joints.feet]") : SCENE.index("[points.tcp]")]
+    second = SCENE[SCENE.index("[components.block]") : SCENE.index("[joints.feet]")]
+    block.change(
+        (feet, second.replace("block", "other") + feet.replace("ground", "other.head")),
+        ('name = "Block"', 'name = "Block"\nfree = true'),
+    )
+    hz = SHIFTS[0] * np.sqrt(2.0)
+    text = f'[cases.a]\nmodes_above = "1 Hz"\nfrequencies = ["{hz:.9g} Hz"]\n'
+    block.write(
+        text
+        + parameter("x")
+        + "prior_sigma = 0.5\n"
+        + parameter("ry").replace("N/um", "MN m/rad")
+        + "prior_sigma = 0.5\n",
+        name="targets",
+    )
+    block(IDENTIFY)
+    suggested = block.json("out/identification.json")["suggested"]
+    assert suggested and not any("compliance" in one["name"] for one in suggested)
+
+
 SWAY_OR_TILT = """
 [rivals.tilt]
 set = { "joints.feet.stiffness" = { x = "4 N/nm", y = "4 N/nm", z = "4 N/nm", rx = "4 GN m/rad", ry = "0.8 MN m/rad", rz = "4 GN m/rad" } }

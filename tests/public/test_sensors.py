@@ -135,6 +135,41 @@ def test_a_sensor_that_moves_reduces_nothing_again(shell: Shell) -> None:
     assert [row["from the store"] for row in rows if row["stage"] == "reduce"] == ["True"]
 
 
+LOBES = """
+[analyses.static]
+at = ["tcp", "top", "corner", "corner_of_head"]
+[analyses.lobes]
+speeds = ["6000 rpm", "12000 rpm", 6]
+mill = { diameter = "10 mm", teeth = 2 }
+radial_depth = "5 mm"
+material = "al7075-t6"
+directions = ["x"]
+up_to = "700 Hz"
+at = "tcp"
+"""
+
+
+def test_stiffness_and_lobes_are_asked_for_at_a_sensor(shell: Shell) -> None:
+    """On rigid areas they are those of points there; of rotations a sensor knows nothing."""
+    shell.write(SCENE[: SCENE.index("[analyses.frf]")] + LOBES)
+    shell("run scene.toml -o point --no-figures")
+    shell.change(('at = "tcp"', 'at = "top"'))
+    shell("run scene.toml -o sensor --no-figures")
+    summary = shell.json("sensor/summary.json")
+    for sensor, point in (("top", "tcp"), ("corner_of_head", "corner")):
+        found, expected = summary["static"][sensor], summary["static"][point]
+        assert found["compliance_um_per_kN"] == [
+            approx(row, rel=1e-7, abs=1e-6) for row in expected["compliance_um_per_kN"]
+        ]
+        assert found["compliance_6x6"][3] == [None] * 6 and not found["free_motions"]
+    lobes = [shell.json(f"{run}/summary.json")["lobes"] for run in ("point", "sensor")]
+    depths = [re.findall(r"[-+.\de]{6,}", str(one)) for one in lobes]
+    assert len(depths[0]) > 3
+    assert [float(one) for one in depths[1]] == approx([float(one) for one in depths[0]], rel=1e-4)
+    shell.change(('at = "top"', 'at = "side"'))
+    assert "y was not" in shell.refuses("check scene.toml")
+
+
 def test_point_masses_weigh_as_bodies_do(tmp_path: Path) -> None:
     """At a rigid interface a point mass is exactly what a body joined there is."""
     at = 'component = "beam"\nat = ["0 mm", "0 mm", "200 mm"]\nmass = "2 kg"\n'
