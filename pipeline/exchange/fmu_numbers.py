@@ -53,8 +53,8 @@ def varying_model(name: str, space: VaryingStateSpace) -> FmuModel:
         "RATE": repr(space.rate),
     }
     arrays = {
-        "STIFFNESS": matrices.stiffness,
-        "DAMPING": matrices.damping,
+        "STIFFNESS": matrices.stiffness.T,
+        "DAMPING": matrices.damping.T,
         "START": np.array([space.positions[axis] for axis in axes]),
         "LOWEST": np.array([one.positions[0] for one in knots]),
         "HIGHEST": np.array([one.positions[-1] for one in knots]),

@@ -505,6 +505,36 @@ def test_an_fmu_of_moving_axes_follows_their_positions(
     assert fmu.step(len(places) * STEP, STEP) != 0  # beyond the travel
 
 
+def test_an_fmu_follows_a_slow_move_as_a_run_of_its_path(shell: Shell, tmp_path: Path) -> None:
+    outputs = 'outputs = [["tcp", "x"], ["tcp", "y"], ["tcp", "z"]]\n'
+    path = (
+        'from = { X = "-60 mm" }\nto = { X = "60 mm" }\nfeeds = ["6 m/min"]\ntime_constant = "20 ms"\n'
+        'sampling = "4 kHz"\nestimate = false\n'
+    )
+    forces = 'inputs = [["slide.tip", "x"], ["slide.tip", "ry"]]\nup_to = "400 Hz"\n'
+    scene = shell.write(f"{SLIDE}[analyses.path]\n{path}{outputs}[analyses.frf]\n{forces}{outputs}")
+    (curves,) = (run.curves for run in hs.run(scene, analyses=["path"]).answers[0].runs)
+    step, size = 0.25e-3, len(curves.positions)
+    words = '--travel X --error 0.5% --step "0.25 ms" -o slide.fmu'
+    shell(f"export {scene} --to fmu3 --hz 400Hz {words}")
+    fmu = Library(Path("slide.fmu"), tmp_path / "fmu")
+    inputs, read = (list(fmu.variables(kind).values()) for kind in ("input", "output"))
+    # what accelerating the slide does at its centre of mass, 60 mm below its tip
+    force, moved = -0.2 * 0.2 * 0.12 * 7850.0 * curves.accelerations, np.zeros((size, 3))
+    places = curves.positions - 0.06
+    for number in range(size - 1):
+        middle = 0.5 * (places[number] + places[number + 1])
+        given = [force[number], -0.06 * force[number], middle]
+        fmu.exchange("SetFloat64", inputs, given)
+        assert fmu.step(number * step, step) == 0
+        fmu.exchange("SetFloat64", inputs[2:], [places[number + 1]])
+        moved[number + 1] = fmu.exchange("GetFloat64", read, [0.0] * 3)
+    exact = curves.deviation.total
+    largest = np.abs(exact).max(axis=0)
+    assert (np.abs(moved - exact).max(axis=0) < 1e-3 * largest).all()
+    assert np.abs(curves.frozen - exact).max(axis=0)[2] > 0.5 * largest[2]  # the pose counts
+
+
 def test_files_of_moving_axes_hold_rows_and_matrices(shell: Shell) -> None:
     shell(f"export {shell.write(SLIDE)} --to npz --hz 400Hz --travel X -o slide.npz")
     shell(f"export {shell.write(SLIDE)} --to mat --hz 400Hz --travel X -o slide.mat")

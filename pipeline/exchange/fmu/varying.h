@@ -9,7 +9,7 @@ enum { MOST_TERMS = 80, FURTHER = 3 * SPRINGS, LOADS, ROWS };
 typedef struct Posed {
     int settled;
     double positions[AXES];
-    double stiffness[MODES * MODES]; /* over RATE */
+    double stiffness[MODES * MODES]; /* over RATE, column by column, as the others */
     double damping[MODES * MODES];
     double loads[ROOM(INPUTS * MODES)];
     double rows[ROOM(OUTPUTS * MODES)];
@@ -44,7 +44,7 @@ static void evaluate(const Field *field, double weights[AXES][MOST_KNOTS], doubl
     }
 }
 
-/* Adds R^T A R of rows (count, MODES) to a matrix. */
+/* Adds R^T A R of rows (count, MODES) to a matrix that stands column by column. */
 static void add_spring(double *total, const double *rows, const double *matrix, int count) {
     for (int row = 0; row < count; row++) {
         double force[MODES];
@@ -56,7 +56,7 @@ static void add_spring(double *total, const double *rows, const double *matrix, 
                 for (int mode = 0; mode < MODES; mode++) force[mode] += matrix[row * count + other] * rows[other * MODES + mode];
             }
         for (int first = 0; acts && first < MODES; first++)
-            for (int mode = 0; mode < MODES; mode++) total[first * MODES + mode] += rows[row * MODES + first] * force[mode];
+            for (int mode = 0; mode < MODES; mode++) total[mode * MODES + first] += rows[row * MODES + first] * force[mode];
     }
 }
 
@@ -94,12 +94,14 @@ static void integrate(const Posed *posed, double *x, const double *force) {
         memcpy(term, x, sizeof term);
         for (int order = 1; order <= MOST_TERMS; order++) {
             double size = 0.0, whole = 0.0;
-            for (int row = 0; row < MODES; row++) {
-                double sum = order == 1 ? force[row] : 0.0;
-                const double *stiffness = posed->stiffness + row * MODES, *damping = posed->damping + row * MODES;
-                for (int mode = 0; mode < MODES; mode++) sum -= stiffness[mode] * term[mode] + damping[mode] * term[MODES + mode];
-                next[row] = RATE * term[MODES + row];
-                next[MODES + row] = sum;
+            for (int mode = 0; mode < MODES; mode++) {
+                next[mode] = RATE * term[MODES + mode];
+                next[MODES + mode] = order == 1 ? force[mode] : 0.0;
+            }
+            for (int column = 0; column < MODES; column++) {
+                const double *stiffness = posed->stiffness + column * MODES, *damping = posed->damping + column * MODES;
+                const double moved = term[column], speed = term[MODES + column];
+                for (int mode = 0; mode < MODES; mode++) next[MODES + mode] -= stiffness[mode] * moved + damping[mode] * speed;
             }
             for (int state = 0; state < STATES; state++) {
                 term[state] = next[state] * (part / order);
@@ -120,10 +122,8 @@ static void keep_step(Posed *posed) {
         if (column < STATES) x[column] = 1.0;
         else memcpy(force, posed->loads + (column - STATES) * MODES, sizeof force);
         integrate(posed, x, force);
-        for (int row = 0; row < STATES; row++) {
-            if (column < STATES) posed->transition[row * STATES + column] = x[row];
-            else posed->drive[row * INPUTS + column - STATES] = x[row];
-        }
+        if (column < STATES) memcpy(posed->transition + column * STATES, x, sizeof x);
+        else memcpy(posed->drive + (column - STATES) * STATES, x, sizeof x);
     }
 }
 
@@ -147,10 +147,12 @@ static void advance(Machine *machine, long steps) {
             continue;
         }
         if (posed->held == STATES + INPUTS + 1) keep_step(posed);
-        for (int row = 0; row < STATES; row++) {
-            next[row] = 0.0;
-            for (int input = 0; input < INPUTS; input++) next[row] += posed->drive[row * INPUTS + input] * u[input];
-            for (int column = 0; column < STATES; column++) next[row] += posed->transition[row * STATES + column] * x[column];
+        memset(next, 0, sizeof next);
+        for (int input = 0; input < INPUTS; input++)
+            for (int row = 0; row < STATES; row++) next[row] += posed->drive[input * STATES + row] * u[input];
+        for (int column = 0; column < STATES; column++) {
+            const double *transition = posed->transition + column * STATES, size = x[column];
+            for (int row = 0; row < STATES; row++) next[row] += transition[row] * size;
         }
         memcpy(x, next, sizeof next);
     }
