@@ -79,6 +79,7 @@ class Base(NamedTuple):
 
 
 BLOCK_OF_TRIPTEOR = ("analyses.contouring.side", "analyses.contouring.at")
+TURNING = "tests/data/turning_arm.toml"
 OWN_CONTROLLER = Base(
     THREE_AXIS,
     "controlled",
@@ -100,6 +101,7 @@ BASES = {
         Base(THREE_AXIS, "controlled"),
         Base(TRIPTEOR, "lumped+controlled"),
         OWN_CONTROLLER,
+        Base(TURNING),
     ],
     "docs/frequency_response.md": [Base(DATA), Base(CANTILEVER, without=("analyses.modal.count",))],
     "docs/geometric_errors.md": [

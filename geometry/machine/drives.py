@@ -167,12 +167,13 @@ class TorqueRipple:
 
 @dataclass(frozen=True)
 class Drive:
-    """A ball screw drive of an axis.
+    """A drive of an axis: of a linear one through a ball screw, of a rotary one through a gear or
+    directly.
 
     Attributes:
-        joint: Its ball screw, nut at the first end.
+        joint: Its ball screw, nut at the first end; of a rotary axis what it turns across.
         motor_inertia: Of rotor and coupling [kg m^2].
-        lead: Travel per turn [m].
+        lead: Travel per turn of the motor [m], of a rotary axis [rad].
         screw_inertia: Of the screw about its axis [kg m^2]; zero where it does not count.
         coupling: Torsional stiffness between motor and screw [N m/rad]; infinite where it is rigid.
         scale: Point whose motion along the axis a linear scale reads, tool against work; None for

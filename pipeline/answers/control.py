@@ -136,8 +136,7 @@ class ControlAnswer(Answer):
 
     def guard_key(self, guard: GuardFrequency) -> Key:
         """Return the key of a frequency to guard."""
-        at = {"pose": self.pose, "drive": guard.drive, "mode": guard.number}
-        return make_key("guard_frequency", **at)
+        return make_key("guard_frequency", pose=self.pose, drive=guard.drive, mode=guard.number)
 
     def list_numbers(self) -> Iterator[Number]:
         """Yield the poles and, of stable loops, lag and margins of each drive."""
@@ -150,7 +149,8 @@ class ControlAnswer(Answer):
             yield Number(key, guard.frequency_hz, "Hz", self.errors.get(key))
         for drive in () if self.verdict else self.drives:
             at = {"pose": self.pose, "drive": drive.train.name}
-            yield Number(make_key("velocity_lag", **at), drive.velocity_lag, "m")
+            unit = "rad" if drive.train.rotary else "m"
+            yield Number(make_key("velocity_lag", **at), drive.velocity_lag, unit)
             for figure, unit in MARGIN_UNITS.items():
                 if (value := getattr(drive.margins, figure)) is not None:
                     yield Number(make_key("loop_margin", figure=figure, **at), value, unit)

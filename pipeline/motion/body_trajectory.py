@@ -4,6 +4,7 @@ axes, are channels.
 """
 
 import functools
+import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -48,6 +49,7 @@ from headstock.solvers.milling.path_drives import MarkerMotion, move_markers
 from headstock.solvers.motion.set_points import PathMotion
 from headstock.solvers.second_order import Channel
 
+AWAY = 0.5  # travel [m, rad] to either side over which the motion per travel is differenced
 STEP = 0.01  # rotation of the fastest body between frames of finite differences [rad]
 # central differences of fourth order
 FIRST = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12.0
@@ -438,25 +440,35 @@ class RotaryTrajectory(BodyTrajectory):
         return np.array(rows).reshape(len(rows), -1)
 
     def drive(self, drives: Sequence[Drive], motion: PathMotion) -> _DriveMotion:
-        """Return the set points of linear-axis motors and the motion they cause."""
+        """Return the set points of motors and the motion they cause."""
         first, last = (
             np.array([end.positions.get(drive.axis, 0.0) for drive in drives])
             for end in (self.path.start, self.path.end)
         )
         shares = (last - first) / self.path.length
         here = [self.place(float(position)) for position in motion.positions]
-        ahead = [
-            [self.place(float(position), {drive.axis: 1.0}) for drive in drives]
+        axes = self.parts.scene.machine.axes
+        turning = [axes[drive.axis].kind == "rotary" for drive in drives]
+        apart = [
+            [
+                [self.place(float(position), {drive.axis: side * AWAY}) for side in (-1.0, 1.0)]
+                for drive in drives
+            ]
             for position in motion.positions
         ]
 
-        def travel(name: str, _: FloatArray) -> FloatArray:
-            # linear axes move all points of a body alike
-            moving = [
-                np.column_stack([frames[name].origin - now[name].origin for frames in then])
-                for now, then in zip(here, ahead, strict=True)
-            ]
-            return np.pad(np.array(moving), ((0, 0), (0, 3), (0, 0)))
+        def travel(name: str, point: FloatArray) -> FloatArray:
+            # exact: a turn by -h and by h moves a point by 2 sin(h) times its motion per turn
+            moving = np.zeros((len(apart), 6, len(drives)))
+            for at, sides in enumerate(apart):
+                for column, (back, ahead) in enumerate(sides):
+                    first, last = back[name], ahead[name]
+                    moved = last.origin - first.origin + (last.rotation - first.rotation) @ point
+                    reach = 2.0 * (math.sin(AWAY) if turning[column] else AWAY)
+                    moving[at, :3, column] = moved / reach
+                    turned = _axial(last.rotation @ first.rotation.T) / math.sin(2.0 * AWAY)
+                    moving[at, 3:, column] = turned if turning[column] else 0.0
+            return moving
 
         return _DriveMotion(
             positions=first + motion.positions[:, None] * shares,

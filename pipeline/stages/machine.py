@@ -41,7 +41,7 @@ from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.coupling.drives import (
     anchor_motors,
     find_weight_stiffness,
-    free_legs,
+    free_driven,
     place_drives,
     release_motors,
 )
@@ -226,8 +226,9 @@ class CoupledPose:
         compliance slide freely.
         """
         machine, coupled = self.parts.scene.machine, self.coupled
-        if machine.mechanism is not None:
-            machine = free_legs(coupled, machine, drives)
+        freed = free_driven(coupled, machine, drives)
+        if freed.joints != machine.joints:
+            machine = freed
             coupled = couple(
                 self.parts.superelements,
                 machine,

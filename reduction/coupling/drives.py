@@ -88,16 +88,17 @@ def housing_rows(coupled: CoupledMachine, machine: Machine, drives: Iterable[Dri
     rows = []
     for drive in drives:
         joint, spring = machine.joints[drive.joint], stacked[drive.joint]
-        axis, along = machine.axes[drive.axis], spring.frame.rotation[:, 0]
+        axis, slide = machine.axes[drive.axis], _find_slide(coupled, machine, drive)
+        along = spring.frame.rotation[:, slide.row % 3]
         sign = _travel_sign(joint, axis.moves, float(along @ axis.direction))
         turned = motion_rows(coupled.layout, joint.ends[1], spring.frame.origin)[3:]
         rows.append(sign * drive.lead / (2.0 * math.pi) * (along @ turned))
     return np.array(rows).reshape(len(rows), coupled.layout.size)
 
 
-def free_legs(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> Machine:
-    """Return a machine in which the legs of its mechanism slide freely where a drive holds them
-    rigidly.
+def free_driven(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> Machine:
+    """Return a machine in which legs of its mechanism slide and rotary axes turn freely where a drive
+    holds them rigidly.
 
     Raises:
         ModelError: A joint neither holds its leg along itself nor is a ball screw.
@@ -105,10 +106,12 @@ def free_legs(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]
     joints = dict(machine.joints)
     for drive in drives:
         joint = joints[drive.joint]
-        if drive.axis in machine.axes or joint.kind == "ball_screw":
+        if joint.kind == "ball_screw":
             continue
         slide = _find_slide(coupled, machine, drive)
         if slide.row not in joint.fixed:
+            if drive.axis in machine.axes:
+                continue
             raise ModelError(
                 f"drive {drive.name}: its joint {drive.joint} neither holds the leg along itself nor is a ball screw; "
                 f'write "rigid" for {DOF_NAMES[slide.row]}, or drive a joint of kind = "ball_screw"'
@@ -137,8 +140,9 @@ def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> C
             continue
         spring = springs[train.joint]
         rows = spring.rows.copy()
-        rows[0, size + last] = -np.sign(_thread_row(spring)[:size] @ train.stretch)
-        thread = spring.stiffness[0] / spring.stiffness[0, 0]
+        row = train.row
+        rows[row, size + last] = -np.sign(_thread_row(spring, row)[:size] @ train.stretch)
+        thread = spring.stiffness[row] / spring.stiffness[row, row]
         stiffer = (thread_stiffness(train) - train.stiffness) * np.outer(thread, thread)
         springs[train.joint] = dataclasses.replace(
             spring,
@@ -237,7 +241,7 @@ def find_moved_mass(system: SecondOrderSystem, slides: FloatArray) -> FloatArray
         slides: ``(d, n)`` motions.
     """
     count, size = slides.shape
-    level = float(np.abs(system.stiffness).max())
+    level = float(np.abs(system.stiffness).max()) or 1.0
     whole = np.zeros((size + count, size + count))
     whole[:size, :size] = system.stiffness
     whole[size:, :size], whole[:size, size:] = level * slides, level * slides.T
@@ -269,25 +273,32 @@ class _Slide:
     housing: JointEnd
     thread: float
 
+    @property
+    def turns(self) -> bool:
+        """Whether it is one of a rotary axis."""
+        return self.row >= 3
+
 
 def _moved_masses(
     coupled: CoupledMachine, machine: Machine, drives: Sequence[Drive], slides: Sequence[_Slide]
 ) -> list[float]:
-    """Return what each motor accelerates apart from itself and its screw [kg]: all an axis carries,
-    or what moves with a leg.
+    """Return what each motor accelerates apart from itself and its screw [kg, kg m^2]: all a linear
+    axis carries, or what moves with a leg or turns with a rotary axis.
     """
     carried = coupled.layout.superelements
-    legs = [
-        slide.motion
+    linear = [
+        drive.axis in machine.axes and not slide.turns
         for drive, slide in zip(drives, slides, strict=True)
-        if drive.axis not in machine.axes
     ]
-    of_legs = iter(find_moved_mass(coupled.system, np.array(legs)) if legs else ())
+    others = [
+        slide.motion for slide, slides_along in zip(slides, linear, strict=True) if not slides_along
+    ]
+    of_others = iter(find_moved_mass(coupled.system, np.array(others)) if others else ())
     return [
         sum(carried[name].mass_kg for name in machine.axes[drive.axis].moves)
-        if drive.axis in machine.axes
-        else float(next(of_legs))
-        for drive in drives
+        if slides_along
+        else float(next(of_others))
+        for drive, slides_along in zip(drives, linear, strict=True)
     ]
 
 
@@ -303,7 +314,8 @@ def _place_drive(
     joint = machine.joints[drive.joint]
     pitch = drive.lead / (2.0 * math.pi)
     turned = motion_rows(coupled.layout, slide.housing, spring.frame.origin)[3:]
-    stator = slide.thread * pitch * (spring.frame.rotation[:, slide.row] @ turned @ coupled.basis)
+    along = spring.frame.rotation[:, slide.row % 3]
+    stator = slide.thread * pitch * (along @ turned @ coupled.basis)
     rigid = make_rigid_train(
         drive,
         slide=slide.motion,
@@ -312,10 +324,13 @@ def _place_drive(
         moved_mass=moved_mass,
         beta=machine.rayleigh.beta,
     )
-    if joint.kind != "ball_screw":
+    rigid = dataclasses.replace(rigid, row=slide.row)
+    if joint.kind != "ball_screw" and not slide.turns:
         return rigid
-    stiffness = float(spring.stiffness[0, 0])
-    if 0 in spring.fixed or not stiffness > 0.0:
+    row, stiffness = slide.row, float(spring.stiffness[slide.row, slide.row])
+    if slide.turns and row not in spring.fixed and stiffness == 0.0:
+        return rigid
+    if row in spring.fixed or not stiffness > 0.0:
         raise ModelError(
             f"drive {drive.name}: its joint {drive.joint} has no axial stiffness through which a motor could push; "
             'write stiffness = { axial = "100 N/um" }'
@@ -324,10 +339,10 @@ def _place_drive(
     coupling = math.inf if joint.screw is None else joint.screw.coupling
     return dataclasses.replace(
         rigid,
-        stretch=slide.sign * _thread_row(spring),
+        stretch=slide.sign * _thread_row(spring, row),
         stiffness=stiffness,
         thread=1.0 / (1.0 / stiffness - pitch**2 / coupling),
-        damping=float(joint.damping[0, 0]),
+        damping=float(joint.damping[row, row]),
         loss=joint.loss_factor * stiffness,
         coupling=min(coupling, drive.coupling) / pitch**2,
     )
@@ -340,10 +355,16 @@ def _find_slide(coupled: CoupledMachine, machine: Machine, drive: Drive) -> _Sli
     if machine.mechanism is not None and drive.axis not in machine.axes:
         return _find_leg_slide(coupled, machine, machine.mechanism, drive, spring)
     axis = machine.axes[drive.axis]
-    sign = _travel_sign(joint, axis.moves, float(spring.frame.rotation[:, 0] @ axis.direction))
-    motion = sign * spring.rows[0]
+    shares = spring.frame.rotation.T @ axis.direction
+    row = 3 + int(np.argmax(np.abs(shares))) if axis.kind == "rotary" else 0
+    if row and abs(shares[row - 3]) < 1.0 - ALONG:
+        raise ModelError(
+            f"drive {drive.name}: no axis of its joint {drive.joint} lies along axis {drive.axis}; give the joint an axis along it"
+        )
+    sign = _travel_sign(joint, axis.moves, float(shares[row % 3]))
+    motion = sign * spring.rows[row]
     return _Slide(
-        row=0,
+        row=row,
         sign=sign,
         motion=motion,
         scale=motion
@@ -413,9 +434,11 @@ def _length_row(
     )
 
 
-def _thread_row(spring: PlacedJoint) -> FloatArray:
-    """Return the motion that stretches a screw: along it, less what turns of the nut do."""
-    return spring.stiffness[0] / spring.stiffness[0, 0] @ spring.rows
+def _thread_row(spring: PlacedJoint, row: int) -> FloatArray:
+    """Return the motion that stretches a screw or twists a gear: along it, less what turns of the nut
+    do.
+    """
+    return spring.stiffness[row] / spring.stiffness[row, row] @ spring.rows
 
 
 def _travel_sign(joint: Joint, moves: tuple[str, ...], along: float) -> float:

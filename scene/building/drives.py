@@ -3,7 +3,7 @@ they act in.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from headstock.geometry.machine.drives import Drive, GuideFriction, TorqueRipple
@@ -11,6 +11,7 @@ from headstock.geometry.mechanisms.exechon import LENGTHS
 from headstock.scene.building.controllers import build_control, find_faults
 from headstock.scene.building.draft import Draft
 from headstock.scene.reading.findings import Findings, KeyPath
+from headstock.scene.reading.units import DAMPING
 from headstock.scene.schema.drives import DriveTable
 from headstock.scene.schema.effects import CONTOUR_EFFECTS, GRAVITY_STIFFENING, find_effect_fault
 from headstock.scene.schema.scene import SceneTable
@@ -45,6 +46,12 @@ class _Train:
         scene = self.scene
         return scene.mechanism is not None and self.axis in LENGTHS and self.axis not in scene.axes
 
+    @property
+    def is_rotary(self) -> bool:
+        """Whether its axis turns."""
+        axis = self.scene.axes.get(self.axis)
+        return axis is not None and axis.kind == "rotary"
+
     def joints(self, named: str | None) -> list[str]:
         """Joints across which the drive could act, or that of a name where it is one of them; the
         lumped leg itself, which has none.
@@ -62,6 +69,8 @@ class _Train:
             ]
             # a leg may slide in another joint where it has no ball screw
             candidates = self._ball_screws(joints) or joints
+        elif self.is_rotary and axis is not None:
+            candidates = joints = list(axis.joint_names())
         else:
             joints = self._ball_screws([] if axis is None else axis.joint_names())
             candidates = joints
@@ -89,11 +98,9 @@ class _Train:
             place = (*key, "axis") if table.axis is not None else key
             findings.check_name(place, self.axis, names, "axis", "axes")
             return None
-        if axis is not None and axis.kind != "linear":
-            findings.add(
-                key, f"axis {self.axis} is rotary; a drive moves a linear axis through a ball screw"
-            )
-            return None
+        if axis is not None:
+            for place, fault in self._find_unit_faults():
+                findings.add((*key, place), fault)
         if self.is_leg and table.scale is not None:
             findings.add(
                 (*key, "scale"),
@@ -114,9 +121,27 @@ class _Train:
         self._check_screw(key, joints[0], findings)
         return joints[0]
 
+    def _find_unit_faults(self) -> Iterator[tuple[str, str]]:
+        """Yield the keys that do not go with the kind of its axis, and what to write."""
+        table, gain = self.table, self.table.velocity_gain
+        if not self.is_rotary:
+            if table.ratio is not None:
+                yield "ratio", f"axis {self.axis} is linear; write the lead of its screw"
+            return
+        for name in ("lead", "screw_inertia", "scale", "friction"):
+            if getattr(table, name) is not None:
+                yield name, f"axis {self.axis} is rotary, and its drive has no {name}; remove it"
+        if gain is not None and gain.dimension == DAMPING:
+            yield (
+                "velocity_gain",
+                f'axis {self.axis} is rotary; write a torque per speed of the motor, such as "200 N m s/rad"',
+            )
+
     def _explain_choice(self, joints: list[str]) -> str:
         """Why none or several joints are meant, and what to write."""
         axis, named, others = self.axis, self.table.joint, self.joints(None)
+        if self.is_rotary:
+            return f"axis {axis} turns across the joints {', '.join(others)}; name one of them as joint"
         if self.is_leg:
             wrong = f"joint {named!r:.80} does not let {axis} slide"
             count = f"{'several joints let' if joints else 'no joint lets'} {axis} slide"
@@ -131,6 +156,8 @@ class _Train:
 
     def _check_lead(self, key: KeyPath, joint: str, findings: Findings) -> None:
         """Report a lead that is missing, or that something else gives as well."""
+        if self.is_rotary:
+            return
         _, where = self.given_lead(joint)
         if not where and self.table.lead is None:
             findings.add(key, "'lead' is missing; write it, such as lead = \"10 mm\"")
@@ -232,6 +259,8 @@ def _build_drive(name: str, table: DriveTable, scene: SceneTable) -> Drive:
     train = _Train(name, table, scene)
     (joint,) = train.joints(table.joint)
     lead = table.lead or train.given_lead(joint)[0] or 0.0
+    if train.is_rotary:
+        lead = 2.0 * math.pi / (table.ratio or 1.0)
     friction = table.friction if FRICTION in scene.active else None
     return Drive(
         name=name,

@@ -109,7 +109,7 @@ class FilterTable(LinearTable):
 
 
 class DriveTable(types.StrictTable):
-    """The drive of an axis through a ball screw, and its control; used with the effect
+    """The drive of an axis, of a linear one through a ball screw, and its control; used with the effect
     `drive_control`.
     """
 
@@ -118,11 +118,14 @@ class DriveTable(types.StrictTable):
     axis: types.Text | None = None
     """the axis it moves; default: the drive's own name"""
     joint: types.Text | None = None
-    """its ball screw: nut at the first end, motor at the second; default: the only one of the axis"""
+    """its ball screw: nut at the first end, motor at the second; of a rotary axis the joint that it turns across; default: the only one of
+    the axis"""
     inertia: types.PositiveInertia
     """moment of inertia of rotor and coupling"""
     lead: types.PositiveLength | None = None
-    """travel per turn of the motor; default: the `lead` of the joint's `screw`, or the `screw_lead` of the mechanism"""
+    """travel of a linear axis per turn of the motor; default: the `lead` of the joint's `screw`, or the `screw_lead` of the mechanism"""
+    ratio: types.PositiveNumber | None = None
+    """turns of the motor per turn of a rotary axis; default: 1, a direct drive"""
     screw_inertia: types.PositiveInertia | None = None
     """moment of inertia of the screw about its axis; used with the effect `screw_inertia`"""
     coupling: types.PositiveRotationalStiffness | None = None

@@ -21,6 +21,8 @@ class DriveTrain:
     """A drive in a pose. Every turn is expressed along the axis: motor angle times lead / (2 pi).
 
     Attributes:
+        row: Dof of the joint along the travel, 3 and above of a rotary axis, whose forces are torques,
+            travels angles [rad] and masses inertias.
         name: Name of the drive; its channels are ``(name, "force")``, ``(name, "motor")``, ``(name,
             "scale")``, ``(name, "slide")``.
         stretch: ``(n,)`` motion of the nut along the axis, as the thread sees it, with the motor
@@ -58,6 +60,12 @@ class DriveTrain:
     screw_mass: float = 0.0
     coupling: float = math.inf
     friction: GuideFriction | None = None
+    row: int = 0
+
+    @property
+    def rotary(self) -> bool:
+        """Whether its axis turns."""
+        return self.row >= 3
 
 
 def free_motors(system: SecondOrderSystem, trains: Sequence[DriveTrain]) -> SecondOrderSystem:
