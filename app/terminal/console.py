@@ -145,7 +145,7 @@ def add_row(table: Table, *cells: str) -> None:
     table.add_row(*(Text(_keep_percents(cell)) for cell in cells))
 
 
-def print_table(console: Console, title: str, table: Table) -> None:
+def print_table(console: Screen, title: str, table: Table) -> None:
     """Print a table under a bold title; nothing in it is cut.
 
     Where it is wider than the console, headings and texts are broken between words; if that is not

@@ -57,6 +57,18 @@ class TestChannel:
     direction: Vector
 
 
+def same_line(motion: TestChannel, force: TestChannel, tolerance: float) -> float:
+    """Return 1 for channels at one point along one line, -1 where they are against each other, 0 for
+    others.
+
+    Args:
+        tolerance: Of the cosine between both.
+    """
+    cosine = float(np.dot(motion.direction, force.direction))
+    same = motion.point == force.point and abs(cosine) > 1.0 - tolerance
+    return float(np.sign(cosine)) if same else 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class MeasuredResponses:
     """Measured frequency responses.

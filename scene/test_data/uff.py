@@ -340,11 +340,11 @@ class _File:
         for made, record in functions:
             try:
                 response = self._make_response(made, record, points)
-            except _SkippedError as reason:
-                skipped[str(reason)].append(f"set {made.number} in line {made.line}")
+            except _SkippedError as error:
+                skipped[str(error)].append(f"set {made.number} in line {made.line}")
                 continue
-            lines, coherence = coherences.get(_pair(record), (None, None))
-            if coherence is not None and np.array_equal(lines, response.frequencies_hz):
+            lines, coherence = coherences.get(_pair(record), (np.zeros(0), None))
+            if np.array_equal(lines, response.frequencies_hz):
                 response = replace(response, coherence=coherence)
             responses.append(response)
         for reason, which in skipped.items():

@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -20,9 +19,8 @@ from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.reading import read_test_data
 from headstock.scene.test_data.records import TestData, as_vector
 from headstock.solvers.mpi import MPI
-from headstock.solvers.pairing.mode_pairing import Field, ModePair, correlate_modes
+from headstock.solvers.pairing.mode_pairing import Field, correlate_modes
 from headstock.solvers.pairing.shape_agreement import cross_orthogonality
-from headstock.solvers.pairing.shape_expansion import expand_by_modes, expand_by_stiffness
 from headstock.solvers.ranks import make_on_root
 from headstock.studies.correlation.base_case import (
     BaseCase,
@@ -35,6 +33,7 @@ from headstock.studies.correlation.channel_remarks import describe_channel_fault
 from headstock.studies.correlation.correlation import WITHIN, Correlation, pair_by_most
 from headstock.studies.correlation.modal_fit import ModalFit, pass_modes, read_modes
 from headstock.studies.correlation.model import (
+    Expansion,
     ObservedMachine,
     PreparedMachine,
     observe_machine,
@@ -42,11 +41,7 @@ from headstock.studies.correlation.model import (
     request_modes,
 )
 from headstock.studies.correlation.placement import UNMOVED, Placement, place_test
-from headstock.studies.correlation.responses import (
-    ComparedResponses,
-    compare_responses,
-    spread_ratios,
-)
+from headstock.studies.correlation.responses import compare_responses
 from headstock.studies.correlation.sensors import (
     find_sensor,
     list_motions,
@@ -65,7 +60,6 @@ from headstock.studies.correlation.target_file import (
 SLACK = 1e-3
 AT = "_on_"  # between a point and the part that may carry it
 NEEDED = 3  # points whose place is known turn a test into the axes of a machine
-type Expansion = Literal["serep", "static", "dynamic"]
 
 
 @dataclass(frozen=True)
@@ -271,14 +265,9 @@ def _compare(
     motions = list_motions(places, measured.shapes)
     names = () if base is None else match_base_modes(motions, base)
     wrong = {places[row] for fault in faults for row in fault.rows}
-    system, local = model.machine.system, rows @ model.dofs
-    static = expand_by_stiffness(
-        measured.shapes,
-        local,
-        system.stiffness,
-        system.mass,
-        frequencies_hz=measured.frequencies_hz,
-    )
+    local = rows @ model.dofs
+    static = model.expand_shapes(measured, local, "static")
+    responses = loaded.data.responses
     found = Correlation(
         scene=model.scene.name,
         test=job.test.name,
@@ -291,8 +280,10 @@ def _compare(
         pairs=pairs,
         mac=correlate_modes(measured.shapes, shapes),
         left_out=left_out,
-        orthogonality=cross_orthogonality(static, model.coordinates, system.mass),
-        responses=_compare_responses(loaded, pairs, model),
+        orthogonality=cross_orthogonality(static, model.coordinates, model.machine.system.mass),
+        responses=None
+        if responses is None
+        else compare_responses(model, responses, pairs, measured.damping),
         distances=placed.distances,
         sensors=dict(model.sensors),
         rotation=placed.rotation,
@@ -310,53 +301,20 @@ def _compare(
     return dataclasses.replace(
         found,
         fit_files={name: text for name, text in files.items() if text},
-        view=_view_shapes(job, found, model, local, static),
-    )
-
-
-def _compare_responses(
-    loaded: _LoadedCorrelation, pairs: Sequence[ModePair], model: ObservedMachine
-) -> ComparedResponses | None:
-    responses = loaded.data.responses
-    if responses is None:
-        return None
-    ratios = spread_ratios(pairs, loaded.fit.modes.damping, model.modes.rigid_count)
-    return compare_responses(
-        model.machine,
-        responses,
-        motions=model.observe(responses.motions) @ model.dofs,
-        forces=model.observe(responses.forces) @ model.dofs,
-        ratios=ratios,
+        view=_view_shapes(found, model, local, model.expand_shapes(measured, local, job.expansion)),
     )
 
 
 def _view_shapes(
-    job: CorrelationJob,
-    found: Correlation,
-    model: ObservedMachine,
-    rows: FloatArray,
-    static: Field,
+    found: Correlation, model: ObservedMachine, rows: FloatArray, expanded: Field
 ) -> MachineView:
     """Return what the viewer shows of each row of the table.
 
     Args:
         rows: ``(c, n)`` of the channels per coordinate.
-        static: ``(n, k)`` measured shapes, expanded by the stiffness.
+        expanded: ``(n, k)`` measured shapes.
     """
-    measured, system = found.measured, model.machine.system
-    expanded = static
-    if job.expansion == "serep":
-        expanded = expand_by_modes(measured.shapes, rows, model.coordinates)
-    elif job.expansion == "dynamic":
-        expanded = expand_by_stiffness(
-            measured.shapes,
-            rows,
-            system.stiffness,
-            system.mass,
-            frequencies_hz=measured.frequencies_hz,
-            dynamic=True,
-        )
-    first = np.zeros((len(system.mass), len(found.modes)))
+    first = np.zeros((len(expanded), len(found.modes)))
     second = np.zeros_like(first)
     for column, row in enumerate(found.modes):
         if row.computed is not None:

@@ -16,6 +16,7 @@ from headstock.scene.test_data.records import (
     MeasuredModes,
     MeasuredResponses,
     TestData,
+    same_line,
 )
 from headstock.scene.test_data.responses import label_channel
 from headstock.solvers.modal_fitting.candidates import OrderPoles
@@ -35,7 +36,7 @@ from headstock.solvers.pairing.shape_agreement import response_assurance
 ORDER, LEAST_ORDER = 60, 4
 LEAST_LINES = 20
 COVERAGE = 1.96  # standard deviations behind ±: 95 %
-SAME_DIRECTION = 0.999  # cosine from which motion and force at a point are along one line
+SAME_DIRECTION = 1e-3  # of the cosine, within which motion and force at a point are along one line
 DOUBTFUL_SCALE = 0.1  # ± of the scale of a mode from where it is said
 AGREEING = 0.8  # share of residues at driving points that one scale explains
 IntArray = NDArray[np.int64]
@@ -53,13 +54,13 @@ class FittedMode:
     """
 
     frequency_hz: float
-    frequency_error_hz: float | None
-    damping_ratio: float | None
-    damping_error: float | None
-    phase_collinearity: float | None
-    mean_phase_rad: float | None
-    one_shape: float | None
     orders: int
+    frequency_error_hz: float | None = None
+    damping_ratio: float | None = None
+    damping_error: float | None = None
+    phase_collinearity: float | None = None
+    mean_phase_rad: float | None = None
+    one_shape: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +107,10 @@ class ModalFit:
             *(self.mean_phases, self.one_shape),
         )
         rows = zip(modes.frequencies_hz, *columns, self.orders, strict=True)
-        return [FittedMode(float(hz), *map(find_known, row), int(n)) for hz, *row, n in rows]
+        return [
+            FittedMode(float(hz), int(orders), *map(find_known, known))
+            for hz, *known, orders in rows
+        ]
 
 
 def read_modes(
@@ -287,14 +291,13 @@ def _resonances(model: ModalModel, frequencies_hz: FloatArray) -> IntArray:
 
 def _driving_points(responses: MeasuredResponses) -> list[tuple[int, int, float]]:
     """Return motion, force and cosine of pairs at one point along one line."""
-    pairs = []
-    for force, pushed in enumerate(responses.forces):
-        for motion, moved in enumerate(responses.motions):
-            cosine = float(np.dot(moved.direction, pushed.direction))
-            measured = np.isfinite(responses.values[0, motion, force])
-            if moved.point == pushed.point and abs(cosine) > SAME_DIRECTION and measured:
-                pairs.append((motion, force, float(np.sign(cosine))))
-    return pairs
+    cosines = [
+        [same_line(motion, force, SAME_DIRECTION) for force in responses.forces]
+        for motion in responses.motions
+    ]
+    known = np.where(np.isfinite(responses.values[0]), cosines, 0.0)
+    # force by force
+    return [(int(m), int(f), float(known[m, f])) for f, m in np.argwhere(known.T)]
 
 
 def _pole_errors(found: PoleFit, kept: IntArray) -> tuple[FloatArray, FloatArray]:

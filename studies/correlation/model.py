@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -22,12 +23,14 @@ from headstock.reduction.coupling.channels import place_rows
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.analyses.modal import ModalRequest
 from headstock.scene.scene import Analyses, Scene
-from headstock.scene.test_data.records import TestChannel
+from headstock.scene.test_data.records import MeasuredModes, TestChannel
 from headstock.solvers.errors import ConvergenceError
 from headstock.solvers.linear.damped_mode import follow_damped_mode
 from headstock.solvers.mpi import MPI
 from headstock.solvers.pairing.mode_pairing import Field
+from headstock.solvers.pairing.shape_expansion import expand_by_modes, expand_by_stiffness
 
+type Expansion = Literal["serep", "static", "dynamic"]
 REACH = 1.5  # a computed partner may lie so many times above the highest measured frequency
 
 
@@ -87,6 +90,24 @@ class ObservedMachine(PreparedMachine):
                 continue
             shapes[:, mode] = self.dofs @ damped.shape
         return shapes
+
+    def expand_shapes(self, measured: MeasuredModes, rows: FloatArray, kind: Expansion) -> Field:
+        """Return measured shapes in coordinates of the system ``(n, k)``.
+
+        Args:
+            rows: ``(c, n)`` motion of each channel per coordinate.
+        """
+        system = self.machine.system
+        if kind == "serep":
+            return expand_by_modes(measured.shapes, rows, self.coordinates)
+        return expand_by_stiffness(
+            measured.shapes,
+            rows,
+            system.stiffness,
+            system.mass,
+            frequencies_hz=measured.frequencies_hz,
+            dynamic=kind == "dynamic",
+        )
 
     def observe(self, channels: Sequence[TestChannel]) -> FloatArray:
         """Return the motion ``(c, n_all)`` of channels per superelement dof."""

@@ -11,12 +11,13 @@ from headstock.pipeline.answers.frf import ResponseCurves
 from headstock.pipeline.stages.frf import estimate_response_errors
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.run_state import PoseModel
-from headstock.scene.test_data.records import MeasuredResponses, TestChannel
+from headstock.scene.test_data.records import MeasuredResponses, TestChannel, same_line
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
 from headstock.solvers.pairing.mode_pairing import ModePair
 from headstock.solvers.pairing.shape_agreement import domain_assurance, response_assurance
 from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
+from headstock.studies.correlation.model import ObservedMachine
 
 MOST_LINES = 150  # of the picture of FDAC
 MOST_SHOWN = 9  # responses that are drawn, and for which ± is estimated
@@ -63,55 +64,45 @@ def response_channel(channel: TestChannel) -> Channel:
 
 
 def compare_responses(
-    machine: PoseModel,
+    model: ObservedMachine,
     measured: MeasuredResponses,
-    *,
-    motions: FloatArray,
-    forces: FloatArray,
-    ratios: FloatArray,
+    pairs: Sequence[ModePair],
+    damping: FloatArray,
 ) -> ComparedResponses:
     """Compute what a test measured, and compare.
 
     Args:
-        machine: In the pose of the test.
-        motions: ``(m, n)`` rows of the motion channels per coordinate of the machine's system.
-        forces: ``(f, n)`` the same of the force channels.
-        ratios: ``(m,)`` measured damping ratio of each natural mode of the system, rigid-body modes
-            left out; they act where the scene has no damping.
+        model: In the pose of the test.
+        pairs: Of measured and computed modes.
+        damping: ``(k,)`` measured ratios, which act where the scene has no damping; nan where unknown.
 
     Raises:
         ModelError: A matrix has no physical meaning.
     """
+    machine = model.machine
     outputs, inputs = (
-        [*map(response_channel, each)] for each in (measured.motions, measured.forces)
+        dict(zip(map(response_channel, ends), model.observe(ends) @ model.dofs, strict=True))
+        for ends in (measured.motions, measured.forces)
     )
-    system, damping = _damp(machine, ratios)
+    system, source = _damp(machine, _spread_ratios(pairs, damping, model.modes.rigid_count))
     system = dataclasses.replace(
-        system,
-        outputs={**system.outputs, **dict(zip(outputs, motions, strict=True))},
-        inputs={**system.inputs, **dict(zip(inputs, forces, strict=True))},
+        system, outputs={**system.outputs, **outputs}, inputs={**system.inputs, **inputs}
     )
-    model = prepare_frf(system, inputs=inputs, outputs=outputs, modes=machine.all_modes)
-    response = evaluate_frf(model, measured.frequencies_hz)
-    frac = response_assurance(measured.values, response.receptance)
-    step = -(-len(measured.frequencies_hz) // MOST_LINES)
-    lines = slice(None, None, step)
+    frf = prepare_frf(system, inputs=[*inputs], outputs=[*outputs], modes=machine.all_modes)
+    response = evaluate_frf(frf, measured.frequencies_hz)
+    lines = slice(None, None, -(-len(measured.frequencies_hz) // MOST_LINES))
     curves = ResponseCurves(
-        machine.pose.name,
-        tuple(inputs),
-        tuple(outputs),
-        measured.frequencies_hz,
-        measured.values,
+        machine.pose.name, (*inputs,), (*outputs,), measured.frequencies_hz, measured.values
     )
     shown = _choose_shown(measured)
     computed = dataclasses.replace(curves, receptance=response.receptance)
     if machine.coupled is not None and shown:
-        rows = sorted({outputs.index(output) for output, _ in shown})
-        columns = sorted({inputs.index(given) for _, given in shown})
+        rows = sorted({curves.outputs.index(output) for output, _ in shown})
+        columns = sorted({curves.inputs.index(given) for _, given in shown})
         few = dataclasses.replace(
             response,
-            outputs=tuple(outputs[row] for row in rows),
-            inputs=tuple(inputs[column] for column in columns),
+            outputs=tuple(curves.outputs[row] for row in rows),
+            inputs=tuple(curves.inputs[column] for column in columns),
             receptance=response.receptance[:, rows][:, :, columns],
             free_body=response.free_body[:, rows][:, :, columns],
             singular=response.singular[:, rows][:, :, columns],
@@ -127,11 +118,11 @@ def compare_responses(
     return ComparedResponses(
         curves,
         computed,
-        frac,
+        response_assurance(measured.values, response.receptance),
         domain_assurance(measured.values[lines], response.receptance[lines]),
         measured.frequencies_hz[lines],
         shown,
-        damping,
+        source,
     )
 
 
@@ -155,7 +146,7 @@ def _choose_shown(measured: MeasuredResponses) -> tuple[tuple[Channel, Channel],
         for row, column in order[0]
         if np.isfinite(sizes[row, column])
     ]
-    entries.sort(key=lambda entry: not _is_drive_point(*entry))
+    entries.sort(key=lambda entry: not same_line(entry[0], entry[1], SAME_LINE))
     return tuple(
         (response_channel(motion), response_channel(force))
         for motion, force in entries[:MOST_SHOWN]
@@ -169,13 +160,7 @@ def _mean_sizes(values: ComplexArray) -> FloatArray:
     return np.sqrt(np.where(known.any(axis=0), sums / np.maximum(known.sum(axis=0), 1), np.nan))
 
 
-def _is_drive_point(motion: TestChannel, force: TestChannel) -> bool:
-    return motion.point == force.point and bool(
-        abs(np.dot(motion.direction, force.direction)) > 1.0 - SAME_LINE
-    )
-
-
-def spread_ratios(pairs: Sequence[ModePair], damping: FloatArray, rigid_count: int) -> FloatArray:
+def _spread_ratios(pairs: Sequence[ModePair], damping: FloatArray, rigid_count: int) -> FloatArray:
     """Return a damping ratio for each elastic mode of a model up to the last pair: that of its partner,
     else the median; the last one is for all others.
 

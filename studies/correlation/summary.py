@@ -7,6 +7,10 @@ from headstock.scene.test_data.responses import label_channel
 from headstock.studies.correlation.correlation import Correlation
 from headstock.studies.correlation.modal_fit import ModalFit
 
+FACTS = (
+    *("scene", "variant", "pose", "test", "within", "range_hz"),
+    *("verdict", "faults", "remarks", "warnings"),
+)
 # of a row of the table of modes
 MODE_KEYS = (
     *("measured_hz", "measured_error_hz", "measured_damping", "number", "name", "computed_hz"),
@@ -21,16 +25,7 @@ def summarise_correlation(found: Correlation) -> JsonTable:
     """
     responses, table = found.responses, found.orthogonality
     return {
-        "scene": found.scene,
-        "variant": found.variant,
-        "pose": found.pose,
-        "test": found.test,
-        "within": found.within,
-        "range_hz": list(found.range_hz),
-        "verdict": list(found.verdict),
-        "faults": list(found.faults),
-        "remarks": list(found.remarks),
-        "warnings": list(found.warnings),
+        **{key: getattr(found, key) for key in FACTS},
         "modes": [{key: getattr(row, key) for key in MODE_KEYS} for row in found.modes],
         "mac": nest_known(found.mac),
         "cross_orthogonality": None if table is None else nest_known(table),

@@ -164,13 +164,11 @@ def _write_vectors(motions: Motions, faulty: Collection[SensorDof]) -> TomlTable
     for (name, dof), value in zip(motions, turned, strict=True):
         if (name, dof) not in faulty:
             written = vectors.setdefault(name, [NOT_MEASURED] * 3)
-            written[DIRECTIONS.index(dof)] = _write_motion(complex(value), is_real=is_real)
+            parts: list[TomlValue] = [
+                round(float(x), DIGITS) + 0.0 for x in (value.real, value.imag)
+            ]
+            written[DIRECTIONS.index(dof)] = parts[0] if is_real else parts
     return dict(vectors)
-
-
-def _write_motion(value: complex, *, is_real: bool) -> TomlValue:
-    real, imaginary = (round(part, DIGITS) + 0.0 for part in (value.real, value.imag))
-    return real if is_real else [real, imaginary]
 
 
 def _write_direction(vector: Vector) -> TomlValue:
@@ -198,25 +196,16 @@ def _propose_parameters(raw: TomlTable, written: TomlTable) -> Iterator[tuple[st
             continue
         if not value > 0.0:
             continue
-        name = (
-            f"{stem}_{direction}"
-            if f"{stem}_{direction}" not in taken
-            else f"{joints[0]}_{direction}"
-        )
+        name = f"{stem}_{direction}"
+        name = f"{joints[0]}_{direction}" if name in taken else name
         taken.add(name)
+        bounds = (value / BOUND, value * BOUND)
         yield (
             name,
             {
-                "keys": _list_keys(joints, kind, direction),
-                "bounds": [
-                    write_number(value / BOUND, unit, DIGITS),
-                    write_number(value * BOUND, unit, DIGITS),
-                ],
+                "keys": [show_key(("joints", joint, kind, direction)) for joint in joints],
+                "bounds": [write_number(bound, unit, DIGITS) for bound in bounds],
                 "prior": write_number(value, unit, DIGITS),
                 "prior_sigma": PRIOR_SIGMA,
             },
         )
-
-
-def _list_keys(joints: Sequence[str], kind: str, direction: str) -> list[TomlValue]:
-    return [show_key(("joints", joint, kind, direction)) for joint in joints]

@@ -377,7 +377,7 @@ def _check_shape(source: _Source, table: ModeTargetTable, *key: str | int) -> No
         source.check_place(observer, "".join(given), *key, "vectors", observer)
     if table.vectors is not None and not any(any(vector) for vector in table.vectors.values()):
         source.add("every vector is zero; give the motions that were measured", *key, "vectors")
-    bodies = [
+    bodies: list[tuple[KeyPath, str]] = [
         (("moves", i, "bodies", j), body)
         for i, m in enumerate(table.moves or ())
         for j, body in enumerate(m.bodies)
