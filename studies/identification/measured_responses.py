@@ -2,7 +2,7 @@
 lines.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,74 +13,67 @@ from headstock.scene.reading.files import resolve_file
 from headstock.scene.test_data.reading import PARSERS, read_test_data
 from headstock.scene.test_data.records import MeasuredResponses, TestChannel
 from headstock.solvers.modal_fitting.noise import LEAST_NOISE, noise_from_neighbours
+from headstock.studies.identification.targets import ResponseTarget, ResponseTargetTable
 
 NOISE_LINES = 8  # fewer do not show how they scatter
 SAME_LINE = 1e-4  # of the cosine between a measured direction and an axis
 
 
-@dataclass(frozen=True)
-class MeasuredPair:
-    """A frequency response between two sensors: displacement over force [m/N] at lines [Hz].
-
-    Attributes:
-        deviations: Standard deviations of the real and imaginary parts [m/N]; empty where unknown.
-    """
-
-    motion: ObservedDof
-    force: ObservedDof
-    frequencies_hz: tuple[float, ...]
-    values: tuple[complex, ...]
-    deviations: tuple[float, ...] = ()
-
-
-def read_pairs(
-    folder: Path, file: str, *, sensors: str, band: tuple[float, float], count: int, noise: bool
-) -> list[MeasuredPair]:
-    """Read every measured pair of channels of a file.
+def read_pairs(entry: ResponseTargetTable, folder: Path) -> Iterator[ResponseTarget]:
+    """Yield the response that an entry gives itself, or every measured pair of its file, without name and
+    tolerance.
 
     Args:
-        folder: Where the file lies, or below.
-        sensors: Table of sensors that are called by the names of measured points; empty where sensors
-            themselves have these names.
-        band: Lowest and highest frequency [Hz].
-        count: Keep at most so many lines, evenly chosen.
-        noise: With deviations of the lines.
+        folder: Where its file lies, or below.
 
     Raises:
         ValueError: There is no such file, it has no responses in the band, a direction lies along no
             axis, or noise is wanted of too few lines.
         MeasurementError: The file cannot be read.
     """
+    if entry.file is not None:
+        yield from _read_file(entry, entry.file, folder)
+    elif entry.point and entry.motion and entry.force and entry.lines:
+        hz, real, imaginary = zip(*entry.lines, strict=True)
+        yield ResponseTarget(
+            "",
+            ObservedDof(entry.point, DIRECTIONS.index(entry.motion)),
+            ObservedDof(entry.force_at or entry.point, DIRECTIONS.index(entry.force)),
+            hz,
+            tuple(map(complex, real, imaginary)),
+            sigma=1.0,
+        )
+
+
+def _read_file(entry: ResponseTargetTable, file: str, folder: Path) -> Iterator[ResponseTarget]:
     responses = read_test_data(resolve_file(folder, file, tuple(PARSERS))).responses
     if responses is None:
         raise ValueError(f"{file} has no frequency responses")
-    hz = responses.frequencies_hz
-    inside = np.flatnonzero((hz > 0.0) & (hz >= band[0]) & (hz <= band[1]))
+    hz, (low, high) = responses.frequencies_hz, entry.band or (0.0, np.inf)
+    inside = np.flatnonzero((hz > 0.0) & (hz >= low) & (hz <= high))
     if not len(inside):
-        raise ValueError(f"{file} has no line between {band[0]:g} and {band[1]:g} Hz")
-    chosen = np.unique(inside[np.linspace(0, len(inside) - 1, min(count, len(inside))).astype(int)])
-    deviations = _find_noise(file, responses) if noise else None
-    pairs = []
-    for row, motion in enumerate(responses.motions):
-        for column, force in enumerate(responses.forces):
-            values = responses.values[chosen, row, column]
-            known = np.isfinite(values) & (values != 0.0)
-            if known.any():
-                (end, sign), (start, other) = (
-                    _find_sensor(channel, sensors) for channel in (motion, force)
-                )
-                pairs.append(
-                    MeasuredPair(
-                        end,
-                        start,
-                        tuple(hz[chosen][known].tolist()),
-                        tuple((sign * other * values[known]).tolist()),
-                        ()
-                        if deviations is None
-                        else tuple(deviations[chosen, row, column][known].tolist()),
-                    )
-                )
-    return pairs
+        raise ValueError(f"{file} has no line between {low:g} and {high:g} Hz")
+    count = min(entry.count, len(inside))
+    chosen = np.unique(inside[np.linspace(0, len(inside) - 1, count).astype(int)])
+    deviations = _find_noise(file, responses) if entry.noise else None
+    for row, column in np.ndindex(responses.values.shape[1:]):
+        known = chosen[np.nan_to_num(responses.values[chosen, row, column]) != 0.0]
+        if len(known):
+            (end, sign), (start, other) = (
+                _find_sensor(channel, entry.sensors)
+                for channel in (responses.motions[row], responses.forces[column])
+            )
+            yield ResponseTarget(
+                "",
+                end,
+                start,
+                tuple(hz[known].tolist()),
+                tuple((sign * other * responses.values[known, row, column]).tolist()),
+                sigma=1.0,
+                deviations=()
+                if deviations is None
+                else tuple(deviations[known, row, column].tolist()),
+            )
 
 
 def _find_noise(file: str, responses: MeasuredResponses) -> FloatArray:

@@ -4,7 +4,6 @@ everything that is wrong.
 
 import dataclasses
 import functools
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,7 +24,7 @@ from headstock.scene.reading.units import COMPLIANCE, FREQUENCY, RATIO, Quantity
 from headstock.scene.scene import Scene
 from headstock.scene.schema.validation import validate_against
 from headstock.scene.test_data.errors import MeasurementError
-from headstock.studies.identification.measured_responses import MeasuredPair, read_pairs
+from headstock.studies.identification.measured_responses import read_pairs
 from headstock.studies.identification.parameters import read_parameters
 from headstock.studies.identification.records import LineFit, fit_line
 from headstock.studies.identification.targets import (
@@ -42,7 +41,6 @@ from headstock.studies.identification.targets import (
     Parameter,
     ParameterTable,
     ResponseTarget,
-    ResponseTargetTable,
     RivalTable,
     ShapeTarget,
     TargetCase,
@@ -235,7 +233,7 @@ def _read_responses(source: _Source) -> Iterator[ResponseTarget]:
     for index, entry in enumerate(source.table.responses or ()):
         key = ("responses", index)
         try:
-            pairs = _list_pairs(entry, Path(source.findings.path).parent)
+            pairs = [*read_pairs(entry, Path(source.findings.path).parent)]
         except (ValueError, MeasurementError) as error:
             source.add(str(error), *key, "file")
             continue
@@ -252,41 +250,14 @@ def _read_responses(source: _Source) -> Iterator[ResponseTarget]:
             if len(deviations):
                 sigma = float(np.sqrt(np.mean(deviations**2)) / np.abs(pair.values).max())
             elsewhere = pair.force.observer != pair.motion.observer
-            yield ResponseTarget(
+            yield dataclasses.replace(
+                pair,
                 name=f"{source.name} {pair.motion.observer} {motion}/F{force}"
                 + (f" at {pair.force.observer}" if elsewhere else ""),
-                motion=pair.motion,
-                force=pair.force,
-                frequencies_hz=pair.frequencies_hz,
-                values=pair.values,
                 sigma=sigma,
                 deviations=tuple(deviations.tolist()),
                 hold_out=entry.hold_out or source.table.hold_out,
             )
-
-
-def _list_pairs(entry: ResponseTargetTable, folder: Path) -> list[MeasuredPair]:
-    """Return what an entry gives itself, or the pairs of its file."""
-    if entry.file is not None:
-        low, high = entry.band or (0.0, math.inf)
-        return read_pairs(
-            folder,
-            entry.file,
-            sensors=entry.sensors,
-            band=(low, high),
-            count=entry.count,
-            noise=entry.noise,
-        )
-    if entry.point is None or entry.motion is None or entry.force is None:
-        return []  # the schema reports it
-    return [
-        MeasuredPair(
-            ObservedDof(entry.point, "xyz".index(entry.motion)),
-            ObservedDof(entry.force_at or entry.point, "xyz".index(entry.force)),
-            tuple(line[0] for line in entry.lines),
-            tuple(complex(line[1], line[2]) for line in entry.lines),
-        )
-    ]
 
 
 def _read_numbers(source: _Source) -> Iterator[ModeTarget | ComplianceTarget]:
