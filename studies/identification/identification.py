@@ -145,29 +145,50 @@ class TargetOutcome:
         return self.found / self.wanted - 1.0
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Identification(Displayed):
+@dataclass(frozen=True, eq=False)
+class FitEnds:
+    """How the starts of a fit ended.
+
+    Attributes:
+        problem: What was fitted in the end.
+        left_out: Targets whose shape in words no mode is like; their frequencies are fitted.
+    """
+
+    problem: FitProblem
+    starts: tuple[StartRecord, ...]
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def best(self) -> int:
+        """Index of the start that is kept."""
+        return int(np.argmin([record.cost for record in self.starts]))
+
+    def solve_best(self) -> FitPoint:
+        """Compute the machine where the best start ended."""
+        end = self.starts[self.best].end
+        if end is None:
+            raise AssertionError("a fit ended without a point and without saying why")
+        point = evaluate(self.problem, end.coordinates)
+        return exchange_modes(self.problem, point, end.pairings)
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Identification(FitEnds, Displayed):
     """What a fit found.
 
     Attributes:
         outcomes: Every target, held-out ones too.
         extra_hz: By case: modes above the floor and below the highest target or the limit that meet
             no target [Hz].
-        left_out: Targets whose shape in words no mode is like; their frequencies are fitted.
-        best: Index of the start that was kept.
         statistics: Spread of the fitted coordinates.
-        problem: What was fitted.
+        point: The machine where the best start ended.
     """
 
     name: str
     parameters: tuple[FittedParameter, ...]
     outcomes: tuple[TargetOutcome, ...]
     extra_hz: dict[str, tuple[float, ...]]
-    left_out: tuple[str, ...]
-    starts: tuple[StartRecord, ...]
-    best: int
     statistics: FitStatistics
-    problem: FitProblem
     point: FitPoint
 
     def _short_form(self) -> ShortForm:
@@ -272,33 +293,6 @@ def fit_parameters(
     """
     ends = fit_targets(problem, observer, comm=comm or MPI.COMM_SELF)
     return assess_ends(ends, name)
-
-
-@dataclass(frozen=True)
-class FitEnds:
-    """How the starts of a fit ended.
-
-    Attributes:
-        problem: What was fitted in the end.
-        left_out: Targets whose shape in words was left out of it.
-    """
-
-    problem: FitProblem
-    starts: tuple[StartRecord, ...]
-    left_out: tuple[str, ...] = ()
-
-    @property
-    def best(self) -> int:
-        """Index of the start that is kept."""
-        return int(np.argmin([record.cost for record in self.starts]))
-
-    def solve_best(self) -> FitPoint:
-        """Compute the machine where the best start ended."""
-        end = self.starts[self.best].end
-        if end is None:
-            raise AssertionError("a fit ended without a point and without saying why")
-        point = evaluate(self.problem, end.coordinates)
-        return exchange_modes(self.problem, point, end.pairings)
 
 
 def fit_targets(
@@ -427,7 +421,6 @@ def assess_ends(ends: FitEnds, name: str) -> Identification:
         },
         left_out=ends.left_out,
         starts=ends.starts,
-        best=ends.best,
         statistics=statistics,
         problem=problem,
         point=point,
