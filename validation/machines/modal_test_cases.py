@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import scipy.io
@@ -169,8 +170,8 @@ def _try_seed(folder: Path, seed: int) -> _Trial:
     scene_path = _write_scene(folder)
     random = np.random.default_rng(seed)
     truth = {
-        name: value * float(np.exp(SPREAD * random.standard_normal()))
-        for name, value in _start_values().items()
+        name: spring.value * float(np.exp(SPREAD * random.standard_normal()))
+        for name, spring in _list_springs().items()
     }
     store = Store(folder / "store")
     machine = load_scene(scene_path, variant=TESTED, overrides=_list_overrides(truth))
@@ -188,31 +189,27 @@ def _try_seed(folder: Path, seed: int) -> _Trial:
     return _Trial(faulty.faults, _watched_mac(fitted), fit, truth)
 
 
-def _start_values() -> dict[str, float]:
-    """Stiffness [N/m] and damping [N s/m] of each spring as the scene has them, by parameter."""
-    stiffness = {name: 1e6 * value for name, (_, _, value) in SPRINGS.items()}
+class _Spring(NamedTuple):
+    """A stiffness or damping of the scene: its key, value as written, and unit."""
+
+    key: str
+    value: float
+    unit: str
+
+
+def _list_springs() -> dict[str, _Spring]:
+    """Stiffness and damping of each spring by parameter."""
     damping = 2.0 * DAMPING_RATIO / (2.0 * np.pi * DAMPING_HZ)
-    return {f"{name}_stiffness": value for name, value in stiffness.items()} | {
-        f"{name}_damping": damping * value for name, value in stiffness.items()
-    }
-
-
-def _list_keys() -> dict[str, str]:
-    """Scene key of each parameter."""
     return {
-        f"{name}_{kind}": f"{joint}.{kind}.{dof}"
-        for name, (joint, dof, _) in SPRINGS.items()
-        for kind in KINDS
+        f"{name}_{kind}": _Spring(f"{joint}.{kind}.{dof}", factor * (1e6 * value), unit)
+        for kind, factor, unit in (("stiffness", 1.0, "N/m"), ("damping", damping, "N s/m"))
+        for name, (joint, dof, value) in SPRINGS.items()
     }
 
 
 def _list_overrides(values: Mapping[str, float]) -> list[str]:
-    units = {"stiffness": "N/m", "damping": "N s/m"}
-    keys = _list_keys()
-    return [
-        f'{keys[name]}="{value!r} {units[name.rpartition("_")[2]]}"'
-        for name, value in values.items()
-    ]
+    springs = _list_springs()
+    return [f'{springs[name].key}="{x!r} {springs[name].unit}"' for name, x in values.items()]
 
 
 def _write_scene(folder: Path) -> Path:
@@ -236,8 +233,8 @@ def _write_scene(folder: Path) -> Path:
     (folder / "points.csv").write_text("\n".join([*rows, ""]))
     path = folder / "machine.toml"
     damping = [
-        f'"{key}" = "{_start_values()[name]!r} N s/m"'
-        for name, key in _list_keys().items()
+        f'"{spring.key}" = "{spring.value!r} {spring.unit}"'
+        for name, spring in _list_springs().items()
         if name.endswith("damping")
     ]
     path.write_text(
@@ -320,10 +317,8 @@ def _choose_parameters(targets: str) -> str:
     kept = re.sub(r"(?ms)^\[parameters\..*?(?=^\[(?!parameters)|\Z)", "", targets)
     responses = f'responses = [{{ file = "test.mat", sensors = "k", noise = true, count = {FITTED_LINES} }}]'
     lines = [kept.replace("[cases.test]\n", f"[cases.test]\n{responses}\n")]
-    keys = _list_keys()
-    for name, value in _start_values().items():
-        unit = "N/m" if name.endswith("stiffness") else "N s/m"
+    for name, (key, value, unit) in _list_springs().items():
         bounds = f'["{value / 5.0!r} {unit}", "{5.0 * value!r} {unit}"]'
-        key = re.sub(r"(_pad|_carriage)\.", r"\1_*.", keys[name])  # all that a fit calls by number
+        key = re.sub(r"(_pad|_carriage)\.", r"\1_*.", key)  # all that a fit calls by number
         lines.append(f'[parameters.{name}]\nkeys = ["{key}"]\nbounds = {bounds}\n')
     return "\n".join(lines)
