@@ -84,7 +84,7 @@ def compare_responses(
         dict(zip(map(response_channel, ends), model.observe(ends) @ model.dofs, strict=True))
         for ends in (measured.motions, measured.forces)
     )
-    system, source = _damp(machine, _spread_ratios(pairs, damping, model.modes.rigid_count))
+    system, damped_by = _damp(machine, _spread_ratios(pairs, damping, model.modes.rigid_count))
     system = dataclasses.replace(
         system, outputs={**system.outputs, **outputs}, inputs={**system.inputs, **inputs}
     )
@@ -122,7 +122,7 @@ def compare_responses(
         domain_assurance(measured.values[lines], response.receptance[lines]),
         measured.frequencies_hz[lines],
         shown,
-        source,
+        damped_by,
     )
 
 
