@@ -3,18 +3,22 @@ parametric solids, and a box of equal inertia for bodies of unknown shape.
 """
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.parts.patches import planar_boxes
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, PointMass, Solid, Tube
 
 IntArray = NDArray[np.int64]
 
+MARK, AXIS = 0.012, 0.1  # half of a mark and length of an axis, of the extent of a body
+SPIKE = 0.3  # thickness of an axis over that of a mark
+MOST_AXES = 100
 SHARP_COSINE = float(np.cos(np.radians(40.0)))
 
 
@@ -203,6 +207,36 @@ def inertia_skin(mass: float, center: FloatArray, inertia: FloatArray) -> Skin:
         axes = -axes
     box = box_skin(-half, half, "inertia")
     return Skin(center + box.points @ axes.T, box.triangles, box.edges, "inertia")
+
+
+def mark_places(skin: Skin, frames: Sequence[Frame]) -> Skin:
+    """Return a skin with a small octahedron at the origin of each frame, and a spike along each of its
+    axes; of more than ``MOST_AXES`` frames the octahedra alone.
+    """
+    places = np.array([frame.origin for frame in frames])
+    extent = float(np.linalg.norm(np.ptp(np.vstack([skin.points, places]), axis=0)))
+    # six corners x+ y+ z+ x- y- z- of the octahedron, and the tips of the spikes on its faces
+    ball = MARK * extent * np.vstack([np.eye(3), -np.eye(3)])
+    corners = np.vstack([ball, AXIS * extent * np.eye(3), SPIKE * ball])
+    faces = np.array([(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2)])
+    faces = np.vstack([faces, np.where(faces == 2, 5, faces)[:, ::-1]])
+    lines = np.zeros((0, 2), dtype=np.int64)
+    if len(frames) <= MOST_AXES:
+        around = [[9 + (axis + turn) % 6 for turn in (1, 2, 4, 5)] for axis in range(3)]
+        spikes = [
+            (ring[k], ring[(k + 1) % 4], 6 + axis)
+            for axis, ring in enumerate(around)
+            for k in range(4)
+        ]
+        faces, lines = np.vstack([faces, spikes]), np.array([(0, 6), (1, 7), (2, 8)])
+    first = len(skin.points) + len(corners) * np.arange(len(frames))[:, None, None]
+    points = [frame.origin + corners @ frame.rotation.T for frame in frames]
+    return replace(
+        skin,
+        points=np.vstack([skin.points, *points]),
+        triangles=np.vstack([skin.triangles, (first + faces).reshape(-1, 3)]),
+        edges=np.vstack([skin.edges, (first + lines).reshape(-1, 2)]),
+    )
 
 
 def _tube_skin(tube: Tube) -> Skin:

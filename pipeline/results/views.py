@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray, Frame
 from headstock.geometry.machine.machine import Machine
 from headstock.geometry.parts.components import Component, Material
-from headstock.geometry.parts.skins import IntArray, Skin, inertia_skin, solid_skin, split_skin
+from headstock.geometry.parts.skins import (
+    IntArray,
+    Skin,
+    inertia_skin,
+    mark_places,
+    solid_skin,
+    split_skin,
+)
+from headstock.geometry.parts.solids import SuperelementFile
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.dof_layout import DofLayout, locate_interface, turn_dofs
 from headstock.reduction.motions.body_fields import carried_motion
@@ -133,7 +141,8 @@ def component_colors(view: MachineView) -> dict[str, str]:
 
 
 def component_skin(component: Component, superelement: Superelement, skin: Skin | None) -> Skin:
-    """The surface to draw: that of the mesh, else of the solid, else a block of equal inertia.
+    """The surface to draw: that of the mesh, else of the solid, else a block of equal inertia, with
+    marks at the nodes of a body whose shape is unknown.
 
     Args:
         component: Its solid is drawn where there is no mesh.
@@ -151,6 +160,8 @@ def component_skin(component: Component, superelement: Superelement, skin: Skin 
         # a body that bends needs points between its corners
         for _ in range(BENDING_SPLITS):
             drawn = split_skin(drawn)
+    if isinstance(component.solid, SuperelementFile):
+        drawn = mark_places(drawn, superelement.frames)
     return drawn
 
 

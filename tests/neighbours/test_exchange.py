@@ -135,3 +135,25 @@ def test_python_control_closes_the_loop_of_an_own_controller_as_the_scene_does(
     found = ours[np.ix_(rows, columns)]
     scale = np.abs(expected).max(axis=2, keepdims=True)
     assert (np.abs(found - expected) / scale).max() < 1e-6
+
+
+def test_pygltflib_and_vtk_open_the_modes_of_a_run(shell: Shell) -> None:
+    import pygltflib
+    import pyvista
+    from pygltflib import validator
+
+    shell(f"run {MILL} {COARSE} --analysis modal -o out --no-figures")
+    modes = sorted(Path("out/modes").glob("*.glb"))
+    first = pygltflib.GLTF2().load(str(modes[0]))
+    validator.validate(first)  # raises
+    assert len(modes) > 3
+    (animation,) = first.animations
+    assert {channel.target.path for channel in animation.channels} == {"weights"}
+    targets = [p.targets for mesh in first.meshes for p in mesh.primitives]
+    assert targets and all(len(target) == 1 for target in targets)
+    reader = pyvista.get_reader("out/modes/poses.pvd")
+    grid = reader.read()[0]
+    shapes = [name for name in grid.point_data if "shape [m/sqrt(kg)]" in name]
+    assert len(grid.field_data["frequencies [Hz]"]) == len(shapes)
+    assert len(modes) == len(reader.time_values) * len(shapes)
+    assert all(np.isfinite(grid.point_data[name]).all() for name in shapes)

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from common import approx
+from headstock.geometry.frames import Frame, rotation_about
 from headstock.geometry.parts.skins import (
     Skin,
     box_skin,
     inertia_skin,
+    mark_places,
     prism_skin,
     sharp_edges,
     solid_skin,
@@ -112,3 +114,20 @@ def test_a_bar_cut_across_is_closed_encloses_its_volume_and_has_points_at_every_
         [skin.points.min(axis=0), skin.points.max(axis=0)],
         [whole.points.min(axis=0), whole.points.max(axis=0)],
     )
+
+
+def test_places_of_a_body_without_a_shape_are_marked_with_their_axes() -> None:
+    skin = box_skin(np.zeros(3), np.array([1.0, 2.0, 2.0]))
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.pi / 2)
+    frames = [Frame(np.array([0.5, 1.0, 0.0])), Frame(np.array([0.5, 1.0, 2.0]), turn)]
+    marked = mark_places(skin, frames)
+    assert np.array_equal(marked.points[: len(skin.points)], skin.points)
+    assert marked.triangles.max() < len(marked.points) and marked.edges.max() < len(marked.points)
+    added = marked.points[len(skin.points) :].reshape(2, -1, 3)
+    assert added[:, :6].mean(axis=1) == approx(np.array([frame.origin for frame in frames]))
+    # the lines of the second one end along its own axes
+    ends = marked.points[marked.edges[-3:, 1]] - frames[1].origin
+    assert ends == approx(0.3 * turn.T, abs=1e-12)
+    many = mark_places(skin, 101 * frames[:1])
+    assert len(many.edges) == len(skin.edges)
+    assert len(many.triangles) == len(skin.triangles) + 101 * 8
