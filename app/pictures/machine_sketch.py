@@ -194,16 +194,9 @@ def _interface_areas(
     areas: dict[str, list[FloatArray]] = {kind: [] for kind in AREAS}
     for name, part in components.items():
         frame = placed.placements[name]
-        read = find_areas(part)
-        size = max((np.ptp(corners, axis=(0, 1)).max() for corners in read.values()), default=0.0)
-        for label, corners in read.items():
-            across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
-            # what lies on a whole face is seen above it
-            whole = part.interfaces[label].patches[0].shape == "whole"
-            lifted = corners + (1.0 if whole else 2.0) * LIFT * size * across[:, None]
+        for label, corners in _lift_areas(part).items():
             kind = "rail" if part.interfaces[label].rail else "area of an interface"
-            areas[kind].append(lifted @ frame.rotation.T + frame.origin)
+            areas[kind].append(corners @ frame.rotation.T + frame.origin)
         if not isinstance(part.solid, PlanarSolid):
             continue
         lift = LIFT * max(part.solid.size)
@@ -223,6 +216,20 @@ def _interface_areas(
                     rim = (area[::-1] if turned else area) @ frame.rotation.T + frame.origin
                     fan = np.arange(1, len(rim) - 1)
                     areas[kind].append(rim[np.column_stack([0 * fan, fan, fan + 1])])
+    return areas
+
+
+def _lift_areas(part: Component) -> dict[str, FloatArray]:
+    """Triangles ``(m, 3, 3)`` of the interfaces of a part from a file, a little above its faces, and
+    patches above whole faces [m].
+    """
+    areas = find_areas(part)
+    size = max((np.ptp(corners, axis=(0, 1)).max() for corners in areas.values()), default=0.0)
+    for name, corners in areas.items():
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        across /= np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
+        whole = part.interfaces[name].patches[0].shape == "whole"
+        areas[name] = corners + (1.0 if whole else 2.0) * LIFT * size * across[:, None]
     return areas
 
 

@@ -104,7 +104,7 @@ class Carriage:
 
     @property
     def hangs_over(self) -> bool:
-        """Whether it hangs over an end by more than rounding."""
+        """Return whether it hangs over an end by more than rounding."""
         return self.overhang > OVERHANG_TOLERANCE * (self.span[1] - self.span[0])
 
 

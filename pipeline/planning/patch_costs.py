@@ -15,7 +15,7 @@ DECIDED = 0.6  # dofs without most of the elements across patches, over those wi
 FEWEST_ACROSS = (1, 2)
 
 
-def estimate_dofs(component: Component, estimate: MeshEstimate) -> int:
+def count_dofs(component: Component, estimate: MeshEstimate) -> int:
     """Return the displacement dofs of a mesh to be made."""
     if estimate.nodes:
         return 3 * estimate.nodes
@@ -35,7 +35,7 @@ def describe_patch_costs(
         estimate: Of the mesh.
         survey: Estimates the mesh of a component.
     """
-    mesh, dofs = component.mesh, estimate_dofs(component, estimate)
+    mesh, dofs = component.mesh, count_dofs(component, estimate)
     narrowest = min(_list_widths(component, scene), default=None)
     if narrowest is None or dofs < FEWEST_DOFS or mesh.growth is not None or mesh.cells == "hex":
         return ""
@@ -51,7 +51,7 @@ def describe_patch_costs(
     if fewer is None:
         return ""
     coarse = _with_across(scene, component, fewer).machine.components[component.name]
-    without = estimate_dofs(coarse, survey(coarse))
+    without = count_dofs(coarse, survey(coarse))
     if without > DECIDED * dofs:
         return ""
     width, _, name = narrowest

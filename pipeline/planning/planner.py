@@ -36,7 +36,7 @@ from headstock.pipeline.planning.budgets import (
     write_seconds,
 )
 from headstock.pipeline.planning.interfaces import find_glued_joints, has_choice
-from headstock.pipeline.planning.patch_costs import describe_patch_costs, estimate_dofs
+from headstock.pipeline.planning.patch_costs import count_dofs, describe_patch_costs
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.planning.reductions import (
@@ -266,7 +266,7 @@ def _component_stages(
         if estimate is None or choice is None:
             raise ValueError(f"component {name!r} is meshed, but nobody estimated its mesh")
         check_cells(component, estimate.cells, limits.elements)
-        dofs = estimate_dofs(component, estimate)
+        dofs = count_dofs(component, estimate)
         meshing = Stage(
             "mesh",
             name,
@@ -310,7 +310,7 @@ def _component_stages(
 def _choose_solver(component: Component, scene: Scene, estimate: MeshEstimate) -> SolverChoice:
     box = bounding_box(component.solid)
     extents = None if box is None else [high - low for low, high in box]
-    return choose_solver(component, scene, estimate_dofs(component, estimate), extents)
+    return choose_solver(component, scene, count_dofs(component, estimate), extents)
 
 
 def _place_machine(machine: PlannedMachine, pose: Pose) -> Stage:

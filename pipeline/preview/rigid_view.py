@@ -95,13 +95,13 @@ def _with_supports(component: Component, scene: Scene) -> Component:
             _patch_names(support), (*support.patches, *support.edge), strict=True
         )
     }
-    known = {
+    interfaces = {
         name: dataclasses.replace(interface, rail=None)
         if interface.rail is not None and rail_span(component.solid, interface) is None
         else interface
         for name, interface in component.interfaces.items()
     }
-    return dataclasses.replace(component, interfaces=known | extra)
+    return dataclasses.replace(component, interfaces=interfaces | extra)
 
 
 def _carry_joint(joint: Joint, machine: Machine, layout: DofLayout) -> Joint:

@@ -150,12 +150,7 @@ class ResponseSpace:
         self.parts = {
             name: self._project_changes(name, part, space) for name, part in sources.meshed.items()
         }
-        together = self._add_up([part.finer for part in self.parts.values()])
-        missing = np.sum([np.zeros_like(self._mass), *self._missing.values()], axis=0)
-        # the sum of what each part loses alone, but for the damping, is less than all lose
-        self.finer = dataclasses.replace(
-            together, stiffness=1j * together.stiffness.imag - self._find_lost(missing)
-        )
+        self.finer = self._find_finer()
         corrected = [
             self.parts[name].finer for name, part in sources.meshed.items() if part.corrected
         ]
@@ -199,6 +194,13 @@ class ResponseSpace:
             for shape in (part.faces, part.left_out)
         )
         return _MeshChanges(softer, faces, left_out)
+
+    def _find_finer(self) -> SystemChange:
+        """Return the change by all meshes together, the damping of each as by it alone."""
+        together = self._add_up([part.finer for part in self.parts.values()])
+        missing = np.sum([np.zeros_like(self._mass), *self._missing.values()], axis=0)
+        stiffness = 1j * together.stiffness.imag - self._find_lost(missing)
+        return dataclasses.replace(together, stiffness=stiffness)
 
     def _find_lost(self, missing: FloatArray) -> FloatArray:
         """Return the stiffness ``(m, m)`` that the machine loses with finer meshes: the flexibility
