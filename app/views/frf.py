@@ -47,6 +47,7 @@ def _list_parts(run: Results) -> Iterator[TerminalPart]:
         if peaks := list_probe_peaks(response.curves):
             title = f"Largest stress over frequency at probes in pose {pose}"
             yield Listing(title, PROBE_PEAK_COLUMNS, peaks)
+        yield ""
 
 
 def _write_section(run: Results) -> Section:
