@@ -20,7 +20,7 @@ class Note:
 NAMES_OF_MODES = Note(
     "Names of modes",
     "X, Y, Z are translations and A, B, C rotations about the machine axes; a component is said to bend or twist when it holds"
-    " a good part of the strain energy.",
+    " a good part of the strain energy. Below the first structural mode the machine moves as a whole on its supports.",
 )
 
 

@@ -189,33 +189,30 @@ class _KeyFigures:
         compliances: There: direction, compliance along it with its ± [um/kN], and the part that
             gives most.
         text: What it says about the weak link.
-        first: Frequency, its error [Hz] and name of the first mode in which the machine does not
-            move as a whole.
-        whole: In how many modes below that it does, on its supports.
+        first: Frequency, its error [Hz], name and number of the first mode in which the machine does
+            not move as a whole.
     """
 
     point: str | None = None
     compliances: Sequence[tuple[str, float | None, float | None, str]] = ()
     text: str = ""
-    first: tuple[float, float | None, str] | None = None
-    whole: int = 0
+    first: tuple[float, float | None, str, int] | None = None
 
 
 def _key_figures(run: Results) -> _KeyFigures:
     """Return the compliance of the first point in the first pose, and the first mode in which the
     machine does not move as a whole.
     """
-    first, whole = None, 0
+    first = None
     for modes in run.modal[:1]:
-        rows = zip(map(float, modes.frequencies_hz), modes.error_hz, modes.mode_names, strict=True)
+        numbers = range(modes.below + 1, modes.below + len(modes.mode_names) + 1)
+        hz = map(float, modes.frequencies_hz)
+        rows = zip(hz, modes.error_hz, modes.mode_names, numbers, strict=True)
         named = list(rows)[modes.rigid_count :]
-        first = next((mode for mode in named if WHOLE_MACHINE not in mode[-1]), None)
-        whole = (
-            sum(WHOLE_MACHINE in mode[-1] for mode in named[: named.index(first)]) if first else 0
-        )
+        first = next((mode for mode in named if WHOLE_MACHINE not in mode[2]), None)
     for row in list_point_rows(run.find(StaticAnswer)):
-        return _KeyFigures(row.name, _list_compliances(row), row.point.text, first, whole)
-    return _KeyFigures(first=first, whole=whole)
+        return _KeyFigures(row.name, _list_compliances(row), row.point.text, first)
+    return _KeyFigures(first=first)
 
 
 def _list_compliances(row: PointRow) -> list[tuple[str, float | None, float | None, str]]:
