@@ -46,6 +46,7 @@ FAR, OVERDAMPED = (
 CHANCE = 1e-6  # that noise alone makes a mode, over all lines
 SEARCHES, ROUNDS = 2, 12  # of candidates from what is left: by models of all orders, one by one
 REWEIGHTED = 2  # times that weights are taken from what a fit leaves
+SPLIT = 0.5  # of a pole's rate, to both sides
 CLOSE = 1.0  # of the sum of two poles' rates: poles that are nearer may be one
 
 
@@ -108,7 +109,11 @@ def fit_poles(
             chosen = candidates
             data = _reweigh(data, chosen.fit, squares, known=deviations is not None)
         elif number >= SEARCHES:
-            break
+            candidates = _split(data, chosen, clusters[0].pole)
+            if len(candidates.clusters) == count:
+                break
+            chosen = candidates
+            data = _reweigh(data, chosen.fit, squares, known=deviations is not None)
     for _ in range(REWEIGHTED):
         data = _reweigh(data, chosen.fit, squares, known=deviations is not None)
         fit = refine(data, chosen.fit.poles, chosen.fit.participations)
@@ -185,6 +190,23 @@ def _join(data: WeightedResponses, chosen: _Chosen, clusters: Sequence[PoleClust
         np.concatenate([chosen.fit.participations, *vectors], axis=1),
     )
     return _Chosen(fit, (*chosen.clusters, *clusters))
+
+
+def _split(data: WeightedResponses, chosen: _Chosen, pole: complex) -> _Chosen:
+    """Try two modes in place of the one nearest to a pole that alone shows too little: one mode may stand
+    between two, where neither shows.
+    """
+    if not chosen.clusters:
+        return chosen
+    fit = chosen.fit
+    near = int(np.argmin(np.abs(fit.poles - pole)))
+    apart = 1j * SPLIT * abs(fit.poles[near].real)
+    poles = np.append(fit.poles, fit.poles[near] + apart)
+    poles[near] -= apart
+    vectors = np.column_stack([fit.participations, fit.participations[:, near]])
+    tried = _Chosen(refine(data, poles, vectors), (*chosen.clusters, chosen.clusters[near]))
+    tried = _simplify(data, tried)
+    return tried if len(tried.clusters) > len(chosen.clusters) else chosen
 
 
 def _reweigh(

@@ -9,7 +9,6 @@ from headstock.studies.identification.identification import (
     TargetOutcome,
     assess_ends,
     fit_targets,
-    start_at,
 )
 from headstock.studies.identification.targets import TargetCase
 
@@ -17,7 +16,8 @@ from headstock.studies.identification.targets import TargetCase
 def predict_each_mode(ends: FitEnds, *, comm: MPI.Comm) -> list[TargetOutcome]:
     """Leave out one mode after another, its shape and damping too, and fit the others; collective.
 
-    Every fit begins where that of all modes ended.
+    Every fit begins where that of all modes began: a parameter that one mode alone determines must not
+    keep what this mode made of it.
 
     Args:
         ends: The same on every rank.
@@ -28,13 +28,12 @@ def predict_each_mode(ends: FitEnds, *, comm: MPI.Comm) -> list[TargetOutcome]:
     Raises:
         HeadstockError: One of the fits could not be computed.
     """
-    problem = start_at(ends.problem, ends)
-    targets = [target for model in problem.cases for target in model.case.modes]
+    targets = [target for model in ends.problem.cases for target in model.case.modes]
     predicted = []
     for name in (target.name for target in targets if not target.hold_out):
-        others = problem.change_cases(functools.partial(_predict, name))
-        ends = fit_targets(others, comm=comm)
-        predicted.append(make_on_root(comm, functools.partial(_find_outcome, ends, name)))
+        others = ends.problem.change_cases(functools.partial(_predict, name))
+        found = fit_targets(others, comm=comm)
+        predicted.append(make_on_root(comm, functools.partial(_find_outcome, found, name)))
     return predicted
 
 

@@ -203,7 +203,8 @@ def assess(
     lost = np.flatnonzero(free)[open_]
     covariance[lost, lost] = np.inf
     weighed = jacobian / factors[:, None]
-    _, values, directions = np.linalg.svd(weighed * allowed)
+    # of a triangle, as there may be many more measurements than parameters
+    _, values, directions = np.linalg.svd(np.linalg.qr(weighed * allowed, mode="r"))
     values = np.concatenate([values, np.zeros(len(names) - len(values))])
     proper = (directions.T / (values**2 + 1.0)) @ directions
     sigmas = np.sqrt(np.diag(covariance))
