@@ -34,7 +34,7 @@ from headstock.studies.correlation.correlation import Correlation
 from headstock.studies.correlation.job import CorrelationJob, load_correlation, run_correlation
 from headstock.studies.correlation.target_file import TARGETS_FILE
 from headstock.studies.identification.identification import (
-    Identification,
+    FittedParameter,
     fit_parameters,
     prepare_problem,
 )
@@ -95,7 +95,7 @@ class _Trial:
     faults: tuple[str, ...]
     mac: FloatArray
     measured_mac: FloatArray
-    fit: Identification
+    parameters: tuple[FittedParameter, ...]
     truth: dict[str, float]
 
 
@@ -162,15 +162,13 @@ def _compare_fits(trials: Sequence[_Trial]) -> list[ValidationRow]:
 def _read_errors(trial: _Trial, kind: str) -> list[float]:
     return [
         item.value / trial.truth[item.parameter.name] - 1.0
-        for item in trial.fit.parameters
+        for item in trial.parameters
         if item.parameter.name.endswith(kind)
     ]
 
 
 def _read_coverage(trial: _Trial) -> list[bool]:
-    return [
-        item.low <= trial.truth[item.parameter.name] <= item.high for item in trial.fit.parameters
-    ]
+    return [item.low <= trial.truth[item.parameter.name] <= item.high for item in trial.parameters]
 
 
 def _try_seed(folder: Path, seed: int) -> _Trial:
@@ -196,7 +194,7 @@ def _try_seed(folder: Path, seed: int) -> _Trial:
     measured = _correlate(scene_path, folder / "test.mat", store, fit.values)
     fitted = load_scene(scene_path, variant=TESTED, overrides=_list_overrides(fit.values))
     pairs = pair_modes(_find_modes(machine, store), _find_modes(fitted, store))
-    return _Trial(faulty.faults, _list_mac(pairs), _list_mac(measured.pairs), fit, truth)
+    return _Trial(faulty.faults, _list_mac(pairs), _list_mac(measured.pairs), fit.parameters, truth)
 
 
 class _Spring(NamedTuple):
