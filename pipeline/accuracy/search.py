@@ -564,7 +564,7 @@ def _round_analyses(analyses: Analyses) -> Analyses:
     # peaks and levels are found without the lines of a grid; under control there are none
     lines = (
         None
-        if frf is None or frf.motors == "controlled"
+        if frf is None or frf.motors != "locked"
         else dataclasses.replace(frf, points=2, adaptive=False, probes=(), fields_at=())
     )
     return Analyses(analyses.get(StaticRequest), modal, lines)

@@ -286,6 +286,8 @@ def run_frf_stage(state: RunState, stage: Stage) -> Outcome:
         return Outcome()
     try:
         machine = pose_model(state)
+        if _frf_request(machine).motors == "free":
+            machine = drive_machine(machine, state.warn).released
         solved, harmonic = respond(machine), _find_harmonic_motions(machine)
     except UnstableControlError as error:
         state.failures.append(f"frequency response in pose {pose_name(stage)}: {error}")

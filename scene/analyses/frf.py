@@ -11,9 +11,11 @@ from headstock.scene.building.draft import (
     SceneAnalysis,
 )
 from headstock.scene.building.drives import check_motors, check_sampling
+from headstock.scene.exports import ExportMotors
 from headstock.scene.reading.findings import KeyPath
-from headstock.scene.scene import LOAD, Motors, Request
+from headstock.scene.scene import LOAD, Request
 from headstock.scene.schema import types
+from headstock.scene.schema.effects import GRAVITY_STIFFENING
 from headstock.solvers.second_order import Channel, Motion
 
 KEY: KeyPath = ("analyses", "frf")
@@ -34,7 +36,7 @@ class FrfRequest(Request):
         adaptive: Add points around every resonance.
         motion: What is tabled and drawn.
         poses: All of them when empty.
-        motors: Locked, or under control.
+        motors: Locked, under control or free.
         fields_at: Frequencies at which volume meshes get displacement and stress [Hz].
     """
 
@@ -50,7 +52,7 @@ class FrfRequest(Request):
     adaptive: bool = True
     motion: Motion = "receptance"
     poses: tuple[str, ...] = ()
-    motors: Motors = "locked"
+    motors: ExportMotors = "locked"
     fields_at: tuple[float, ...] = ()
 
     @property
@@ -61,7 +63,8 @@ class FrfRequest(Request):
     def describe(self) -> str:
         """In a few words: what is computed, and how far."""
         entries = f"{len(self.outputs)} × {len(self.inputs)} responses"
-        under = ", drives under control" if self.motors == "controlled" else ""
+        words = {"controlled": ", drives under control", "free": ", motors free"}
+        under = words.get(self.motors, "")
         inside = f", displacement and stress at {', '.join(self.probes)}" if self.probes else ""
         return f"{self.motion}, {entries} from {self.from_hz:g} to {self.to_hz:g} Hz{under}{inside}"
 
@@ -74,10 +77,10 @@ class _FrfTable(types.RequestTable):
 
     inputs: Channels | None = None
     """where loads act: `[["tcp", "x"]]`, a point or `component.interface` and one of `x y z rx ry rz`; a name alone means x, y and z; or a
-    load of `[loads]`, as large as it is there; default: all points"""
+    load of `[loads]`, as large as it is there; `["X", "force"]` of a drive; default: all points"""
     outputs: Channels | None = None
-    """where motion is computed, points and interfaces as in `inputs`, and probes by name; default: the inputs, for loads all points, and
-    all probes"""
+    """where motion is computed, points and interfaces as in `inputs`, `["X", "motor"]` and `["X", "scale"]` of a drive, and probes by name;
+    default: the inputs, for loads all points, and all probes"""
     start: Annotated[types.Frequency, Field(alias="from")] = 0.0
     """lowest frequency; the value at 0 Hz is the static compliance"""
     up_to: types.PositiveFrequency
@@ -90,8 +93,9 @@ class _FrfTable(types.RequestTable):
     """adds points around every resonance, from its half-power width outwards"""
     motion: Literal["receptance", "mobility", "accelerance"] = "receptance"
     """quantity in tables and charts; `results.h5` always holds receptances"""
-    motors: Motors = "locked"
-    """`locked`: motors hold their position; `controlled`: the loops of all drives are closed; with the effect `drive_control`"""
+    motors: ExportMotors = "locked"
+    """`locked`: motors hold their position; `controlled`: the loops of all drives are closed; `free`: they are open; with the effect
+    `drive_control`"""
     fields_at: tuple[types.PositiveFrequency, ...] = ()
     """frequencies at which `run --volume` writes displacement and stress of elastic components under every input"""
     poses: types.Names | None = None
@@ -114,7 +118,7 @@ def _build(table: _FrfTable, draft: Draft) -> FrfRequest:
     inputs = draft.build_channels(
         [(n, LOAD if n in scene.loads else d) for n, d in table.inputs or every]
     )
-    moved = tuple(channel for channel in inputs if channel[1] != LOAD)
+    moved = tuple(channel for channel in inputs if channel[1] not in (LOAD, "force"))
     outputs, probes = draft.split_outputs(table.outputs)
     return table.fill(
         FrfRequest,
@@ -133,12 +137,31 @@ def _check(table: _FrfTable, draft: Draft) -> None:
     for key, channels in (("inputs", table.inputs), ("outputs", table.outputs)):
         for index, (name, direction) in enumerate(channels or ()):
             place = (*KEY, key, index)
-            if key == "inputs" and name in draft.sections.get("loads", ()):
+            if direction in types.DRIVE_CHANNELS:
+                _check_drive_channel(place, name, direction, table, draft)
+            elif key == "inputs" and name in draft.sections.get("loads", ()):
                 _check_load_input(place, name, direction, table, draft)
             elif key == "outputs":
                 draft.check_output(place, name, direction)
             else:
                 draft.check_channel(place, name, direction)
+
+
+def _check_drive_channel(
+    key: KeyPath, name: str, direction: str, table: _FrfTable, draft: Draft
+) -> None:
+    """Report a channel of a drive that there is not, or that cannot be seen."""
+    draft.check_name(key, name, "drives")
+    drive = draft.table.drives.get(name)
+    axis = None if drive is None else draft.table.axes.get(drive.axis or name)
+    if (direction == "force") != ("inputs" in key):
+        draft.add(key, "force of a drive is an input, motor and scale are outputs; exchange them")
+    elif table.motors == "locked":
+        draft.add(key, 'is a channel of a drive, whose motor is locked; write motors = "free"')
+    elif axis is not None and axis.kind == "rotary":
+        draft.add(
+            key, "turns, and responses are in m and N; export a state space with its channels"
+        )
 
 
 def _check_load_input(
@@ -166,8 +189,13 @@ def _check_complete(table: _FrfTable, draft: Draft) -> None:
             KEY,
             'there is no point to take a response at; write [points], or inputs = [["tcp", "x"]]',
         )
-    if table.motors == "controlled":
+    if table.motors != "locked":
         check_motors(draft, "frf")
+    if table.motors == "free" and GRAVITY_STIFFENING in draft.table.active:
+        draft.add(
+            (*KEY, "motors"), "free motors let the machine fall; leave out gravity_stiffening"
+        )
+    if table.motors == "controlled":
         check_sampling(draft, table.up_to, "frf", "up_to")
 
 

@@ -19,7 +19,7 @@ from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.reading.names import NAMES
 from headstock.scene.scene import Request, Scene
 from headstock.scene.schema.scene import SceneTable, load_record
-from headstock.scene.schema.types import RequestTable
+from headstock.scene.schema.types import DRIVE_CHANNELS, RequestTable
 from headstock.scene.studies import Sweep
 from headstock.solvers.second_order import Channel
 
@@ -101,7 +101,12 @@ class Draft:
         direction that a sensor does not measure.
         """
         component, dot, interface = name.partition(".")
-        if component in self.sections.get("sensors", ()):
+        if direction in DRIVE_CHANNELS:
+            self.add(
+                key,
+                f"{direction!r} is a channel of a drive, for [analyses.frf] with free or controlled motors; write one of x, y, z, rx, ry, rz",
+            )
+        elif component in self.sections.get("sensors", ()):
             self._check_sensor(key, name, direction)
         elif dot:
             self.check_end(key, JointEnd(component, interface))

@@ -457,6 +457,9 @@ NotNegativeShare = Annotated[
 ]
 
 
+DRIVE_CHANNELS = ("force", "motor", "scale")  # of a drive in place of a direction, in responses
+
+
 def _read_channel(value: object) -> tuple[str, str]:
     if isinstance(value, str) and value:
         return value, ""
@@ -468,7 +471,7 @@ def _read_channel(value: object) -> tuple[str, str]:
         raise problem(
             f'{quote_value(value)} names no point and direction; write ["tcp", "x"], or "tcp" for x, y and z'
         )
-    if value[1] not in DOF_NAMES:
+    if value[1] not in (*DOF_NAMES, *DRIVE_CHANNELS):
         raise problem(
             f"{quote_value(value[1])} is no direction; write one of {', '.join(DOF_NAMES)}"
         )

@@ -153,3 +153,34 @@ def test_an_unstable_controller_is_named_with_its_axis_and_gain_margin(shell: Sh
     )
     message = shell.prints(RUN, code=1)
     assert "the control of axis X is unstable" in message
+
+
+def test_frequency_responses_take_motors_as_inputs_and_encoders_as_outputs(shell: Shell) -> None:
+    frf = (
+        "\n[analyses.frf]\ninputs = [['X', 'force'], ['tcp', 'x']]\noutputs = [['X', 'motor'], ['X', 'scale']]\n"
+        "from = '10 Hz'\nup_to = '500 Hz'\npoints = 5\nadaptive = false\nmotors = 'free'\n"
+    )
+    write(shell, add=frf)
+    shell(f"{RUN} --analysis frf")
+    shell("export scene.toml --to npz --motors free -o free.npz --state-space", "20 kHz")
+    plant = np.load(shell.folder / "free.npz")
+    rows = shell.rows("out/tables/frf_reference.csv")
+    assert len(rows) == 5
+    inputs, outputs = list(plant["inputs"]), list(plant["outputs"])
+    for row in rows:
+        s = 2j * np.pi * float(row["frequency [Hz]"])
+        moved = plant["C"] @ np.linalg.solve(s * np.eye(len(plant["A"])) - plant["A"], plant["B"])
+        for output in ("X motor", "X scale"):
+            keys = [key for key in row if output in key and "X force" in key]
+            real, imaginary = (float(row[key]) for key in keys[:2])
+            found = complex(real, imaginary)
+            expected = moved[outputs.index(output), inputs.index("X force")]
+            assert found == approx(complex(expected), rel=1e-3)
+
+
+def test_channels_of_drives_belong_to_motors_that_move(shell: Shell) -> None:
+    frf = "\n[analyses.frf]\ninputs = [['X', 'force']]\noutputs = [['X', 'motor']]\nup_to = '500 Hz'\n"
+    write(shell, add=frf)
+    assert 'write motors = "free"' in shell.refuses("check scene.toml")
+    write(shell, add=frf.replace("'motor'", "'force'") + "motors = 'free'\n")
+    assert "motor and scale are outputs" in shell.refuses("check scene.toml")
