@@ -113,7 +113,9 @@ enter_root() {
 choose_entrance() {
     entrance=${HEADSTOCK_ENTER:-}
     [ -z "$entrance" ] || return 0
-    if [ -e "$cache/entrance" ] && read -r boot entrance <"$cache/entrance" && [ "$boot" = "$(boot_id)" ]; then return; fi
+    boot_id=unknown
+    [ ! -r "$boot_file" ] || read -r boot_id <"$boot_file"
+    if [ -e "$cache/entrance" ] && read -r boot entrance <"$cache/entrance" && [ "$boot" = "$boot_id" ]; then return; fi
     if bwrap --bind "$root" / --dev-bind /dev /dev --dev-bind /proc /proc /bin/true 2>/dev/null; then
         entrance=bwrap
     elif [ "$me" = 0 ] && unshare --mount true 2>/dev/null; then
@@ -123,8 +125,8 @@ choose_entrance() {
         fail "this machine lets neither bwrap nor chroot make a file system view. In a container: start it with --privileged. \
 Elsewhere: allow user namespaces (sysctl kernel.unprivileged_userns_clone=1, kernel.apparmor_restrict_unprivileged_userns=0)"
     fi
-    printf '%s %s\n' "$(boot_id)" "$entrance" >"$cache/entrance.$$"
+    printf '%s %s\n' "$boot_id" "$entrance" >"$cache/entrance.$$"
     mv -f -- "$cache/entrance.$$" "$cache/entrance"
 }
 
-boot_id() { cat /proc/sys/kernel/random/boot_id 2>/dev/null || echo unknown; }
+boot_file=/proc/sys/kernel/random/boot_id

@@ -11,8 +11,8 @@ install_pip_group() {
     # programs of Debian that it takes besides
     programs=$project/environment/$1.packages
     [ -f "$programs" ] || programs=
-    key=$({ echo "$environment $python"; cat -- "$requirements" ${programs:+"$programs"}; } | sha256sum | cut -c1-12)
-    group_folder=$cache/pip-$1-$key
+    key=$({ echo "$environment $python"; cat -- "$requirements" ${programs:+"$programs"}; } | sha256sum)
+    group_folder=$cache/pip-$1-${key%"${key#????????????}"}
     shift
     if [ -z "$dry_run" ] && [ ! -d "$group_folder" ]; then
         mkdir -p -- "$cache"
@@ -103,7 +103,8 @@ install_for_all() {
     # a Python of the caller's own choice is taken as it is, and who started us inside a root brought the group along
     case ${HEADSTOCK_PYTHON:+chosen}$PYTHONPATH in chosen* | */pip-"$1"-*) return 0 ;; esac
     failed=$cache/pip-$1.failed
-    [ -z "${_HEADSTOCK_COMPLETE:-}$(find "$failed" -mmin -10 2>/dev/null)" ] || return 0
+    [ -z "${_HEADSTOCK_COMPLETE:-}" ] || return 0
+    [ ! -e "$failed" ] || [ -z "$(find "$failed" -mmin -10 2>/dev/null)" ] || return 0
     found_code=$2
     if install_pip_group "$1" --only-binary :all: --retries 0 --timeout 8; then found_code=; return; fi
     found_code=

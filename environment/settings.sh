@@ -95,7 +95,8 @@ is_open_mpi() {
 # OpenBLAS did not see it, name the kernels for it. Asked once per CPU and environment.
 blas_kernels() {
     grep -qw avx512vl /proc/cpuinfo 2>/dev/null || return 0
-    known=$cache/blas-$({ echo "$root"; grep -m 1 'model name' /proc/cpuinfo; } | sha256sum | cut -c1-12)
+    known=$({ echo "$root"; grep -m 1 'model name' /proc/cpuinfo; } | sha256sum)
+    known=$cache/blas-${known%"${known#????????????}"}
     if [ ! -f "$known" ]; then
         seen=$(cd -- "$project/environment" && run_inside "$python" -P -c "$blas_code" 2>/dev/null) || seen=unknown
         case $seen in Prescott | Core2 | Nehalem | Sandybridge | Generic) kernels=SkylakeX ;; *) kernels= ;; esac
