@@ -129,20 +129,15 @@ def _responses(
     if response is None:
         return None, []
     curves = response.curves
-    sides = []
+    sides: list[dict[int, TestChannel]] = []
     skipped: dict[str, None] = {}
     for channels in (curves.outputs, curves.inputs):
-        units = [_axis(coupled, scene, channel) for channel in channels]
-        skipped |= dict.fromkeys(
-            " ".join(channel) for channel, unit in zip(channels, units, strict=True) if unit is None
-        )
-        sides.append(
-            {
-                index: TestChannel(channel[0], as_vector(unit))
-                for index, (channel, unit) in enumerate(zip(channels, units, strict=True))
-                if unit is not None
-            }
-        )
+        sides.append({})
+        for index, channel in enumerate(channels):
+            if (unit := _axis(coupled, scene, channel)) is None:
+                skipped[" ".join(channel)] = None
+            else:
+                sides[-1][index] = TestChannel(channel[0], as_vector(unit))
     motions, forces = sides
     if not motions or not forces:
         return None, list(skipped)
@@ -168,8 +163,7 @@ def _axis(coupled: CoupledMachine, scene: Scene, channel: Channel) -> FloatArray
     sensor = scene.machine.sensors.get(name)
     if sensor is None:
         return UNITS[direction]
-    unit = np.array(sensor.directions[direction])
-    if not sensor.fixed_axes:
-        unit = coupled.layout.placements[sensor.component].rotation @ unit
+    turned = sensor.turn_directions(coupled.layout.placements[sensor.component].rotation)
+    unit = turned[list(sensor.directions).index(direction)]
     along = np.round(unit)
     return along if np.abs(unit - along).max() < ALIGNED else None

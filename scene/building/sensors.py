@@ -24,13 +24,12 @@ from headstock.scene.schema.components import ComponentTable
 from headstock.scene.schema.scene import SceneTable
 from headstock.scene.schema.sensors import MassTable, SensorTable
 from headstock.scene.test_data.errors import MeasurementError
-from headstock.scene.test_data.records import TableRow
+from headstock.scene.test_data.records import TableRow, Vector
 
 # loaded for scenes with such a table
 TABLES = "headstock.scene.test_data.point_tables"
 SUFFIXES = (".csv", *UFF_SUFFIXES)
 OUTSIDE = 1e-9  # [m]: rounding of a place on a face
-type Vector = tuple[float, float, float]
 
 
 def build_sensors(scene: SceneTable, folder: Path, findings: Findings) -> dict[str, Sensor]:

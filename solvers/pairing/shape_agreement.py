@@ -2,8 +2,6 @@
 frequency. MAC and pairs themselves are in ``mode_pairing``.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
@@ -11,22 +9,6 @@ from headstock.solvers.pairing.mode_pairing import Field, unit_columns
 from headstock.solvers.second_order import ComplexArray
 
 QUIET = 0.5  # of the mean motion of all channels: noise of what moves less says little
-
-
-@dataclass(frozen=True, eq=False)
-class ChannelAgreement:
-    """How the paired shapes agree in each channel.
-
-    Attributes:
-        comac: ``(c,)`` coordinate MAC, 1 where all pairs agree but for a factor; NaN where a channel
-            rests in all of them.
-        ecomac: ``(c,)`` mean difference of scaled shapes, 0 where they agree, relative to the mean
-            motion of the channel, or to half of that of all channels where it moves less: a wrong sign
-            or direction shows here.
-    """
-
-    comac: FloatArray
-    ecomac: FloatArray
 
 
 def fit_scale(shapes: Field, references: Field) -> Field:
@@ -39,12 +21,18 @@ def fit_scale(shapes: Field, references: Field) -> Field:
     return np.sum(shapes.conj() * references, axis=0) / np.where(squares > 0.0, squares, 1.0)
 
 
-def agree_by_channel(measured: Field, computed: Field) -> ChannelAgreement:
+def agree_by_channel(measured: Field, computed: Field) -> tuple[FloatArray, FloatArray]:
     """Compare paired shapes channel by channel.
 
     Args:
         measured: ``(c, k)`` of ``k`` pairs, of any size and phase.
         computed: ``(c, k)`` in the same order.
+
+    Returns:
+        Coordinate MAC ``(c,)``, 1 where all pairs agree but for a factor, NaN where a channel rests in
+        all of them; and the mean difference of scaled shapes ``(c,)``, 0 where they agree, relative to
+        the mean motion of the channel, or to half of that of all channels where it moves less: a wrong
+        sign or direction shows here.
 
     Source: Lieven and Ewins (1988), COMAC; Hunt (1992), enhanced COMAC.
     """
@@ -58,7 +46,7 @@ def agree_by_channel(measured: Field, computed: Field) -> ChannelAgreement:
         comac = np.where(squares > 0.0, products / squares, np.nan)
     least = np.maximum(moved, QUIET * moved.mean())
     ecomac = np.mean(np.abs(first - second), axis=1) / np.where(least > 0.0, least, 1.0)
-    return ChannelAgreement(comac, ecomac)
+    return comac, ecomac
 
 
 def cross_orthogonality(measured: Field, computed: FloatArray, mass: FloatArray) -> FloatArray:

@@ -48,16 +48,9 @@ def read_base_case(path: Path) -> BaseCase:
     for name, case in () if table is None else table.cases.items():
         shaped = [mode for mode in case.modes or () if mode.name and mode.vectors]
         if case.like is None and shaped:
-            motions = [
-                {
-                    (sensor, dof): complex(value)
-                    for sensor, vector in (mode.vectors or {}).items()
-                    for dof, value in zip(DIRECTIONS, vector, strict=True)
-                    if value is not None
-                }
-                for mode in shaped
-            ]
-            return BaseCase(name, raw, tuple(mode.name for mode in shaped), tuple(motions))
+            motions = (mode.motions.items() for mode in shaped)
+            named = ({(sensor, DIRECTIONS[dof]): x for (sensor, dof), x in one} for one in motions)
+            return BaseCase(name, raw, tuple(mode.name for mode in shaped), tuple(named))
     findings.add(
         ("cases",),
         "no case has modes with name and vectors; take the targets.toml of an earlier test",

@@ -12,7 +12,6 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Sensor
 from headstock.geometry.parts.nearest_places import find_nearest_place
 from headstock.scene.test_data.records import MeasuredModes
-from headstock.solvers.pairing.mode_pairing import Field
 from headstock.solvers.pairing.shape_agreement import fit_scale
 from headstock.studies.correlation.correlation import pair_shapes
 from headstock.studies.correlation.model import ObservedMachine, PreparedMachine
@@ -72,15 +71,16 @@ def choose_carriers(
     pairs = pair_shapes(known, model.modes, shapes[sure])
     first, second = [pair.first for pair in pairs], [pair.second for pair in pairs]
     factors = fit_scale(shapes[sure][:, second], measured.shapes[sure][:, first])
-    known = dataclasses.replace(measured, shapes=measured.shapes[:, first])
+    # each shape of length one
+    sizes = np.linalg.norm(measured.shapes[:, first], axis=0)
+    wanted, partners = measured.shapes[:, first] / sizes, model.modes.shapes[:, second]
     chosen, moved = dict(model.sensors), dict[str, list[str]]()
     for point in open_points if pairs else ():
-        misfits = [
-            _measure_misfit(
-                dataclasses.replace(model, sensors={point: sensor}), known, point, second, factors
-            )
-            for sensor in candidates[point]
-        ]
+        rows = [row for row, channel in enumerate(channels) if channel.point == point]
+        asked, misfits = [channels[row] for row in rows], []
+        for sensor in candidates[point]:
+            seen = dataclasses.replace(model, sensors={point: sensor}).observe(asked) @ partners
+            misfits.append(np.sum(np.abs(wanted[rows] - seen * factors / sizes) ** 2))
         best = int(np.argmin(misfits))
         if misfits[best] < CLEARLY * misfits[0]:
             chosen[point] = candidates[point][best]
@@ -90,24 +90,3 @@ def choose_carriers(
         for name, points in moved.items()
     )
     return dataclasses.replace(model, sensors=chosen), remarks
-
-
-def _measure_misfit(
-    tried: ObservedMachine,
-    measured: MeasuredModes,
-    point: str,
-    modes: Sequence[int],
-    factors: Field,
-) -> float:
-    """Return the sum of squared differences at a point, each shape of length one.
-
-    Args:
-        tried: With a sensor for the point.
-        measured: Shapes ``(c, k)`` of the pairs.
-        modes: Computed modes of the pairs.
-        factors: ``(k,)`` that bring computed shapes to the measured ones.
-    """
-    rows = [row for row, channel in enumerate(measured.channels) if channel.point == point]
-    seen = tried.observe([measured.channels[row] for row in rows])
-    left = measured.shapes[rows] - seen @ tried.modes.shapes[:, modes] * factors
-    return float(np.sum(np.abs(left / np.linalg.norm(measured.shapes, axis=0)) ** 2))

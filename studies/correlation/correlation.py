@@ -241,12 +241,12 @@ class Correlation(Displayed):
     def list_channels(self) -> list[ComparedChannel]:
         """Return the channels with the agreement of the paired shapes in each."""
         first, second = ([getattr(p, side) for p in self.pairs] for side in ("first", "second"))
-        found = agree_by_channel(self.measured.shapes[:, first], self.shapes[:, second])
+        agreement = agree_by_channel(self.measured.shapes[:, first], self.shapes[:, second])
         return [
             ComparedChannel(
                 channel, find_known(comac), find_known(ecomac), self.distances.get(channel.point)
             )
-            for channel, comac, ecomac in zip(self.channels, found.comac, found.ecomac, strict=True)
+            for channel, comac, ecomac in zip(self.channels, *agreement, strict=True)
         ]
 
     @property

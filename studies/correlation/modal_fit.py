@@ -108,8 +108,8 @@ class ModalFit:
         )
         rows = zip(modes.frequencies_hz, *columns, self.orders, strict=True)
         return [
-            FittedMode(float(hz), int(orders), *map(find_known, known))
-            for hz, *known, orders in rows
+            FittedMode(float(hz), int(orders), *map(find_known, numbers))
+            for hz, *numbers, orders in rows
         ]
 
 
@@ -158,10 +158,10 @@ def _choose_references(
     channels = responses.motions if by_motion else responses.forces
     names = [{channel.point, label_channel(channel)} for channel in channels]
     for name in references:
-        if not any(name in each for each in names):
+        if not any(name in labels for labels in names):
             known = ", ".join(map(label_channel, channels))
             raise MeasurementError(f"no reference {name}; choose of {known}")
-    kept = [index for index, each in enumerate(names) if each.intersection(references)]
+    kept = [index for index, labels in enumerate(names) if labels.intersection(references)]
     return responses.pick(motions=kept) if by_motion else responses.pick(forces=kept)
 
 
@@ -295,9 +295,9 @@ def _driving_points(responses: MeasuredResponses) -> list[tuple[int, int, float]
         [same_line(motion, force, SAME_DIRECTION) for force in responses.forces]
         for motion in responses.motions
     ]
-    known = np.where(np.isfinite(responses.values[0]), cosines, 0.0)
+    signs = np.where(np.isfinite(responses.values[0]), cosines, 0.0)
     # force by force
-    return [(int(m), int(f), float(known[m, f])) for f, m in np.argwhere(known.T)]
+    return [(int(m), int(f), float(signs[m, f])) for f, m in np.argwhere(signs.T)]
 
 
 def _pole_errors(found: PoleFit, kept: IntArray) -> tuple[FloatArray, FloatArray]:

@@ -321,11 +321,8 @@ def _read_shape(table: ModeTargetTable, scene: Scene) -> ShapeTarget | None:
         return _read_words(table, scene)
     if table.vectors is None:
         return None
-    entries: list[tuple[str, int, complex]] = []
-    for observer, vector in table.vectors.items():
-        entries += [(observer, dof, v) for dof, v in enumerate(vector) if v is not None]
-    tolerance = table.shape_tolerance or VECTOR_TOLERANCE
-    return ShapeTarget(tuple(entries), tolerance, described=False)
+    entries = tuple((observer, dof, value) for (observer, dof), value in table.motions.items())
+    return ShapeTarget(entries, table.shape_tolerance or VECTOR_TOLERANCE, described=False)
 
 
 def _read_words(table: ModeTargetTable, scene: Scene) -> ShapeTarget:

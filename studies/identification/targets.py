@@ -154,6 +154,16 @@ class ModeTargetTable(StrictTable):
     hold_out: Flag = False
     """compared, but not fitted"""
 
+    @property
+    def motions(self) -> dict[tuple[str, int], complex]:
+        """Return what was measured of the shape, by sensor and dof."""
+        return {
+            (observer, dof): value
+            for observer, vector in (self.vectors or {}).items()
+            for dof, value in enumerate(vector)
+            if value is not None
+        }
+
     def _faults(self) -> Iterator[str]:
         if self.moves is not None and self.vectors is not None:
             yield "gives both moves and vectors; keep one description of the shape"
