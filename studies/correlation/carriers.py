@@ -63,7 +63,8 @@ def choose_carriers(
     """
     open_points = sorted(point for point, sensors in candidates.items() if len(sensors) > 1)
     channels = measured.channels
-    sure = np.array([channel.point not in open_points for channel in channels])
+    points = np.array([channel.point for channel in channels])
+    sure = ~np.isin(points, open_points)
     if not open_points or not sure.any():
         return model, ()
     shapes = model.observe(channels) @ model.modes.shapes
@@ -76,7 +77,7 @@ def choose_carriers(
     wanted, partners = measured.shapes[:, first] / sizes, model.modes.shapes[:, second]
     chosen, moved = dict(model.sensors), dict[str, list[str]]()
     for point in open_points if pairs else ():
-        rows = [row for row, channel in enumerate(channels) if channel.point == point]
+        rows = np.flatnonzero(points == point)
         asked, misfits = [channels[row] for row in rows], []
         for sensor in candidates[point]:
             seen = dataclasses.replace(model, sensors={point: sensor}).observe(asked) @ partners

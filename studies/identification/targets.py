@@ -302,7 +302,7 @@ class CaseTable(StrictTable):
 
     @property
     def machine(self) -> "MachineKey":
-        """Which machine it was measured on."""
+        """Return which machine it was measured on."""
         return self.scene or "", self.variant
 
     def _faults(self) -> Iterator[str]:
@@ -678,7 +678,7 @@ class Parameter:
 
     @property
     def width(self) -> float:
-        """What one of the fitted coordinate is where it is no logarithm: the distance of the bounds."""
+        """Return the distance of the bounds: one of the fitted coordinate where it is no logarithm."""
         return self.upper - self.lower
 
     def locate(self, value: float) -> float:
