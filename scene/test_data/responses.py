@@ -93,7 +93,8 @@ def join_responses(
         _check(response, responses[0], frequencies)
         place = motions.index(response.motion), forces.index(response.force)
         if filled[place]:
-            repeated.append(_name_pair(response))
+            pair = response.motion, response.force
+            repeated.append("/".join(map(label_channel, pair)))
             continue
         filled[place] = True
         orders[response.order] += 1
@@ -177,11 +178,6 @@ def _check(response: Response, reference: Response, frequencies: FloatArray) -> 
             f"{response.where}: its frequencies ({len(lines)} from {lines[0]:g} to {lines[-1]:g} Hz) are not those of {reference.where}"
             f" ({len(frequencies)} from {frequencies[0]:g} to {frequencies[-1]:g} Hz); write them into another file"
         )
-
-
-def _name_pair(response: Response) -> str:
-    """Return ``12:+x/3:-z`` for the response of point 12 along x to a force at point 3 against z."""
-    return f"{label_channel(response.motion)}/{label_channel(response.force)}"
 
 
 def label_channel(channel: TestChannel) -> str:

@@ -45,15 +45,13 @@ def describe_channel_faults(
         sensors[channel.point].append(row)
     numbered = sorted(sensors, key=lambda name: (not name.isdecimal(), len(name), name))
     rows = [sensors[name] for name in numbered]
-    faults = find_channel_faults(measured, computed, rows)
-    return tuple(ChannelRemark(_describe(fault, channels, columns), fault.rows) for fault in faults)
-
-
-def _describe(fault: ChannelFault, channels: Sequence[TestChannel], columns: int) -> str:
-    text = _name(fault, channels)
-    others = "".join(f", or {_name(rival, channels)}" for rival in fault.rivals)
-    before, after = fault.mac
-    return f"{text}{others}: MAC of {columns} modes rises from {before:.3f} to {after:.3f}; check its mounting, cable and name"
+    remarks = []
+    for fault in find_channel_faults(measured, computed, rows):
+        names = ", or ".join(_name(one, channels) for one in (fault, *fault.rivals))
+        before, after = fault.mac
+        text = f"{names}: MAC of {columns} modes rises from {before:.3f} to {after:.3f}; check its mounting, cable and name"
+        remarks.append(ChannelRemark(text, fault.rows))
+    return tuple(remarks)
 
 
 def _name(fault: ChannelFault, channels: Sequence[TestChannel]) -> str:

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
-from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Component
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.results.short_forms import Displayed, ShortForm, list_few
@@ -37,6 +36,7 @@ from headstock.studies.identification.observations import Observation
 from headstock.studies.identification.pairings import compare_shape
 from headstock.studies.identification.parametric_scene import ParametricScene, make_parametric
 from headstock.studies.identification.problem import (
+    FitPlace,
     FitPoint,
     FitProblem,
     data_jacobian,
@@ -163,13 +163,18 @@ class FitEnds:
         """Index of the start that is kept."""
         return int(np.argmin([record.cost for record in self.starts]))
 
-    def solve_best(self) -> FitPoint:
-        """Compute the machine where the best start ended."""
+    @property
+    def end(self) -> FitPlace:
+        """Where the best start ended."""
         end = self.starts[self.best].end
         if end is None:
             raise AssertionError("a fit ended without a point and without saying why")
-        point = evaluate(self.problem, end.coordinates)
-        return exchange_modes(self.problem, point, end.pairings)
+        return end
+
+    def solve_best(self) -> FitPoint:
+        """Compute the machine where the best start ended."""
+        point = evaluate(self.problem, self.end.coordinates)
+        return exchange_modes(self.problem, point, self.end.pairings)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -327,15 +332,13 @@ def fit_targets(
         if not misfits:
             return ends
         left_out += misfits
-        problem = _leave_out_shapes(problem, misfits)
+        strip = functools.partial(TargetCase.change_modes, names=misfits, shape=None)
+        problem = problem.change_cases(strip)
 
 
 def start_at(problem: FitProblem, ends: FitEnds) -> FitProblem:
     """Return a problem with one start, where the best of another one ended."""
-    end = ends.starts[ends.best].end
-    if end is None:
-        raise AssertionError("a fit ended without a point and without saying why")
-    values = ends.problem.values(end.coordinates)
+    values = ends.problem.values(ends.end.coordinates)
     return dataclasses.replace(
         problem,
         parameters=tuple(
@@ -351,7 +354,7 @@ def _keep_modes(case: TargetCase) -> TargetCase:
 
 
 def _keep_responses(case: TargetCase) -> TargetCase:
-    return case.hold_out_modes({target.name for target in case.modes}) if case.is_led else case
+    return case.change_modes(hold_out=True) if case.is_led else case
 
 
 def _find_misfits(ends: FitEnds) -> tuple[str, ...]:
@@ -375,19 +378,6 @@ def _find_misfits(ends: FitEnds) -> tuple[str, ...]:
     return tuple(misfits)
 
 
-def _leave_out_shapes(problem: FitProblem, names: tuple[str, ...]) -> FitProblem:
-    """Return the problem in which these targets are frequencies alone."""
-
-    def strip(case: TargetCase) -> TargetCase:
-        modes = [
-            dataclasses.replace(target, shape=None) if target.name in names else target
-            for target in case.modes
-        ]
-        return dataclasses.replace(case, modes=tuple(modes))
-
-    return problem.change_cases(strip)
-
-
 def assess_ends(ends: FitEnds, name: str) -> Identification:
     """Assess the parameters at the best end of all starts."""
     problem, point = ends.problem, ends.solve_best()
@@ -396,7 +386,11 @@ def assess_ends(ends: FitEnds, name: str) -> Identification:
     for item in point.fitted:
         groups.append(DataGroup(item.kind, slice(rows, rows + len(item.residuals)), item.data))
         rows += len(item.residuals)
-    bounds = [_at_bound(problem, point.coordinates, i) for i in range(len(problem.parameters))]
+    shares = (point.coordinates - problem.lower) / (problem.upper - problem.lower)
+    bounds = [
+        "lower" if share < BOUND_SHARE else "upper" if share > 1.0 - BOUND_SHARE else ""
+        for share in shares
+    ]
     statistics = assess(
         [parameter.name for parameter in problem.parameters],
         data_jacobian(problem, point),
@@ -474,11 +468,6 @@ def _fitted(
         )
         for index, parameter in enumerate(problem.parameters)
     )
-
-
-def _at_bound(problem: FitProblem, coordinates: FloatArray, index: int) -> str:
-    share = (coordinates - problem.lower)[index] / (problem.upper - problem.lower)[index]
-    return "lower" if share < BOUND_SHARE else "upper" if share > 1.0 - BOUND_SHARE else ""
 
 
 def _outcomes(

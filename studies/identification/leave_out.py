@@ -31,14 +31,10 @@ def predict_each_mode(ends: FitEnds, *, comm: MPI.Comm) -> list[TargetOutcome]:
     targets = [target for model in ends.problem.cases for target in model.case.modes]
     predicted = []
     for name in (target.name for target in targets if not target.hold_out):
-        others = ends.problem.change_cases(functools.partial(_predict, name))
-        found = fit_targets(others, comm=comm)
+        hide = functools.partial(TargetCase.change_modes, names={name}, hold_out=True)
+        found = fit_targets(ends.problem.change_cases(hide), comm=comm)
         predicted.append(make_on_root(comm, functools.partial(_find_outcome, found, name)))
     return predicted
-
-
-def _predict(name: str, case: TargetCase) -> TargetCase:
-    return case.hold_out_modes({name})
 
 
 def _find_outcome(ends: FitEnds, name: str) -> TargetOutcome:

@@ -572,13 +572,13 @@ class TargetCase:
     like: str | None = None
     scene: str = ""
 
-    def hold_out_modes(self, names: Collection[str]) -> "TargetCase":
-        """Return the case with the modes of some names predicted and not fitted."""
-        modes = tuple(
-            replace(target, hold_out=True) if target.name in names else target
+    def change_modes(self, names: Collection[str] | None = None, **changes: Any) -> "TargetCase":
+        """Return the case with other fields of the modes of some names, or of all."""
+        modes = (
+            replace(target, **changes) if names is None or target.name in names else target
             for target in self.modes
         )
-        return replace(self, modes=modes)
+        return replace(self, modes=tuple(modes))
 
     @property
     def is_led(self) -> bool:
