@@ -23,6 +23,7 @@ from headstock.pipeline.motion.motion_forces import (
     largest_joint_forces,
     watch_joints,
 )
+from headstock.pipeline.motion.prescribed import PrescribedMotion, prescribe_motion
 from headstock.pipeline.motion.probe_motions import (
     MovingModel,
     place_probes,
@@ -232,6 +233,7 @@ class _LoadedMachine:
         system: Its equations of motion, with the loads and the momentum before time zero as inputs.
         trains: Drives whose loops are closed; None where motors are locked.
         probes: Where displacement and stress are wanted.
+        prescribed: Displacements over time.
     """
 
     machine: PoseModel
@@ -240,6 +242,7 @@ class _LoadedMachine:
     request: TransientRequest
     trains: tuple[DriveTrain, ...] | None = None
     probes: Mapping[str, PlacedProbe] = field(default_factory=dict)
+    prescribed: PrescribedMotion = field(default_factory=PrescribedMotion)
 
     @property
     def near(self) -> ModalResult:
@@ -255,7 +258,11 @@ class _LoadedMachine:
             softer: A system in place of the machine's own, whose modes are not known yet.
         """
         system = softer or self.system
-        inputs = (*(_input_of(load) for load in self.request.loads), START)
+        inputs = (
+            *(_input_of(load) for load in self.request.loads),
+            *self.prescribed.histories,
+            START,
+        )
         parts = self.machine.parts
         watched = (*joint_outputs(self.machine.joints), *probe_outputs(parts, self.probes))
         outputs = (*self.request.outputs, *watched)
@@ -269,11 +276,15 @@ class _LoadedMachine:
                 modes=modes,
                 little_mass=True,
             )
+            for direct in self.prescribed.direct:
+                space = space.pass_on(direct)
             return _PreparedModel(space.select(inputs, self.request.outputs), space)
         channels = friction_channels(self.trains)
         loop = close_loops(
             system, self.trains, inputs=(*inputs, *channels), outputs=outputs, up_to_hz=up_to_hz
         )
+        for direct in self.prescribed.direct:
+            loop = dataclasses.replace(loop, space=loop.space.pass_on(direct))
         return _PreparedModel(
             loop.space.select(inputs, self.request.outputs),
             loop.space.select((*inputs, *channels), loop.space.outputs),
@@ -352,7 +363,8 @@ def _respond_in_time(machine: PoseModel, *, with_errors: bool = True) -> Solved[
         raise ValueError("a transient analysis needs one in the scene")
     warnings: list[str] = []
     loaded = _load_machine(machine, request, warnings.append)
-    histories = (*(load.history for load in request.loads), no_load())
+    further = loaded.prescribed.histories.values()
+    histories = (*(load.history for load in request.loads), *further, no_load())
     case = _LoadCase(
         request, histories, step_loads(histories, request.duration, request.sampling_hz)
     )
@@ -484,8 +496,10 @@ def _load_machine(
         modes = machine.all_modes
         system = damp_system(scene, machine.system, modes)
     probes = place_probes(machine.parts, machine.coupled, request.probes)
+    prescribed = prescribe_motion(machine, system, request, list(probes))
     system = _add_channels(system, machine, request, probes)
-    return _LoadedMachine(machine, system, modes, request, trains, probes)
+    system = dataclasses.replace(system, inputs=system.inputs | dict(prescribed.inputs))
+    return _LoadedMachine(machine, system, modes, request, trains, probes, prescribed)
 
 
 def _add_channels(

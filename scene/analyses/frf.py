@@ -173,7 +173,10 @@ def _check_load_input(
     elif direction:
         draft.add(key, f'a load has its direction; write "{name}" alone')
     elif load is not None and load.joint is not None:
-        draft.add(key, "is a displacement, which is a static load only; write a force or moment")
+        draft.add(
+            key,
+            "is a displacement, for static loads and loads over time; write a force, or a base that moves",
+        )
     outputs = [one for one, _ in table.outputs or () if one not in draft.table.probes]
     if not (draft.table.points or outputs):
         draft.add(

@@ -288,12 +288,6 @@ def _check_load(key: KeyPath, load: _TimedLoadTable, draft: Draft) -> None:
                 draft.add((*key, "load"), "needs gravity; write [effects] gravity = true")
             return
         draft.check_name((*key, "load"), load.load or "", "loads")
-        named = draft.table.loads.get(load.load or "")
-        if named is not None and named.joint is not None:
-            draft.add(
-                (*key, "load"),
-                "is a displacement, which is a static load only; write a force over time",
-            )
         return
     name, direction = load.at
     draft.check_channel((*key, "at"), name, direction)

@@ -13,13 +13,14 @@ from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.errors import ModelError
 
 IndexArray = NDArray[np.intp]
+SAME_VALUE = 1e-9  # of the largest value: jumps below it are roundoff
 SAME_TIME = 1e-9  # of a time step: what is closer is one instant
 
 
 @dataclass(frozen=True, eq=False)
 class LoadHistory:
-    """One load over time: pieces ``value + slope (t - begin) + amplitude sin(omega (t - begin))``,
-    zero between them.
+    """One load over time: pieces ``value + slope (t - begin) + amplitude sin(omega (t - begin) +
+    phase)``, zero between them.
 
     Attributes:
         begins: ``(p,)`` rising [s].
@@ -28,6 +29,7 @@ class LoadHistory:
         slopes: ``(p,)`` [1/s].
         amplitudes: ``(p,)`` of the sine.
         omegas: ``(p,)`` [rad/s].
+        phases: ``(p,)`` [rad].
         impulses: Instants [s] and sizes.
         before: What acts from long before the time zero until it, in equilibrium.
     """
@@ -38,6 +40,7 @@ class LoadHistory:
     slopes: FloatArray
     amplitudes: FloatArray
     omegas: FloatArray
+    phases: FloatArray
     impulses: tuple[tuple[float, float], ...] = ()
     before: float = 0.0
 
@@ -170,12 +173,50 @@ def _join_pieces(
     slopes: ArrayLike = 0.0,
     amplitudes: ArrayLike = 0.0,
     omegas: ArrayLike = 0.0,
+    phases: ArrayLike = 0.0,
 ) -> LoadHistory:
     """Return pieces ``(p,)``; one value is that of all."""
     pieces = np.array(
-        np.broadcast_arrays(begins, ends, values, slopes, amplitudes, omegas), dtype=float
+        np.broadcast_arrays(begins, ends, values, slopes, amplitudes, omegas, phases), dtype=float
     )
-    return LoadHistory(pieces[0], pieces[1], pieces[2], pieces[3], pieces[4], pieces[5])
+    begins, ends, values, slopes, amplitudes, omegas, phases = pieces
+    return LoadHistory(begins, ends, values, slopes, amplitudes, omegas, phases)
+
+
+def differentiate_load(load: LoadHistory) -> LoadHistory:
+    """Return the rate of a load over time; jumps are impulses.
+
+    Raises:
+        ModelError: It strikes, so that it has no rate.
+    """
+    if load.impulses:
+        raise ModelError("has jumps that no mass can follow; let it rise by a ramp or a half_sine")
+    spans = np.where(np.isfinite(load.ends), load.ends - load.begins, 0.0)
+    first = load.values + load.amplitudes * np.sin(load.phases)
+    last = load.values + load.slopes * spans
+    last += load.amplitudes * np.sin(load.omegas * spans + load.phases)
+    size = float(np.abs([first, last]).max(initial=abs(load.before)))
+    impulses, level, until = [], load.before, 0.0
+    for begin, end, value, after in zip(load.begins, load.ends, first, last, strict=True):
+        if begin > until:
+            impulses += [(until, -level)]
+            level = 0.0
+        impulses += [(begin, value - level)]
+        level, until = after, end
+    if np.isfinite(until):
+        impulses += [(until, -level)]
+    rate = _join_pieces(
+        load.begins,
+        load.ends,
+        values=load.slopes,
+        amplitudes=load.omegas * load.amplitudes,
+        omegas=load.omegas,
+        phases=load.phases + 0.5 * np.pi,
+    )
+    struck = tuple(
+        (float(at), float(jump)) for at, jump in impulses if abs(jump) > SAME_VALUE * size
+    )
+    return dataclasses.replace(rate, impulses=struck)
 
 
 def step_loads(loads: Sequence[LoadHistory], duration: float, sampling_hz: float) -> SteppedLoads:
@@ -243,7 +284,7 @@ def _sines(loads: Sequence[LoadHistory], times: FloatArray) -> tuple[_Sine, ...]
                 continue
             piece, acts = _active(load, times)
             acts = acts & (load.omegas[piece] == omega)
-            phase = omega * (times[:-1] - load.begins[piece])
+            phase = omega * (times[:-1] - load.begins[piece]) + load.phases[piece]
             forward[:, column] = np.where(acts, load.amplitudes[piece] * np.cos(phase), 0.0)
             quadrature[:, column] = np.where(acts, load.amplitudes[piece] * np.sin(phase), 0.0)
         sines.append(_Sine(omega, forward, quadrature))

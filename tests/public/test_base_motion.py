@@ -1,6 +1,10 @@
 """A ground that moves: transmissibility of one degree of freedom, a beam on a shaken table."""
 
+from collections.abc import Callable
+
 import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
 
 from common import Shell, approx
 
@@ -117,3 +121,79 @@ def test_a_beam_on_a_shaken_table_moves_as_euler_and_bernoulli_say(shell: Shell)
 def test_a_ground_that_moves_takes_no_place(shell: Shell) -> None:
     shell.write(HEAD, ('base = ["2', 'at = "head.tip"\nbase = ["2'))
     assert "base moves the whole ground; remove at" in shell.refuses("check scene.toml")
+
+
+OMEGA = 2.0 * np.pi * 35.0
+PLATE = """
+[components.plate]
+material = "steel"
+solid = { box = ["100 mm", "80 mm", "20 mm"] }
+at = ["0 mm", "0 mm", "-20 mm"]
+fidelity = "rigid"
+interfaces = { foot = { face = "z-" }, top = { face = "z+" } }
+[joints.floor]
+between = ["plate.foot", "ground"]
+kind = "rigid"
+"""
+SHAKE = (
+    'base = ["2 m/s^2", "0 m/s^2", "0 m/s^2"]',
+    'joint = "{joint}"\ndisplacement = ["20 um", "0 um", "0 um"]',
+)
+SHAPE = ('shape = "sine", frequency = "35 Hz", factor = 0.5', 'shape = "{shape}"')
+STATIC = ('[analyses.frf]\ninputs = ["shake"]', "[analyses.frf]\ninputs = ['tcp']")
+
+
+def follow(moved: Callable[[float], tuple[float, float]], times: np.ndarray) -> np.ndarray:
+    """Motion of the head on its spring and damper, whose ground moves, by an integrator of SciPy."""
+
+    def rate(time: float, state: np.ndarray) -> list[float]:
+        place, speed = moved(time)
+        pull = STIFFNESS * (place - state[0]) + DAMPER * (speed - state[1])
+        return [state[1], pull / MASS]
+
+    return solve_ivp(
+        rate, (0.0, times[-1]), [0.0, 0.0], t_eval=times, rtol=1e-10, atol=1e-16, max_step=2e-4
+    ).y[0]
+
+
+@pytest.mark.parametrize("joint", ["foot", "floor"])
+@pytest.mark.parametrize(
+    ("shape", "moved"),
+    [
+        ('sine", frequency = "35 Hz', lambda t: (np.sin(OMEGA * t), OMEGA * np.cos(OMEGA * t))),
+        ('ramp", time = "10 ms', lambda t: (min(100.0 * t, 1.0), 100.0 * (t < 0.01))),
+    ],
+)
+def test_a_displacement_over_time_moves_what_stands_on_the_joint(
+    shell: Shell, joint: str, shape: str, moved: Callable[[float], tuple[float, float]]
+) -> None:
+    changes = [
+        (SHAKE[0], SHAKE[1].format(joint=joint)),
+        (SHAPE[0], SHAPE[1].format(shape=shape)),
+        STATIC,
+    ]
+    if joint == "floor":
+        changes += [
+            ("[points.tcp]", PLATE + "[points.tcp]"),
+            ('"head.foot", "ground"', '"head.foot", "plate.top"'),
+        ]
+    shell.write(HEAD, *changes)
+    shell("run scene.toml -o out --no-figures --analysis transient")
+    rows = shell.rows("out/tables/transient_reference.csv")
+    times, found = (
+        np.array([float(row[key]) for row in rows]) for key in ("time [s]", "tcp x [um]")
+    )
+    expected = 20.0 * follow(moved, times)
+    np.testing.assert_allclose(found, expected, atol=2e-6 * np.abs(expected).max())
+
+
+def test_a_step_that_no_mass_can_follow_is_refused_with_what_would(shell: Shell) -> None:
+    transient = "[analyses.transient]\nduration = '20 ms'\nloads.jump = { load = 'shake', shape = 'step' }\n"
+    moved = 'joint = "foot"\ndisplacement = ["0 um", "20 um", "0 um"]'
+    shell.write(
+        BEAM,
+        ('base = ["0 m/s^2", "1 m/s^2", "0 m/s^2"]', moved),
+        ('[analyses.frf]\ninputs = ["shake"]', f"{transient}[analyses.frf]\ninputs = ['tip']"),
+    )
+    message = shell.prints("run scene.toml -o out --no-figures --analysis transient", code=1)
+    assert "let it rise by a ramp" in message
