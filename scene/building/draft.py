@@ -90,10 +90,12 @@ class Draft:
                 if interfaces
                 else f"{component} has none"
             )
+            part = self.table.components.get(component)
+            given = part is not None and part.solid.point_mass is not None  # its only one
+            remedy = f'; describe it: [components.{component}.interfaces] {interface[:80]} = {{ face = "z+" }}'
             self.add(
                 key,
-                f"component {component!r} has no interface {interface[:80]!r}; {hint}; describe it: [components.{component}.interfaces]"
-                f' {end.interface} = {{ face = "z+" }}',
+                f"component {component!r} has no interface {interface[:80]!r}; {hint}{'' if given else remedy}",
             )
 
     def check_channel(self, key: KeyPath, name: str, direction: str = "") -> None:

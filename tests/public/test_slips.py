@@ -92,6 +92,13 @@ def test_a_normal_along_the_axis_of_carriages_is_named(tmp_path: Path) -> None:
         hs.check(write_scene(tmp_path, mill, change))
 
 
+def test_a_point_mass_has_no_interface_to_be_described(tmp_path: Path) -> None:
+    motor = '[components.motor]\nsolid = { point_mass = "2 kg" }\n'
+    joint = '[joints.hold]\nkind = "rigid"\nbetween = ["motor.middle", "ground"]\n'
+    with pytest.raises(hs.SceneError, match=r"interfaces of motor: center\n1 problem"):
+        hs.check(write_scene(tmp_path, HEAD + motor + joint))
+
+
 RIGID = 'kind = "rigid"\n[joints.floor]'
 GUIDE = (
     'kind = "linear_guide"\naxis = "AXIS"\nstiffness = { lateral = "1 N/um", normal = "1 N/um" }\n'
