@@ -38,7 +38,7 @@ def plan_command(options: PlanOptions) -> int:
 
             def announce(component: str) -> None:
                 progress.end()
-                progress.begin(f"survey of the surface of {component}")
+                progress.begin(f"survey of the mesh of {component}")
 
             planned = plan_scene(scene, survey=True, before_survey=announce)
     else:

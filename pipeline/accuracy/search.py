@@ -614,7 +614,8 @@ def plan_first_round(scene: Scene) -> Plan:
     """
     if scene.accuracy is None:
         raise ValueError("the scene asks for no accuracy")
-    plan = plan_scene(dataclasses.replace(_plan_start(scene)[0], analyses=scene.analyses))
+    current = dataclasses.replace(_plan_start(scene)[0], analyses=scene.analyses)
+    plan = plan_scene(current, survey=True)
     note = (
         f"accuracy = {100.0 * scene.accuracy.to:g} %: these are the settings of the first round. In up to {MOST_ROUNDS} rounds the"
         f" component with the largest error is refined. Meshes and modes written in the scene are not used"

@@ -139,7 +139,7 @@ def _plan_components(
                 before_survey=before,
             )
             estimate = count(part)
-            if survey:
+            if survey and scene.accuracy is None:
                 patch_costs = describe_patch_costs(part, scene, estimate, count)
             choice = _choose_solver(part, scene, estimate)
             if choice.method == "iterative":
