@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 from typing import Literal
 
+import numpy as np
+
 from headstock.app.drawings.figures import draw_poles
 from headstock.app.tables.table import (
     Cell,
@@ -134,23 +136,25 @@ def _tabulate_guards(rows: list[GuardRow]) -> PlainTable:
 
 def _find_bands(rows: list[GuardRow]) -> list[str]:
     """Say of each drive how far its highest resonance moves over the poses, and a notch for it."""
-    lines = []
-    for drive in dict.fromkeys(guard.drive for _, guard in rows):
-        first = [row for row in rows if row[1].drive == drive and row[1].number == 1]
-        hz = [row[1].frequency_hz for row in first]
-        errors = [_guard_error(row) for row in first]
-        known = [size for size in errors if size is not None]
-        low = min(value - (size or 0.0) for value, size in zip(hz, errors, strict=True))
-        high = max(value + (size or 0.0) for value, size in zip(hz, errors, strict=True))
-        width = max(
-            0.5 * (high - low) / (0.5 * (high + low)), *(row[1].damping_ratio for row in first)
-        )
-        bound = "" if len(known) == len(errors) else ", without ± where none is known"
-        lines.append(
-            f"  {drive}: {min(hz):.4g} to {max(hz):.4g} Hz in {len(first)} poses, {low:.4g} to {high:.4g} Hz with ±{bound};"
-            f' filters = [{{ notch = "{0.5 * (low + high):.4g} Hz", damping = {width:.2g} }}]'
-        )
-    return lines
+    drives = dict.fromkeys(guard.drive for _, guard in rows)
+    highest = [row for row in rows if row[1].number == 1]
+    return [
+        _describe_band(drive, [row for row in highest if row[1].drive == drive]) for drive in drives
+    ]
+
+
+def _describe_band(drive: str, rows: list[GuardRow]) -> str:
+    hz = np.array([row[1].frequency_hz for row in rows])
+    errors = [_guard_error(row) for row in rows]
+    bounds = np.array([error or 0.0 for error in errors])
+    low, high = float((hz - bounds).min()), float((hz + bounds).max())
+    middle = 0.5 * (low + high)
+    width = max(0.5 * (high - low) / middle, *(row[1].damping_ratio for row in rows))
+    words = ", without ± where none is known" if None in errors else ""
+    return (
+        f"  {drive}: {hz.min():.4g} to {hz.max():.4g} Hz in {len(rows)} poses, {low:.4g} to {high:.4g} Hz with ±{words};"
+        f' filters = [{{ notch = "{middle:.4g} Hz", damping = {width:.2g} }}]'
+    )
 
 
 def _list_drives(control: ControlAnswer) -> list[DriveRow]:

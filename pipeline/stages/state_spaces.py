@@ -11,7 +11,7 @@ from headstock.solvers.control.drive_loops import (
     close_loops,
     force_channels,
     open_plant,
-    take_off_anchors,
+    remove_anchors,
 )
 from headstock.solvers.control.drive_trains import MOTOR, SCALE
 from headstock.solvers.control.stability import require_stable
@@ -56,6 +56,6 @@ def make_state_space(
         system, trains, inputs=inputs, outputs=(*outputs, *scales), up_to_hz=up_to_hz
     )
     encoders = [(train.name, MOTOR) for train in trains]
-    return take_off_anchors(plant, trains).select(
+    return remove_anchors(plant, trains).select(
         (*force_channels(trains), *inputs), (*outputs, *encoders, *scales)
     )

@@ -275,7 +275,7 @@ class _Slide:
 
     @property
     def turns(self) -> bool:
-        """Whether it is one of a rotary axis."""
+        """Return whether it is one of a rotary axis."""
         return self.row >= 3
 
 

@@ -48,7 +48,7 @@ class _Train:
 
     @property
     def is_rotary(self) -> bool:
-        """Whether its axis turns."""
+        """Return whether its axis turns."""
         axis = self.scene.axes.get(self.axis)
         return axis is not None and axis.kind == "rotary"
 

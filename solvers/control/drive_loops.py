@@ -139,7 +139,7 @@ def close_plant(
     trains, inputs = tuple(trains), tuple(dict.fromkeys(inputs))
     # from here on forces of drives stand first, and what closes the loops last
     plant = plant.select((*force_channels(trains), *inputs), (*outputs, *plant_outputs(trains)))
-    plant = take_off_anchors(plant, trains)
+    plant = remove_anchors(plant, trains)
     control = stack_blocks([make_controller(train.control) for train in trains])
     return ClosedLoop(
         space=_feed_back(plant, control, trains, inputs, tuple(outputs)),
@@ -152,7 +152,7 @@ def close_plant(
     )
 
 
-def take_off_anchors(plant: StateSpace, trains: tuple[DriveTrain, ...]) -> StateSpace:
+def remove_anchors(plant: StateSpace, trains: tuple[DriveTrain, ...]) -> StateSpace:
     """The plant without the springs that anchor its motors: forces ``k x`` of motors that move by
     ``x``.
     """

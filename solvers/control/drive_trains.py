@@ -64,7 +64,7 @@ class DriveTrain:
 
     @property
     def rotary(self) -> bool:
-        """Whether its axis turns."""
+        """Return whether its axis turns."""
         return self.row >= 3
 
 

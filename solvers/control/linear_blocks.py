@@ -109,7 +109,7 @@ def to_continuous(block: LinearBlock) -> LinearBlock:
     )
 
 
-def respond_exactly(block: LinearBlock, omega: FloatArray) -> ComplexArray:
+def block_response(block: LinearBlock, omega: FloatArray) -> ComplexArray:
     """Return the frequency response ``(n_freq, n_outputs, n_inputs)`` at positive angular frequencies
     [rad/s]; of a discrete block at ``z = exp(i omega T)``.
     """

@@ -12,7 +12,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import MEASURED, SET_ACCELERATION, SET_SPEED, AxisControl
 from headstock.solvers.control.drive_trains import FORCE, MOTOR, DriveTrain, measured_channel
-from headstock.solvers.control.linear_blocks import respond_exactly
+from headstock.solvers.control.linear_blocks import block_response
 from headstock.solvers.linear.frequency_response import evaluate_frf, prepare_frf
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
@@ -116,8 +116,8 @@ def _control_paths(control: AxisControl, omega: FloatArray) -> _ControlPaths:
     s = 1j * omega
     late = np.exp(-s * control.dead_time) / (1.0 + s * control.current_lag)
     for block in control.filters:
-        late = late * respond_exactly(block, omega)[:, 0, 0]
-    forces = respond_exactly(control.law, omega)[:, 0] @ control.errors
+        late = late * block_response(block, omega)[:, 0, 0]
+    forces = block_response(control.law, omega)[:, 0] @ control.errors
     ahead = forces[:, 0] + s * forces[:, SET_SPEED]
     ahead = ahead + s**2 * (forces[:, SET_ACCELERATION] + control.acceleration_feed_forward)
     return _ControlPaths(-late[:, None] * forces[:, MEASURED:], late * ahead)

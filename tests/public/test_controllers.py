@@ -3,7 +3,9 @@ does, and as they do outside.
 """
 
 import re
+import zipfile
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -184,3 +186,16 @@ def test_channels_of_drives_belong_to_motors_that_move(shell: Shell) -> None:
     assert 'write motors = "free"' in shell.refuses("check scene.toml")
     write(shell, add=frf.replace("'motor'", "'force'") + "motors = 'free'\n")
     assert "motor and scale are outputs" in shell.refuses("check scene.toml")
+
+
+def test_an_fmu_under_control_takes_set_points(shell: Shell) -> None:
+    write(shell)
+    shell(
+        "export scene.toml --to fmu3 --motors controlled --step 100us -o x.fmu --state-space",
+        "2 kHz",
+    )
+    with zipfile.ZipFile(shell.folder / "x.fmu") as archive:
+        description = ElementTree.fromstring(archive.read("modelDescription.xml"))
+    units = {entry.attrib["name"]: entry.attrib["unit"] for entry in description.iter("Float64")}
+    assert units["set.X.position"] == "m" and units["set.X.velocity"] == "m/s"
+    assert units["drive.X.force"] == "N" and units["drive.X.encoder"] == "m"

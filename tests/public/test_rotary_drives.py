@@ -108,6 +108,15 @@ def test_a_table_that_turns_at_constant_speed_lags_by_speed_over_kv(shell: Shell
     lag = np.radians(60.0) / KV
     assert float(middle["position error of C [um]"]) == approx(1e6 * lag, rel=1e-3)
     assert float(middle["deviation tcp y [um]"]) == approx(-1e6 * RADIUS * lag, rel=1e-2)
+    # the same controller as a transfer function from the speed error of the axis to the torque of the motor
+    numbers = [GAIN * RATIO, GAIN * RATIO / INTEGRAL]  # the motor turns RATIO times as fast
+    own = f"controller = {{ num = {numbers}, den = [1, 0], output = 'torque' }}"
+    gains = f'velocity_gain = "{GAIN} N m s/rad"\nintegral_time = "{INTEGRAL} s"'
+    shell.write(SCENE + PATH, soft, (gains, own))
+    shell("run scene.toml -o out --no-figures --analysis path")
+    for row, other in zip(rows, shell.rows("out/tables/path_3600.csv"), strict=True):
+        for key in ("torque of C [N m]", "deviation tcp y [um]"):
+            assert float(other[key]) == approx(float(row[key]), rel=1e-6, abs=1e-6)
 
 
 @pytest.mark.parametrize(

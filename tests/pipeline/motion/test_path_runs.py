@@ -234,6 +234,14 @@ def test_drives_on_a_bed_that_tilts_see_the_pose(tmp_path: Path) -> None:
         change = np.abs(run_found.curves.deviation.total - run_found.curves.frozen).max()
         size = np.abs(run_found.curves.frozen).max()
         assert found.poses.error < 5e-5 and change > 1e-3 * size, (change, size)
+    # the same controller as a state space
+    law = "controller = { a = [[0]], b = [[1e3]], c = [[1333.3333333333333]], d = [[2e4]] }"
+    own = text.replace('velocity_gain = "2e4 N s/m"\nintegral_time = "15 ms"', law)
+    assert own != text
+    other = run_path(tmp_path, own.replace('["tcp", "x"], ', ""))
+    for first, second in zip(found.runs, other.runs, strict=True):
+        moved = [each.curves.deviation.total for each in (first, second)]
+        np.testing.assert_allclose(moved[1], moved[0], rtol=0.0, atol=1e-7 * np.abs(moved[0]).max())
 
 
 def test_control_that_is_unstable_somewhere_on_the_path_is_refused_there(tmp_path: Path) -> None:
