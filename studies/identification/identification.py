@@ -323,7 +323,7 @@ def fit_targets(
     """
     if any(model.case.is_led for model in problem.cases):
         ends = fit_targets(problem.change_cases(_keep_modes), observer, comm=comm)
-        problem = start_at(problem.change_cases(_keep_responses), ends)
+        problem = _start_at(problem.change_cases(_keep_responses), ends)
     left_out: tuple[str, ...] = ()
     while True:
         starts = share_from_root(comm, fit(problem, observer, comm=comm))
@@ -336,7 +336,7 @@ def fit_targets(
         problem = problem.change_cases(strip)
 
 
-def start_at(problem: FitProblem, ends: FitEnds) -> FitProblem:
+def _start_at(problem: FitProblem, ends: FitEnds) -> FitProblem:
     """Return a problem with one start, where the best of another one ended."""
     values = ends.problem.values(ends.end.coordinates)
     return dataclasses.replace(
