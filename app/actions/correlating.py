@@ -118,21 +118,21 @@ def modes_command(options: ModesOptions) -> int:
                 references=options.names,
                 progress=announce,
             )
-        text = dump_summary(summarise_fit(fit, options.test.name))
-        write_output(folder / MODES_JSON, text.encode())
+        text, listing = dump_summary(summarise_fit(fit, options.test.name)), list_modes(fit)
         written = TestData(points=data.points, lines=data.lines, modes=fit.modes)
-        write_output(folder / MODES_UFF, encode_uff(written, options.test.name))
-        listing = list_modes(fit)
-        write_output(folder / MODES_CSV, encode_csv(listing.tabulate()))
-        files = [MODES_JSON, MODES_UFF, MODES_CSV]
-        diagram = draw_stabilisation(fit)
-        if diagram:
-            write_output(folder / DIAGRAM, diagram.encode())
-            files.append(DIAGRAM)
+        files = {
+            MODES_JSON: text.encode(),
+            MODES_UFF: encode_uff(written, options.test.name),
+            MODES_CSV: encode_csv(listing.tabulate()),
+            DIAGRAM: draw_stabilisation(fit).encode(),
+        }
+        files = {name: content for name, content in files.items() if content}
+        for name, content in files.items():
+            write_output(folder / name, content)
         options.write_json(text)
         print_remarks([*data.remarks, *fit.remarks])
         print_part(make_console(), listing)
-        _print_quality(fit, folder, files)
+        _print_quality(fit, folder, list(files))
     return DONE
 
 

@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 
 from headstock.pipeline.storage.json_texts import JsonTable, find_known, nest_known
-from headstock.scene.reading.files import TomlTable
+from headstock.scene.reading.files import TomlTable, write_value
 from headstock.scene.reading.findings import KeyPath, show_key
 from headstock.scene.reading.keys import value_at, write_number, written_unit
 from headstock.scene.scene import Scene
@@ -192,10 +192,7 @@ def _render_fit(found: Identification, scene: str, name: str) -> list[str]:
 
 
 def _entries(values: Mapping[KeyPath, str | float]) -> list[str]:
-    return [
-        f'"{show_key(key)}" = ' + (f'"{value}"' if isinstance(value, str) else repr(value))
-        for key, value in values.items()
-    ]
+    return [f'"{show_key(key)}" = {write_value(value)}' for key, value in values.items()]
 
 
 def _has(raw: TomlTable, key: KeyPath) -> bool:
