@@ -148,8 +148,10 @@ def test_lines_of_a_response_get_the_difference_to_joints_with_shapes(folder: Pa
     off = np.abs(_read_at(one.curves, lines) - found.curves.receptance)[shared]
     assert found.curves.error is not None
     meshes = (found.curves.error - errors)[shared]
-    # one mesh of equal elements is off by as much as the two
-    covered = off <= errors[shared] + 0.2 * meshes
+    # one mesh of equal elements is off by as much as the two; that of cross receptances far below
+    # the largest entry of their line is known roughly (docs/errors.md)
+    rough = 0.02 * meshes.max(axis=(1, 2), keepdims=True)
+    covered = off <= errors[shared] + 0.2 * np.maximum(meshes, rough)
     assert covered.all()
     assert (errors[shared] / off).min() > 0.9 and (errors[shared] / off).max() < 1.2
     for own, *others in zip(found.figures, *(other.figures for other in outright), strict=True):
