@@ -93,9 +93,9 @@ def _find_step_area(solid: StepFile, patch: Patch) -> FloatArray:
     corners = survey.points[survey.triangles[np.isin(survey.owners, list(numbers))]]
     if patch.shape == "whole" or not len(corners):
         return corners
-    normals: FloatArray = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
-    middles: FloatArray = corners.mean(axis=1)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals: FloatArray = across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
+    middles: FloatArray = np.asarray(corners.mean(axis=1), dtype=float)
     center = np.array(patch.center)
     nearest = int(np.argmin(np.linalg.norm(middles - center, axis=1)))
     normal = normals[nearest]

@@ -308,7 +308,11 @@ def test_a_reduction_is_expected_to_take_what_its_mesh_asks_for(tmp_path: Path) 
     scene, expected = make_scene(), dict[str, Stage]()
     state = start_run(scene, MPI.COMM_SELF, Store(tmp_path / "store"))
     planned = {stage.kind: stage for stage in state.plan.stages if stage.component == "column"}
-    made = make_superelements(state, announce=lambda stage: expected.setdefault(stage.kind, stage))
+
+    def note(stage: Stage) -> None:
+        expected[stage.kind] = stage
+
+    made = make_superelements(state, announce=note)
     assert expected["reduce"].estimated_dofs == made["column"].full_dofs
     assert expected["reduce"].estimated_dofs != planned["reduce"].estimated_dofs
     assert expected["reduce"].estimated_seconds != planned["reduce"].estimated_seconds
