@@ -51,18 +51,19 @@ def make_varying(modes: int) -> VaryingStateSpace:
     random, matrices = np.random.default_rng(1), make_matrices(modes)
 
     def constant(array: np.ndarray) -> Field:  # type: ignore[type-arg]
-        return lay_field([array] * 3, [3])
+        return lay_field([array] * 3, [3], 1)
 
     springs = tuple(
         VaryingSpring(
-            lay_field(list(random.standard_normal((3, 2, modes))), [3]),
+            lay_field(list(random.standard_normal((3, 2, modes))), [3], 0),
             constant(1e3 * np.eye(2)),
             constant(np.eye(2)),
         )
         for _ in range(10)
     )
+    knots = {"X": Knots(np.array([-0.1, 0.0, 0.1]))}
     varying = VaryingMatrices(
-        {"X": Knots(np.array([-0.1, 0.0, 0.1]))},
+        (knots, knots),
         matrices.stiffness,
         matrices.damping,
         springs,

@@ -19,6 +19,7 @@ from headstock.pipeline.stages.machine import couple_pose, damp_system
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.elimination import CouplingMemo
+from headstock.reduction.coupling.joint_springs import PlacedJoint
 from headstock.reduction.coupling.travel import PlacedRows, TravelCoordinates, find_travel
 from headstock.scene.exports import Export
 from headstock.scene.scene import LOAD
@@ -33,6 +34,7 @@ from headstock.solvers.linear.modal_coordinates import (
     to_modal_coordinates,
 )
 from headstock.solvers.linear.varying_matrices import (
+    CONSTANT,
     Knots,
     PosedMatrices,
     VaryingMatrices,
@@ -55,18 +57,19 @@ from headstock.solvers.second_order import (
 DEFAULT_ERROR = 0.01
 FIRST_KNOTS = 3
 MOST_POSES = 150  # solved with all modes
-MOST_KNOTS = 15  # of an axis
+MOST_KNOTS = (65, 130)  # of joints along an axis, of channels and damping along all together
+MOST_CHECKED = 16  # poses between knots
+INTERPOLATED = 0.3  # of the error that is asked for may come of interpolation
 SHARES = tuple(0.5 + 0.5 * side * 0.5**n for n in range(1, 8) for side in (0.0, 1.0, -1.0))
 LINES = 40  # even frequencies of a response that is compared
+FEW_LINES = 12  # of one that is compared to place knots
 SOLVED = 8.0  # times the highest frequency: exact responses have modes up to here
 SERVING = 1.5  # times the highest frequency: modes up to here are in the basis
 DAMPING_OF_UNDAMPED = 0.01  # of responses that are compared, where a scene has none
-BASIS_SHARE = (
-    0.5  # of the error that is asked for: more of it in the basis asks for motions of the pose
-)
 
 ADDED = 4  # poses at most at once
 
+LevelledKnots = tuple[dict[str, FloatArray], dict[str, FloatArray]]
 Place = tuple[float, ...]
 
 
@@ -150,10 +153,7 @@ class _Travel:
                 "a damper acts on a dof without mass, or a matrix is not symmetric; give every body a mass"
             )
         kept = keep_modes(whole, count_modes(whole, SOLVED * self.up_to_hz))
-        resonances = modes.frequencies_hz[modes.rigid_count :]
-        lines = np.linspace(self.up_to_hz / LINES, self.up_to_hz, LINES)
-        hz = np.union1d(lines, resonances[resonances <= self.up_to_hz])
-        omega = 2.0 * np.pi * hz
+        omega = _list_lines(self.up_to_hz, modes.frequencies_hz[modes.rigid_count :])
         columns = [
             modal_motion(kept, omega, np.tile(load + 0j, (len(omega), 1))) @ kept.outputs.T
             for load in kept.inputs.T
@@ -195,9 +195,9 @@ class _Reduced:
         """Return the rows at a place."""
         return self.travel.place(place).reduce(self.basis)
 
-    def at(self, place: Place) -> tuple[PosedMatrices, PlacedRows, FloatArray]:
-        """Return the matrices at a place with exact rows, these, and the damping that is no sum over
-        joints and bodies ``(m, m)``.
+    def at(self, place: Place) -> tuple[PosedMatrices, FloatArray]:
+        """Return the matrices at a place with exact rows, and the damping that is no sum over joints and
+        bodies ``(m, m)``.
         """
         rows, factors = self.place(place), self.travel.coordinates.loss_factors
         stiffness = add_springs(
@@ -224,43 +224,86 @@ class _Reduced:
         ]
         moved = [rows.channels[channel] for channel in outputs]
         matrices = PosedMatrices(stiffness, total, np.array(loads).T, np.array(moved))
-        return matrices, rows, total - viscous
+        return matrices, total - viscous
 
-    def lay(self, knots: Mapping[str, FloatArray]) -> VaryingMatrices:
+    @cached_property
+    def slides(self) -> dict[str, tuple[str, ...]]:
+        """Return the axes that each joint's rows or stiffness depend on."""
+        travel = self.travel
+        middle = travel.middle
+        before = {spring.name: spring for spring in travel.place(middle).springs}
+        found: dict[str, tuple[str, ...]] = dict.fromkeys(before, ())
+        for number, (axis, limits) in enumerate(travel.axes.items()):
+            for limit in limits:
+                place = (*middle[:number], limit, *middle[number + 1 :])
+                for spring in travel.place(place).springs:
+                    if axis not in found[spring.name] and _differs(spring, before[spring.name]):
+                        found[spring.name] += (axis,)
+        return found
+
+    def lay(self, knots: LevelledKnots) -> VaryingMatrices:
         """Return the matrices with rows interpolated between knots."""
-        counts = [len(positions) for positions in knots.values()]
-        laid = [self.at(tuple(place.values())) for place in list_grid(knots)]
         stiffness, damping = self.bodies["stiffness"], self.bodies["damping"]
+        first = {spring.name: spring for spring in self.place(self.travel.middle).springs}
         springs = []
-        for together in zip(*(rows.springs for _, rows, _ in laid), strict=True):
-            acting = [
-                row
-                for row in range(len(together[0].rows))
-                if any(s.stiffness[row].any() or s.damping[row].any() for s in together)
-            ]
-            if not acting:
+        for name, axes in self.slides.items():
+            laid = self._lay_spring(name, axes, knots[0]) if axes else None
+            if laid is not None and any(field.varies for field in laid.fields):
+                springs.append(laid)
                 continue
-            square = np.ix_(acting, acting)
-            spring = VaryingSpring(
-                lay_field([s.rows[acting] for s in together], counts),
-                lay_field([s.stiffness[square] for s in together], counts),
-                lay_field([s.damping[square] for s in together], counts),
-            )
-            if any(part.varies for part in spring.fields):
-                springs.append(spring)
-                continue
-            first = together[0]
-            stiffness = add_springs(stiffness, [(first.rows, first.stiffness)])
-            damping = add_springs(damping, [(first.rows, first.damping)])
+            spring = first[name]
+            stiffness = add_springs(stiffness, [(spring.rows, spring.stiffness)])
+            damping = add_springs(damping, [(spring.rows, spring.damping)])
+        counts = [len(positions) for positions in knots[1].values()]
+        posed = [self.at(tuple(place.values())) for place in list_grid(knots[1])]
+        of_joints, others = (
+            {name: Knots(positions) for name, positions in level.items()} for level in knots
+        )
         return VaryingMatrices(
-            {name: Knots(positions) for name, positions in knots.items()},
+            (of_joints, others),
             stiffness,
             damping,
             tuple(springs),
-            lay_field([further for _, _, further in laid], counts),
-            lay_field([matrices.loads.T for matrices, _, _ in laid], counts),
-            lay_field([matrices.rows for matrices, _, _ in laid], counts),
+            lay_field([further for _, further in posed], counts, 1),
+            lay_field([matrices.loads.T for matrices, _ in posed], counts, 1),
+            lay_field([matrices.rows for matrices, _ in posed], counts, 1),
         )
+
+    def _lay_spring(
+        self, name: str, axes: Sequence[str], knots: Mapping[str, FloatArray]
+    ) -> VaryingSpring:
+        """Return a joint at the knots of the axes it depends on, the others in the middle."""
+        middle = dict(zip(self.travel.axes, self.travel.middle, strict=True))
+        grid = {
+            axis: positions if axis in axes else np.array([middle[axis]])
+            for axis, positions in knots.items()
+        }
+        placed = [
+            next(s for s in self.place(tuple(place.values())).springs if s.name == name)
+            for place in list_grid(grid)
+        ]
+        acting = [
+            row
+            for row in range(len(placed[0].rows))
+            if any(s.stiffness[row].any() or s.damping[row].any() for s in placed)
+        ]
+        counts, square = [len(positions) for positions in grid.values()], np.ix_(acting, acting)
+        rows = [s.rows[acting] for s in placed]
+        stiffness, damping = ([m[square] for m in ms] for ms in (
+            [s.stiffness for s in placed], [s.damping for s in placed]))  # fmt: skip
+        return VaryingSpring(*(lay_field(part, counts, 0) for part in (rows, stiffness, damping)))
+
+
+def _differs(one: PlacedJoint, other: PlacedJoint) -> bool:
+    """Return whether a joint is another one in another pose, by more than roundoff."""
+    return any(
+        np.abs(here - there).max(initial=0.0) > CONSTANT * np.abs(there).max(initial=0.0)
+        for here, there in (
+            (one.rows, other.rows),
+            (one.stiffness, other.stiffness),
+            (one.damping, other.damping),
+        )
+    )
 
 
 def find_varying_state_space(
@@ -294,37 +337,52 @@ def find_varying_state_space(
 
 
 def _refine(travel: _Travel, target: float) -> tuple[VaryingMatrices, float, int]:
-    """Add poses to the basis and knots to the axes until the error is small enough or the budget is
-    spent; return the matrices, the error and the number of poses in which it was found.
+    """Add motions of poses to the basis until the error is small enough or the budget is spent; return
+    the matrices, the error and the number of poses in which it was found.
     """
-    knots = {name: np.linspace(*limits, FIRST_KNOTS) for name, limits in travel.axes.items()}
+    first = {name: np.linspace(*limits, FIRST_KNOTS) for name, limits in travel.axes.items()}
+    knots: LevelledKnots = (first, dict(first))
     serving: list[Place] = [travel.middle, *itertools.product(*travel.axes.values())]
     while True:
         reduced = _span(travel, serving)
-        matrices = reduced.lay(knots)
-        between = _list_between(knots, serving)
+        matrices, knots = _fit_knots(reduced, knots, INTERPOLATED * target)
+        between = _list_between(knots[0], serving)
         errors = [
             _find_error(travel, place, matrices.at(_name(travel, place))) for place in between
         ]
-        worst = int(np.argmax(errors))
-        place, error = between[worst], errors[worst]
-        full = len(travel.solved) + len(between) > MOST_POSES
-        if error <= target or full:
-            return matrices, error, len(between)
-        lacking = [
-            place
-            for number in np.argsort(errors)[: -ADDED - 1 : -1]
-            if _find_error(travel, place := between[number], reduced.at(place)[0])
-            > BASIS_SHARE * target
-        ]
-        if lacking:
-            serving += lacking
-            continue
-        axis = _find_coarsest(reduced, matrices, place)
-        if len(knots[axis]) >= MOST_KNOTS:
-            return matrices, error, len(between)
-        position = place[list(travel.axes).index(axis)]
-        knots[axis] = np.union1d(knots[axis], [position])
+        worst = [between[number] for number in np.argsort(errors)[: -ADDED - 1 : -1]]
+        if max(errors) <= target or len(travel.solved) + len(between) > MOST_POSES:
+            return matrices, max(errors), len(between)
+        serving += worst
+
+
+def _fit_knots(
+    reduced: _Reduced, knots: LevelledKnots, target: float
+) -> tuple[VaryingMatrices, LevelledKnots]:
+    """Halve the distances of knots until interpolated rows respond as exact ones between them."""
+    travel = reduced.travel
+    while True:
+        matrices = reduced.lay(knots)
+        errors: dict[Place, float] = {}
+        for place in itertools.chain(
+            *(_list_between(knots[0], (), [share]) for share in SHARES[:3])
+        ):
+            exact, _ = reduced.at(place)
+            natural = np.sqrt(np.maximum(np.linalg.eigvalsh(exact.stiffness), 0.0))
+            omega = _list_lines(travel.up_to_hz, natural / (2.0 * np.pi), FEW_LINES)
+            responses = [
+                respond(_damp_somewhat(one), omega)
+                for one in (exact, matrices.at(_name(travel, place)))
+            ]
+            errors[place] = find_largest_error(*responses, _find_sizes(travel, responses[0]))
+        place = max(errors, key=lambda place: errors[place])
+        level, axis = _find_coarsest(reduced, matrices, place)
+        positions = knots[level][axis]
+        points = np.prod([len(others) for others in knots[1].values()]) if level else len(positions)
+        if errors[place] <= target or points > MOST_KNOTS[level] // 2:
+            return matrices, knots
+        halved = {axis: np.union1d(positions, 0.5 * (positions[1:] + positions[:-1]))}
+        knots = (knots[0] | halved, knots[1]) if level == 0 else (knots[0], knots[1] | halved)
 
 
 def _span(travel: _Travel, serving: Sequence[Place]) -> _Reduced:
@@ -347,13 +405,24 @@ def _span(travel: _Travel, serving: Sequence[Place]) -> _Reduced:
     return _Reduced(travel, basis)
 
 
-def _list_between(knots: Mapping[str, FloatArray], serving: Sequence[Place]) -> list[Place]:
-    """Return a place within each cell of the knots, in the middle unless a pose there serves."""
+def _list_between(
+    knots: Mapping[str, FloatArray], serving: Sequence[Place], shares: Sequence[float] = SHARES
+) -> list[Place]:
+    """Return places between the knots of all axes, at the first share of a cell where no pose serves;
+    every cell of an axis comes in turn, those of several axes mixed.
+    """
+    random = np.random.default_rng(0)
     cells = [list(itertools.pairwise(positions.tolist())) for positions in knots.values()]
+    count = min(MOST_CHECKED, int(np.prod([len(each) for each in cells])))
+    turns = [
+        np.concatenate([random.permutation(len(each)) for _ in range(count // len(each) + 1)])
+        for each in cells
+    ]
     places = []
-    for cell in itertools.product(*cells):
-        inside = (tuple(low + share * (high - low) for low, high in cell) for share in SHARES)
-        places += [place for place in inside if place not in serving][:1]
+    for number in range(count):
+        cell = [each[turn[number]] for each, turn in zip(cells, turns, strict=True)]
+        inside = (tuple(low + share * (high - low) for low, high in cell) for share in shares)
+        places += [place for place in inside if place not in serving and place not in places][:1]
     return places
 
 
@@ -364,18 +433,36 @@ def _name(travel: _Travel, place: Place) -> dict[str, float]:
 def _find_error(travel: _Travel, place: Place, matrices: PosedMatrices) -> float:
     """Find the error of the frequency response at a place."""
     exact = travel.solve(place)
-    if not matrices.damping.any():
-        unit = np.eye(len(matrices.stiffness))
-        system = SecondOrderSystem(unit, None, matrices.stiffness, {}, {}, ())
-        damping = _damp_a_little(system).damping
-        matrices = matrices._replace(damping=unit if damping is None else damping)
-    largest = np.abs(exact.response).max(axis=0)
-    named = [np.array(units) for units in list_units(travel.channels)]
+    response = respond(_damp_somewhat(matrices), exact.omega)
+    return find_largest_error(exact.response, response, _find_sizes(travel, exact.response))
+
+
+def _list_lines(up_to_hz: float, natural_hz: FloatArray, count: int = LINES) -> FloatArray:
+    """List the angular frequencies at which responses are compared: even ones, and resonances."""
+    lines = np.linspace(up_to_hz / count, up_to_hz, count)
+    return (
+        2.0 * np.pi * np.union1d(lines, natural_hz[(natural_hz > 0.0) & (natural_hz <= up_to_hz)])
+    )
+
+
+def _find_sizes(travel: _Travel, response: ComplexArray) -> FloatArray:
+    """Find the size ``(p, k)`` of responses of each pair of units."""
+    largest = np.abs(response).max(axis=0)
+    inputs, outputs = (np.array(units) for units in list_units(travel.channels))
     sizes = np.ones_like(largest)
-    for given, moved in itertools.product(set(named[0]), set(named[1])):
-        block = np.ix_(named[1] == moved, named[0] == given)
+    for given, moved in itertools.product(set(inputs), set(outputs)):
+        block = np.ix_(outputs == moved, inputs == given)
         sizes[block] = largest[block].max() or 1.0
-    return find_largest_error(exact.response, respond(matrices, exact.omega), sizes)
+    return sizes
+
+
+def _damp_somewhat(matrices: PosedMatrices) -> PosedMatrices:
+    """Return matrices with some damping where they have none."""
+    if matrices.damping.any():
+        return matrices
+    unit = np.eye(len(matrices.stiffness))
+    damped = _damp_a_little(SecondOrderSystem(unit, None, matrices.stiffness, {}, {}, ()))
+    return matrices._replace(damping=unit if damped.damping is None else damped.damping)
 
 
 def _damp_a_little(system: SecondOrderSystem) -> SecondOrderSystem:
@@ -385,26 +472,30 @@ def _damp_a_little(system: SecondOrderSystem) -> SecondOrderSystem:
     return system
 
 
-def _find_coarsest(reduced: _Reduced, matrices: VaryingMatrices, place: Place) -> str:
-    """Find the axis along which interpolation is worst at a place, the others at their nearest knot."""
-    travel = reduced.travel
+def _find_coarsest(reduced: _Reduced, matrices: VaryingMatrices, place: Place) -> tuple[int, str]:
+    """Find the set of knots and the axis along which interpolation is worst at a place, the others at
+    their nearest knot.
+    """
+    travel, omega = reduced.travel, 2.0 * np.pi * reduced.travel.up_to_hz
     misfits = {}
-    for number, name in enumerate(travel.axes):
+    for level, (number, axis) in itertools.product((0, 1), enumerate(travel.axes)):
         near = [
             float(knots.positions[np.argmin(np.abs(knots.positions - position))])
-            for knots, position in zip(matrices.knots.values(), place, strict=True)
+            for knots, position in zip(matrices.knots[level].values(), place, strict=True)
         ]
         near[number] = place[number]
-        exact, _, _ = reduced.at(tuple(near))
-        found = matrices.at(_name(travel, tuple(near)))
-        scales = 1.0 / np.sqrt(exact.stiffness.diagonal() + (2.0 * np.pi * travel.up_to_hz) ** 2)
-        omega = 2.0 * np.pi * travel.up_to_hz
-        misfits[name] = float(
-            np.linalg.norm((found.stiffness - exact.stiffness) * np.outer(scales, scales), 2)
-            + omega * np.linalg.norm((found.damping - exact.damping) * np.outer(scales, scales), 2)
-            + np.linalg.norm(found.rows - exact.rows) / np.linalg.norm(exact.rows)
+        (exact, further), named = reduced.at(tuple(near)), _name(travel, tuple(near))
+        scales = 1.0 / np.sqrt(exact.stiffness.diagonal() + omega**2)
+        here = matrices.at(named)
+        changes = (
+            here.stiffness - exact.stiffness,
+            omega * (matrices.further.at(matrices.weigh(named)) - further),
         )
-    return max(misfits, key=lambda name: misfits[name])
+        moved = np.linalg.norm(here.rows - exact.rows) / np.linalg.norm(exact.rows)
+        misfits[level, axis] = float(
+            np.linalg.norm(changes[level] * np.outer(scales, scales), 2) + level * moved
+        )
+    return max(misfits, key=lambda key: misfits[key])
 
 
 def _find_rate(matrices: PosedMatrices) -> float:

@@ -12,9 +12,7 @@ from headstock.pipeline.exchange.fmus import FmuModel, FmuVariable
 from headstock.pipeline.exchange.state_spaces import MachineStateSpace, name_variable
 from headstock.pipeline.exchange.varying_spaces import VaryingStateSpace
 
-FIELD = (
-    "typedef struct {\n    int counts[AXES];\n    int size;\n    const double *values;\n} Field;\n"
-)
+FIELD = "typedef struct {\n    int counts[AXES];\n    int level;\n    int size;\n    const double *values;\n} Field;\n"
 
 
 def fixed_model(name: str, space: MachineStateSpace) -> FmuModel:
@@ -39,10 +37,10 @@ def fixed_model(name: str, space: MachineStateSpace) -> FmuModel:
 
 def varying_model(name: str, space: VaryingStateSpace) -> FmuModel:
     """Return the FMU of a machine wherever its axes stand, with a step."""
-    matrices, axes = space.matrices, list(space.matrices.knots)
+    matrices, axes = space.matrices, space.axes
     fields = [field for spring in matrices.springs for field in spring.fields]
     fields += [matrices.further, matrices.loads, matrices.rows]
-    knots = list(matrices.knots.values())
+    knots = [one for level in matrices.knots for one in level.values()]
     rows = [field.shape[0] for spring in matrices.springs for field in spring.fields]
     sizes = {
         **_list_sizes(space, 2 * len(matrices.stiffness)),
@@ -56,24 +54,24 @@ def varying_model(name: str, space: VaryingStateSpace) -> FmuModel:
         "STIFFNESS": matrices.stiffness.T,
         "DAMPING": matrices.damping.T,
         "START": np.array([space.positions[axis] for axis in axes]),
-        "LOWEST": np.array([one.positions[0] for one in knots]),
-        "HIGHEST": np.array([one.positions[-1] for one in knots]),
+        "LOWEST": np.array([one.positions[0] for one in knots[: len(axes)]]),
+        "HIGHEST": np.array([one.positions[-1] for one in knots[: len(axes)]]),
         **{f"FIELD_{number}": field.values for number, field in enumerate(fields)},
         **{f"KNOTS_{number}": one.positions for number, one in enumerate(knots)},
         **{f"PIECES_{number}": one.pieces() for number, one in enumerate(knots)},
     }
     faults = [
         f'"position.{axis} must lie between {show_position(one.positions[0], unit)} and {show_position(one.positions[-1], unit)}"'
-        for axis, one, unit in zip(axes, knots, space.axis_units, strict=True)
+        for axis, one, unit in zip(axes, knots, space.axis_units, strict=False)
     ]
     tables = [
-        f"{{{{{', '.join(map(str, field.values.shape[: len(axes)]))}}}, {int(np.prod(field.shape))}, FIELD_{number}}}"
+        f"{{{{{', '.join(map(str, field.values.shape[: len(axes)]))}}}, {field.level}, {int(np.prod(field.shape))}, FIELD_{number}}}"
         for number, field in enumerate(fields)
     ]
     lists = {
         "int COUNTS": [str(len(one.positions)) for one in knots],
-        "double *const KNOTS": [f"KNOTS_{number}" for number in range(len(axes))],
-        "double *const PIECES": [f"PIECES_{number}" for number in range(len(axes))],
+        "double *const KNOTS": [f"KNOTS_{number}" for number in range(len(knots))],
+        "double *const PIECES": [f"PIECES_{number}" for number in range(len(knots))],
         "char *const FAULTS": faults,
         "Field FIELDS": tables,
     }

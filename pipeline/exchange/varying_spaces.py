@@ -51,7 +51,7 @@ class VaryingStateSpace:
     @property
     def axes(self) -> tuple[str, ...]:
         """Names of the axes that move."""
-        return tuple(self.matrices.knots)
+        return tuple(self.matrices.knots[0])
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -82,7 +82,7 @@ class VaryingStateSpace:
         for name, position in positions.items():
             fault = f"there is no axis {name}; axes: {', '.join(self.axes)}"
             if name in self.axes:
-                knots = self.matrices.knots[name].positions
+                knots = self.matrices.knots[0][name].positions
                 unit = self.axis_units[self.axes.index(name)]
                 fault = find_limit_fault(
                     name, position, low=float(knots[0]), high=float(knots[-1]), unit=unit
@@ -120,7 +120,11 @@ class VaryingStateSpace:
                 )
             },
             "poses": np.array([list(place.values()) for place in grid]),
-            **{f"knots_{name}": knots.positions for name, knots in self.matrices.knots.items()},
+            **{
+                f"knots_{name}_{what}": knots.positions
+                for what, level in zip(("joints", "channels"), self.matrices.knots, strict=True)
+                for name, knots in level.items()
+            },
             "constant_stiffness": self.matrices.stiffness,
             "constant_damping": self.matrices.damping,
             **{name: field.values for name, field in fields.items()},

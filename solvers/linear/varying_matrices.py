@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.second_order import ComplexArray
 
-FASTEST = 12.0  # times the highest frequency: motions are no faster, so that time steps stay few
+FASTEST = 20.0  # times the highest frequency: motions are no faster, so that time steps stay few
 DEPENDENT = 1e-10  # share of energy below which a motion adds nothing to the others
 CONSTANT = 1e-12  # of the largest entry: a field that changes by less is the same everywhere
 
@@ -72,19 +72,28 @@ class Knots:
         return np.asarray(CubicSpline(self.positions, np.eye(len(self.positions)))(position))
 
 
+type Weights = tuple[Sequence[FloatArray], Sequence[FloatArray]]
+
+
 @dataclass(frozen=True, eq=False)
 class Field:
-    """An array over the grid of knots, ``(n_1, n_2, ..., *shape)``, with 1 in place of the number of
-    knots of an axis that it does not depend on.
+    """An array over a grid of knots.
+
+    Attributes:
+        values: ``(n_1, n_2, ..., *shape)`` with 1 in place of the number of knots of an axis that it
+            does not depend on.
+        shape: Of the array.
+        level: Which of both sets of knots it has.
     """
 
     values: FloatArray
     shape: tuple[int, ...]
+    level: int
 
-    def at(self, weights: Sequence[FloatArray]) -> FloatArray:
-        """Return the array ``shape`` at weights of the knots of each axis."""
+    def at(self, weights: Weights) -> FloatArray:
+        """Return the array at weights of the knots of each axis, of both sets."""
         value = self.values
-        for weight in weights:
+        for weight in weights[self.level]:
             value = value[0] if value.shape[0] == 1 else np.tensordot(weight, value, axes=1)
         return value
 
@@ -102,7 +111,7 @@ class VaryingSpring:
     stiffness: Field
     damping: Field
 
-    def at(self, weights: Sequence[FloatArray]) -> PosedSpring:
+    def at(self, weights: Weights) -> PosedSpring:
         """Return the joint at weights of the knots."""
         return PosedSpring(
             *(field.at(weights) for field in (self.rows, self.stiffness, self.damping))
@@ -119,7 +128,7 @@ class VaryingMatrices:
     """A system in coordinates of unit mass that are the same at all positions.
 
     Attributes:
-        knots: Of each axis by name.
+        knots: Of each axis by name: those of joints, and those of channels and further damping.
         stiffness: ``(m, m)`` of what stays the same.
         damping: ``(m, m)`` likewise.
         springs: Joints that slide.
@@ -128,7 +137,7 @@ class VaryingMatrices:
         rows: ``(p, m)`` rows of the outputs.
     """
 
-    knots: Mapping[str, Knots]
+    knots: tuple[Mapping[str, Knots], Mapping[str, Knots]]
     stiffness: FloatArray
     damping: FloatArray
     springs: tuple[VaryingSpring, ...]
@@ -138,7 +147,7 @@ class VaryingMatrices:
 
     def at(self, positions: Mapping[str, float]) -> PosedMatrices:
         """Return the matrices at positions of the axes."""
-        weights = [knots.weigh(positions[name]) for name, knots in self.knots.items()]
+        weights = self.weigh(positions)
         placed = [spring.at(weights) for spring in self.springs]
         return PosedMatrices(
             add_springs(self.stiffness, ((one.rows, one.stiffness) for one in placed)),
@@ -149,10 +158,17 @@ class VaryingMatrices:
             self.rows.at(weights),
         )
 
+    def weigh(self, positions: Mapping[str, float]) -> Weights:
+        """Return the weights of the knots of each axis, of both sets."""
+        joints, others = (
+            [knots.weigh(positions[name]) for name, knots in level.items()] for level in self.knots
+        )
+        return joints, others
+
     @property
     def grid(self) -> list[dict[str, float]]:
-        """Positions of the axes at all knots, the last axis first."""
-        return list_grid({name: knots.positions for name, knots in self.knots.items()})
+        """Positions of the axes at all knots of channels, those of the last axis side by side."""
+        return list_grid({name: knots.positions for name, knots in self.knots[1].items()})
 
 
 def list_grid(positions: Mapping[str, FloatArray]) -> list[dict[str, float]]:
@@ -168,12 +184,13 @@ def add_springs(total: FloatArray, springs: Iterable[tuple[FloatArray, FloatArra
     return sum((rows.T @ matrix @ rows for rows, matrix in springs), total)
 
 
-def lay_field(values: Sequence[FloatArray], counts: Sequence[int]) -> Field:
+def lay_field(values: Sequence[FloatArray], counts: Sequence[int], level: int) -> Field:
     """Return a field of its values at the grid; axes along which it does not change are left out.
 
     Args:
         values: One array for each point of the grid, in the order of ``list_grid``.
-        counts: Number of knots of each axis.
+        counts: Number of points of each axis.
+        level: Which of both sets of knots they are.
     """
     shape = values[0].shape
     laid = np.array(values).reshape(*counts, *shape)
@@ -182,7 +199,7 @@ def lay_field(values: Sequence[FloatArray], counts: Sequence[int]) -> Field:
         first = laid.take([0], axis=axis)
         if np.abs(laid - first).max(initial=0.0) <= CONSTANT * largest:
             laid = first
-    return Field(laid, shape)
+    return Field(laid, shape, level)
 
 
 def span_motions(

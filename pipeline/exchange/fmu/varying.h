@@ -18,19 +18,21 @@ typedef struct Posed {
     double drive[ROOM(STATES * INPUTS)];
 } Posed;
 
-static void weigh(int axis, double position, double *weights) {
-    int count = COUNTS[axis], pieces = count > 1 ? count - 1 : 1, piece = 0;
-    while (piece < pieces - 1 && position > KNOTS[axis][piece + 1]) piece++;
-    position -= KNOTS[axis][piece];
+/* Weights of the knots; those of all axes stand twice, of joints and of channels. */
+static void weigh(int set, double position, double *weights) {
+    int count = COUNTS[set], pieces = count > 1 ? count - 1 : 1, piece = 0;
+    while (piece < pieces - 1 && position > KNOTS[set][piece + 1]) piece++;
+    position -= KNOTS[set][piece];
     for (int knot = 0; knot < count; knot++) {
         weights[knot] = 0.0;
         for (int power = 0; power < 4; power++)
-            weights[knot] = weights[knot] * position + PIECES[axis][(power * pieces + piece) * count + knot];
+            weights[knot] = weights[knot] * position + PIECES[set][(power * pieces + piece) * count + knot];
     }
 }
 
 /* An array at weights of the knots of each axis. */
-static void evaluate(const Field *field, double weights[AXES][MOST_KNOTS], double *value) {
+static void evaluate(const Field *field, double both[2 * AXES][MOST_KNOTS], double *value) {
+    double(*weights)[MOST_KNOTS] = both + field->level * AXES;
     int points = 1;
     for (int axis = 0; axis < AXES; axis++) points *= field->counts[axis];
     memset(value, 0, field->size * sizeof(double));
@@ -64,12 +66,12 @@ static void add_spring(double *total, const double *rows, const double *matrix, 
 static void settle(Machine *machine) {
     Posed *posed = machine->posed;
     const double *positions = machine->motion.inputs + INPUTS;
-    double weights[AXES][MOST_KNOTS], rows[ROOM(MOST_ROWS * MODES)], matrix[ROOM(MOST_ROWS * MOST_ROWS)];
+    double weights[2 * AXES][MOST_KNOTS], rows[ROOM(MOST_ROWS * MODES)], matrix[ROOM(MOST_ROWS * MOST_ROWS)];
     if (posed->settled && !memcmp(posed->positions, positions, sizeof posed->positions)) return;
     posed->settled = 1;
     posed->held = 0;
     memcpy(posed->positions, positions, sizeof posed->positions);
-    for (int axis = 0; axis < AXES; axis++) weigh(axis, positions[axis], weights[axis]);
+    for (int set = 0; set < 2 * AXES; set++) weigh(set, positions[set % AXES], weights[set]);
     evaluate(FIELDS + FURTHER, weights, posed->damping);
     evaluate(FIELDS + LOADS, weights, posed->loads);
     evaluate(FIELDS + ROWS, weights, posed->rows);
