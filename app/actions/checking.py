@@ -17,8 +17,8 @@ from headstock.geometry.parts.components import Fidelity
 from headstock.pipeline.preview.doubts import check_scene
 from headstock.pipeline.storage.json_texts import dump_summary
 from headstock.pipeline.storage.provenance import SceneChoice
-from headstock.scene.building.loader import load_scene
-from headstock.scene.reading.findings import SceneError
+from headstock.scene.building.loader import load_scene, read_tables
+from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.scene import Scene, deforming_parts, keep_analyses, list_analyses
 
 
@@ -76,15 +76,14 @@ def load_chosen(chosen: SceneChoice, accuracy: str | None = None) -> Scene:
         SceneError: The scene has problems.
         click.UsageError: An analysis is none of the scene's.
     """
-    scene = load_scene(chosen.path, variant=chosen.variant, overrides=chosen.overrides)
+    overrides = chosen.overrides
     if accuracy is not None:
         # what the scene allows beside the number stays as it is
-        key = "accuracy" if scene.accuracy is None else "accuracy.to"
-        scene = load_scene(
-            chosen.path,
-            variant=chosen.variant,
-            overrides=(*chosen.overrides, f"{key}={accuracy}"),
-        )
+        findings = Findings(str(chosen.path))
+        tables = read_tables(chosen.path, findings, variant=chosen.variant, overrides=overrides)
+        key = "accuracy.to" if isinstance(tables.get("accuracy"), dict) else "accuracy"
+        overrides = (*overrides, f"{key}={accuracy}")
+    scene = load_scene(chosen.path, variant=chosen.variant, overrides=overrides)
     return _select_analyses(scene, chosen.analyses)
 
 
