@@ -1,6 +1,5 @@
 """Options that commands share, and the command that typer makes of a dataclass of options."""
 
-import gc
 import importlib
 import inspect
 import time
@@ -250,9 +249,8 @@ def make_command(kind: type[CommandOptions]) -> Callable[..., int]:
 def load_action(place: str) -> Callable[..., int]:
     """Load a function of ``app/actions``, ``MODULE:FUNCTION``, which returns an exit code."""
     module, _, name = place.partition(":")
-    with without_collecting():
+    with without_collecting(for_good=True):
         loaded = importlib.import_module(f"headstock.app.actions.{module}")
-        gc.freeze()  # modules are no garbage: no search has to go through them
     action: Callable[..., int] = getattr(loaded, name)
     return action
 

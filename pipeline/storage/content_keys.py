@@ -8,7 +8,7 @@ measured forces.
 import dataclasses
 import functools
 import hashlib
-import importlib.metadata
+import importlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -338,9 +338,10 @@ def _library_version(name: str) -> str:
 
 
 def _find_version(name: str) -> str | None:
+    metadata = importlib.import_module("importlib.metadata")
     try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
         return None
 
 

@@ -103,6 +103,8 @@ def _flexibility_modes(
     """Return the lowest eigenvalues and shapes by one LAPACK call, or None where its answer may not
     be good enough.
     """
+    if _has_massless_dof(stiffness, mass):
+        return None
     if 0 < count <= FEW * len(mass) and _few_lose_digits(stiffness, mass, count):
         return None
     flexibilities, shapes, info = dsygvd(mass.T, stiffness.T)
@@ -119,6 +121,17 @@ def _flexibility_modes(
         # where digits of high modes are lost, they are still orthogonal to lower ones
         lowest_first = _mass_orthonormal(lowest_first, mass, times=1)
     return ModalPairs(eigenvalues, lowest_first)
+
+
+def _has_massless_dof(stiffness: FloatArray, mass: FloatArray) -> bool:
+    """Return whether single dofs alone show that flexibilities lie too far apart: by Rayleigh's
+    quotient none of them is above the smallest flexibility, and none below the largest.
+    """
+    stiffnesses = stiffness.diagonal()
+    if not stiffnesses.min(initial=np.inf) > 0.0:
+        return True
+    single = mass.diagonal() / stiffnesses
+    return not single.min(initial=np.inf) > MASSLESS_LIMIT * single.max(initial=0.0)
 
 
 def _few_lose_digits(stiffness: FloatArray, mass: FloatArray, count: int) -> bool:
