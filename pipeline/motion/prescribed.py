@@ -91,8 +91,8 @@ def prescribe_motion(
         )
         values, rates = np.split(passed.shares, 2, axis=1)
         channels: tuple[Channel, ...] = ((name, LOAD),)
-        columns = [values @ shares]
+        parts = [values @ shares]
         if (name, RATE) in inputs:
-            channels, columns = (*channels, (name, RATE)), [*columns, rates @ shares]
-        direct.append(Feedthrough(passed.outputs, channels, np.column_stack(columns)))
+            channels, parts = (*channels, (name, RATE)), [*parts, rates @ shares]
+        direct.append(Feedthrough(passed.outputs, channels, np.column_stack(parts)))
     return PrescribedMotion(inputs, histories, tuple(direct))

@@ -7,6 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from common import Shell, approx
+from headstock.geometry.frames import FloatArray
+from headstock.solvers.second_order import ComplexArray
 
 STEEL = '[materials.steel]\nE = "210 GPa"\nnu = 0.3\nrho = "7850 kg/m^3"\n'
 MASS, STIFFNESS, DAMPER = 40.0, 5e6, 800.0
@@ -69,7 +71,7 @@ motion = "accelerance"
 """
 
 
-def read_response(shell: Shell) -> tuple[np.ndarray, np.ndarray]:
+def read_response(shell: Shell) -> tuple[FloatArray, ComplexArray]:
     """Frequencies and acceleration relative to the ground per load."""
     shell("run scene.toml -o out --no-figures")
     rows = shell.rows("out/tables/frf_reference.csv")
@@ -143,10 +145,10 @@ SHAPE = ('shape = "sine", frequency = "35 Hz", factor = 0.5', 'shape = "{shape}"
 STATIC = ('[analyses.frf]\ninputs = ["shake"]', "[analyses.frf]\ninputs = ['tcp']")
 
 
-def follow(moved: Callable[[float], tuple[float, float]], times: np.ndarray) -> np.ndarray:
+def follow(moved: Callable[[float], tuple[float, float]], times: FloatArray) -> FloatArray:
     """Motion of the head on its spring and damper, whose ground moves, by an integrator of SciPy."""
 
-    def rate(time: float, state: np.ndarray) -> list[float]:
+    def rate(time: float, state: FloatArray) -> list[float]:
         place, speed = moved(time)
         pull = STIFFNESS * (place - state[0]) + DAMPER * (speed - state[1])
         return [state[1], pull / MASS]

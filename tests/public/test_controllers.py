@@ -13,7 +13,7 @@ import scipy.signal
 
 from common import Shell, approx
 from fixture_machines import stored_scene
-from headstock.geometry.frames import FloatArray
+from headstock.solvers.second_order import ComplexArray
 
 CASCADE = 'velocity_gain = "2e4 N s/m"\nintegral_time = "20 ms"'
 GAIN = 'kv = "50 1/s"\n'
@@ -58,7 +58,7 @@ def test_a_controller_with_the_numbers_of_the_cascade_is_the_cascade(
         assert found["margins"][name] == (None if value is None else approx(value, rel=1e-9))
 
 
-def close_outside(plant: Any, num: list[float], den: list[float], up_to: float) -> FloatArray:
+def close_outside(plant: Any, num: list[float], den: list[float], up_to: float) -> ComplexArray:
     """The poles of a loop of position errors around an exported machine, by matrices of SciPy."""
     a, b, c, d = scipy.signal.tf2ss(num, den)
     force = plant["B"][:, [list(plant["inputs"]).index("X force")]]
