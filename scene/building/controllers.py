@@ -174,8 +174,10 @@ def _find_block_faults(table: LinearTable, inputs: list[str] | list[ControlInput
                 f" {rows} x {columns}"
             )
             return
-    if table.step is not None and _alternates(_build_block(table, len(inputs))):
-        yield "has a pole at z = -1, which no continuous controller has; leave it out"
+    if table.step is not None:
+        poles = np.linalg.eigvals(_build_block(table, len(inputs)).a)
+        if (np.abs(poles + 1.0) < ALTERNATING).any():
+            yield "has a pole at z = -1, which no continuous controller has; leave it out"
 
 
 def _find_transfer_faults(num: list[float], den: list[float], inputs: int) -> Iterator[str]:
@@ -187,7 +189,3 @@ def _find_transfer_faults(num: list[float], den: list[float], inputs: int) -> It
         yield (
             f"is not proper: num has degree {len(num) - 1} and den {len(den) - 1}; add poles far above the crossover to den"
         )
-
-
-def _alternates(block: LinearBlock) -> bool:
-    return bool((np.abs(np.linalg.eigvals(block.a) + 1.0) < ALTERNATING).any())
