@@ -218,8 +218,8 @@ def mark_places(skin: Skin, frames: Sequence[Frame]) -> Skin:
     # six corners x+ y+ z+ x- y- z- of the octahedron, and the tips of the spikes on its faces
     ball = MARK * extent * np.vstack([np.eye(3), -np.eye(3)])
     corners = np.vstack([ball, AXIS * extent * np.eye(3), SPIKE * ball])
-    faces = np.array([(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2)])
-    faces = np.vstack([faces, np.where(faces == 2, 5, faces)[:, ::-1]])
+    upper = np.array([(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2)])
+    faces: IntArray = np.vstack([upper, np.where(upper == 2, 5, upper)[:, ::-1]])
     lines = np.zeros((0, 2), dtype=np.int64)
     if len(frames) <= MOST_AXES:
         around = [[9 + (axis + turn) % 6 for turn in (1, 2, 4, 5)] for axis in range(3)]

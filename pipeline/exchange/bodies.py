@@ -3,7 +3,8 @@ order.
 """
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
@@ -19,6 +20,7 @@ PRINTED = 1e-8  # relative rounding of matrices that were printed with ten digit
 RIGID_LIMIT = 1e-6  # of K times a rigid motion, over the largest row of K that it moves
 SCALES = {"mm": 1e-3, "cm": 1e-2, "inch": 0.0254, "m": 1e3}  # what points may be in instead
 LIGHTEST, HEAVIEST = 1e-6, 1e7  # plausible masses of a part of a machine [kg]
+LARGEST = 100.0  # plausible extent [m]
 
 
 def make_superelement(body: BodyMatrices, *, supported: bool = False) -> Superelement:
@@ -52,6 +54,12 @@ def make_superelement(body: BodyMatrices, *, supported: bool = False) -> Superel
         )
     if not supported:
         _require_rigid_motions(body)
+    extent = float(np.ptp([body.points[number] for number in numbers], axis=0).max())
+    if extent > LARGEST:
+        raise ExchangeError(
+            f"{body.name}: its nodes lie up to {extent:.4g} m apart; matrices in mm, N and t become those in SI "
+            "by 1000 times the translations' stiffness and mass, 1 of mixed and 0.001 of rotations"
+        )
     places = _place_rows(body, numbers)
     full = {letter: _spread(matrix, places, size) for letter, matrix in body.matrices.items()}
     mass, center, inertia = _find_mass(body)
@@ -158,38 +166,53 @@ def _list_rigid_motions(body: BodyMatrices, points: Mapping[int, FloatArray]) ->
     return motions
 
 
-def _rigid_rest(body: BodyMatrices, points: Mapping[int, FloatArray]) -> float:
+def _rigid_rest(body: BodyMatrices) -> float:
     """Return the largest force of a rigid motion over the largest of the forces that cancel in it."""
-    motions = _list_rigid_motions(body, points)
+    motions = _list_rigid_motions(
+        body, {number: np.array(point) for number, point in body.points.items()}
+    )
     forces = np.abs(body.stiffness @ motions)
     parts = np.abs(body.stiffness) @ np.abs(motions)
     return float((forces / np.maximum(parts.max(axis=0), np.finfo(float).tiny)).max(initial=0.0))
 
 
 def _require_rigid_motions(body: BodyMatrices) -> None:
-    """Refuse a body that rigid motions strain, and say which scale or axes of its points would be
-    right.
-    """
-    points = {number: np.array(point) for number, point in body.points.items()}
-    rest = _rigid_rest(body, points)
+    """Refuse a body that rigid motions strain, and say which unit, axes or order would be right."""
+    rest = _rigid_rest(body)
     if rest <= RIGID_LIMIT:
         return
-    remedy = (
-        "if it is held to ground, say so (supported); otherwise check units, order of dofs and axes"
+    remedy = next(
+        (words for words, other in _list_slips(body) if _rigid_rest(other) <= RIGID_LIMIT),
+        "if it is held to ground, say so (supported); otherwise check units, order of dofs and axes",
     )
-    for unit, scale in SCALES.items():
-        if _rigid_rest(body, {n: scale * p for n, p in points.items()}) <= RIGID_LIMIT:
-            remedy = f"with points in {unit} it is zero: their unit is {unit}"
-            break
-    else:
-        for axes in itertools.permutations(range(3)):
-            if _rigid_rest(body, {n: p[list(axes)] for n, p in points.items()}) <= RIGID_LIMIT:
-                order = " ".join("xyz"[axis] for axis in axes)
-                remedy = f"with the coordinates of its points in the order {order} it is zero: axes are exchanged"
-                break
     raise ExchangeError(
         f"{body.name}: moved as a rigid body it answers with {rest:.1e} of its largest forces, which should be zero; {remedy}"
     )
+
+
+def _list_slips(body: BodyMatrices) -> Iterator[tuple[str, BodyMatrices]]:
+    """Yield what may have gone wrong, and the body as it would be without it."""
+    for unit, scale in SCALES.items():
+        points = {n: (scale * x, scale * y, scale * z) for n, (x, y, z) in body.points.items()}
+        words = f"with points in {unit} it is zero: their unit is {unit}"
+        yield words, replace(body, points=points)
+    for first, second, third in itertools.permutations(range(3)):
+        points = {n: (p[first], p[second], p[third]) for n, p in body.points.items()}
+        order = " ".join("xyz"[axis] for axis in (first, second, third))
+        words = f"with the coordinates of its points in the order {order} it is zero: axes are exchanged"
+        yield words, replace(body, points=points)
+    node, dof = body.nodes.T
+    placed = dof > 0
+    by_dof = np.lexsort((node, dof, ~placed))
+    orders = {
+        "by dof, x of all nodes first": body.nodes[by_dof],
+        "rotations before translations": np.column_stack(
+            [node, np.where(placed, (dof + 2) % 6 + 1, 0)]
+        ),
+        "scalar dofs first": np.vstack([body.nodes[~placed], body.nodes[placed]]),
+    }
+    for order, nodes in orders.items():
+        yield f"with rows in another order it is zero: {order}", replace(body, nodes=nodes)
 
 
 def _find_mass(body: BodyMatrices) -> tuple[float, FloatArray, FloatArray]:

@@ -49,7 +49,7 @@ def encode_abaqus(nodes: IntArray, matrix: FloatArray) -> bytes:
     """
     keys = name_first_dofs(nodes)
     rows, columns = np.nonzero(np.tril(matrix))
-    table = np.column_stack([keys[rows], keys[columns], matrix[rows, columns]])
+    table: FloatArray = np.column_stack([keys[rows], keys[columns], matrix[rows, columns]])
     return _encode_table(table, "%d,%d,%d,%d,%.16e")
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
-from mpi4py import MPI
 
 from common import approx, make_box, make_component
 from headstock.geometry.errors import HeadstockError
@@ -17,8 +16,8 @@ from headstock.pipeline.exchange.bodies import make_superelement
 from headstock.pipeline.exchange.files import encode_body, read_body
 from headstock.pipeline.exchange.matrices import ExchangeError, list_matrices
 from headstock.pipeline.exchange.op4 import encode_op4, read_op4
-from headstock.reduction.components.elastic import reduce_elastic
 from headstock.reduction.superelement import Superelement
+from reduced_parts import reduce_mesh
 
 FORMS = ["op4", "dmig", "abaqus", "calculix", "mtx"]
 POINTS = "part_points.bdf"
@@ -29,7 +28,7 @@ def reduced() -> Superelement:
     """A cantilever between two interfaces, with a few modes."""
     mesh = make_box((4, 1, 1), (0.4, 0.05, 0.04), {"foot": "x-", "tip": "x+"})
     component = make_component({"foot": "rigid", "tip": "rigid"})
-    return reduce_elastic(component, mesh, comm=MPI.COMM_SELF)
+    return reduce_mesh(component, mesh, modes=5)
 
 
 def write(folder: Path, form: str) -> SuperelementFile:
@@ -77,12 +76,35 @@ def test_wrong_units_and_axes_are_named(points, words: str) -> None:  # type: ig
         make_superelement(dataclasses.replace(body, points=moved))
 
 
-def test_another_order_of_dofs_is_refused() -> None:
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        (lambda size: np.roll(np.arange(size), 1), "order of dofs"),
+        (
+            lambda size: np.r_[np.arange(12).reshape(2, 6).T.ravel(), 12:size],
+            "x of all nodes first",
+        ),
+        (lambda size: np.r_[3:6, 0:3, 9:12, 6:9, 12:size], "rotations before translations"),
+        (lambda size: np.r_[12:size, 0:12], "scalar dofs first"),
+    ],
+)
+def test_another_order_of_dofs_is_named(rows, words: str) -> None:  # type: ignore[no-untyped-def]
     body = list_matrices(reduced())
-    order = np.roll(np.arange(len(body.nodes)), 1)
-    shuffled = dataclasses.replace(body, stiffness=body.stiffness[np.ix_(order, order)])
-    with pytest.raises(ExchangeError, match="rigid body"):
-        make_superelement(shuffled)
+    order = np.ix_(rows(len(body.nodes)), rows(len(body.nodes)))
+    with pytest.raises(ExchangeError, match=words):
+        make_superelement(
+            dataclasses.replace(body, stiffness=body.stiffness[order], mass=body.mass[order])
+        )
+
+
+def test_matrices_in_millimetres_and_tonnes_are_named() -> None:
+    body = list_matrices(reduced())
+    scale = np.where((body.nodes[:, 1] > 0) & (body.nodes[:, 1] < 4), 1.0, 1e3)
+    scale[body.nodes[:, 1] == 0] = 1.0
+    points = {n: (1e3 * x, 1e3 * y, 1e3 * z) for n, (x, y, z) in body.points.items()}
+    stiffness, mass = (1e-3 * np.outer(scale, scale) * m for m in (body.stiffness, body.mass))
+    with pytest.raises(ExchangeError, match="lie up to 400 m apart; matrices in mm, N and t"):
+        make_superelement(dataclasses.replace(body, points=points, stiffness=stiffness, mass=mass))
 
 
 @functools.cache
