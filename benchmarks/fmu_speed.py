@@ -67,7 +67,8 @@ def make_varying(modes: int) -> VaryingStateSpace:
         matrices.stiffness,
         matrices.damping,
         springs,
-        constant(np.zeros((modes, modes))),
+        np.zeros((0, modes, modes)),
+        constant(np.zeros(0)),
         constant(matrices.loads.T),
         constant(matrices.rows),
     )

@@ -45,6 +45,7 @@ from headstock.solvers.linear.varying_matrices import (
     list_grid,
     respond,
     span_motions,
+    split_patterns,
 )
 from headstock.solvers.second_order import (
     Channel,
@@ -256,6 +257,10 @@ class _Reduced:
             damping = add_springs(damping, [(spring.rows, spring.damping)])
         counts = [len(positions) for positions in knots[1].values()]
         posed = [self.at(tuple(place.values())) for place in list_grid(knots[1])]
+        amounts, patterns = split_patterns(
+            np.array([further for _, further in posed]),
+            _weigh_modes(posed[0][0], self.travel.up_to_hz),
+        )
         of_joints, others = (
             {name: Knots(positions) for name, positions in level.items()} for level in knots
         )
@@ -264,7 +269,8 @@ class _Reduced:
             stiffness,
             damping,
             tuple(springs),
-            lay_field([further for _, further in posed], counts, 1),
+            patterns,
+            lay_field(list(amounts), counts, 1),
             lay_field([matrices.loads.T for matrices, _ in posed], counts, 1),
             lay_field([matrices.rows for matrices, _ in posed], counts, 1),
         )
@@ -485,17 +491,22 @@ def _find_coarsest(reduced: _Reduced, matrices: VaryingMatrices, place: Place) -
         ]
         near[number] = place[number]
         (exact, further), named = reduced.at(tuple(near)), _name(travel, tuple(near))
-        scales = 1.0 / np.sqrt(exact.stiffness.diagonal() + omega**2)
+        scales = _weigh_modes(exact, travel.up_to_hz)
         here = matrices.at(named)
         changes = (
             here.stiffness - exact.stiffness,
-            omega * (matrices.further.at(matrices.weigh(named)) - further),
+            omega * (matrices.damp_further(matrices.weigh(named)) - further),
         )
         moved = np.linalg.norm(here.rows - exact.rows) / np.linalg.norm(exact.rows)
         misfits[level, axis] = float(
             np.linalg.norm(changes[level] * np.outer(scales, scales), 2) + level * moved
         )
     return max(misfits, key=lambda key: misfits[key])
+
+
+def _weigh_modes(matrices: PosedMatrices, up_to_hz: float) -> FloatArray:
+    """Return the amplitudes ``(m,)`` of coordinates at one energy [s]."""
+    return 1.0 / np.sqrt(matrices.stiffness.diagonal() + (2.0 * np.pi * up_to_hz) ** 2)
 
 
 def _find_rate(matrices: PosedMatrices) -> float:

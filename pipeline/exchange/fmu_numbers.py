@@ -48,11 +48,13 @@ def varying_model(name: str, space: VaryingStateSpace) -> FmuModel:
         "SPRINGS": len(matrices.springs),
         "MOST_ROWS": max(rows, default=0),
         "MOST_KNOTS": max(len(one.positions) for one in knots),
+        "MIXED": len(matrices.patterns),
         "RATE": repr(space.rate),
     }
     arrays = {
         "STIFFNESS": matrices.stiffness.T,
         "DAMPING": matrices.damping.T,
+        "PATTERNS": matrices.patterns,
         "START": np.array([space.positions[axis] for axis in axes]),
         "LOWEST": np.array([one.positions[0] for one in knots[: len(axes)]]),
         "HIGHEST": np.array([one.positions[-1] for one in knots[: len(axes)]]),

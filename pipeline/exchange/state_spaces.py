@@ -104,13 +104,14 @@ def describe_space(
     if balanced is not None:
         smaller = truncate_balanced(space, balanced, *units)
         space, bounds, bound = smaller.space, smaller.bounds, smaller.share
-    names = [tuple(map(name_channel, channels)) for channels in (space.inputs, space.outputs)]
     held = None if step_s is None else hold_inputs(space, step_s)
     system = space if held is None else held
+    states = space.states if held is None else tuple(f"state {n + 1}" for n in range(len(held.a)))
     return MachineStateSpace(
-        system.a, system.b, system.c, system.d,
-        *names, space.states if held is None else tuple(f"state {n + 1}" for n in range(len(held.a))),
-        *units,
+        A=system.a, B=system.b, C=system.c, D=system.d,
+        inputs=tuple(map(name_channel, space.inputs)),
+        outputs=tuple(map(name_channel, space.outputs)),
+        states=states, input_units=units[0], output_units=units[1],
         pose=pose.name, positions=pose.positions, step=step_s, highest_hz=highest,
         bounds=bounds, bound=bound, pairs=0 if held is None else held.pairs,
     )  # fmt: skip
@@ -157,7 +158,8 @@ def list_units(
 def encode_npz(contents: Mapping[str, Any]) -> bytes:
     """Return a file of numpy."""
     image = io.BytesIO()
-    np.savez(image, **{name: np.asarray(value) for name, value in contents.items()})
+    arrays: dict[str, Any] = {name: np.asarray(value) for name, value in contents.items()}
+    np.savez(image, **arrays)
     return image.getvalue()
 
 

@@ -99,7 +99,7 @@ class VaryingStateSpace:
         grid = self.matrices.grid
         poses = [self.at(**place) for place in grid]
         fields = {
-            "further_damping": self.matrices.further,
+            "damping_amounts": self.matrices.further,
             "loads": self.matrices.loads,
             "rows": self.matrices.rows,
         }
@@ -127,6 +127,7 @@ class VaryingStateSpace:
             },
             "constant_stiffness": self.matrices.stiffness,
             "constant_damping": self.matrices.damping,
+            "damping_patterns": self.matrices.patterns,
             **{name: field.values for name, field in fields.items()},
             "rate": self.rate,
             "step": self.step or 0.0,

@@ -16,6 +16,7 @@ from headstock.solvers.second_order import ComplexArray
 
 FASTEST = 20.0  # times the highest frequency: motions are no faster, so that time steps stay few
 DEPENDENT = 1e-10  # share of energy below which a motion adds nothing to the others
+NEGLIGIBLE = 1e-4  # of the largest pattern of damping
 CONSTANT = 1e-12  # of the largest entry: a field that changes by less is the same everywhere
 
 
@@ -94,7 +95,7 @@ class Field:
         """Return the array at weights of the knots of each axis, of both sets."""
         value = self.values
         for weight in weights[self.level]:
-            value = value[0] if value.shape[0] == 1 else np.tensordot(weight, value, axes=1)
+            value = value[0] if value.shape[0] == 1 else np.einsum("k,k...->...", weight, value)
         return value
 
     @property
@@ -132,7 +133,8 @@ class VaryingMatrices:
         stiffness: ``(m, m)`` of what stays the same.
         damping: ``(m, m)`` likewise.
         springs: Joints that slide.
-        further: ``(m, m)`` damping that is no sum over joints: modal damping and loss factors.
+        patterns: ``(r, m, m)`` damping that is no sum over joints: modal damping and loss factors.
+        further: ``(r,)`` amounts of these.
         loads: ``(k, m)`` rows of the inputs.
         rows: ``(p, m)`` rows of the outputs.
     """
@@ -141,6 +143,7 @@ class VaryingMatrices:
     stiffness: FloatArray
     damping: FloatArray
     springs: tuple[VaryingSpring, ...]
+    patterns: FloatArray
     further: Field
     loads: Field
     rows: Field
@@ -152,11 +155,16 @@ class VaryingMatrices:
         return PosedMatrices(
             add_springs(self.stiffness, ((one.rows, one.stiffness) for one in placed)),
             add_springs(
-                self.damping + self.further.at(weights), ((one.rows, one.damping) for one in placed)
+                self.damping + self.damp_further(weights),
+                ((one.rows, one.damping) for one in placed),
             ),
             self.loads.at(weights).T,
             self.rows.at(weights),
         )
+
+    def damp_further(self, weights: Weights) -> FloatArray:
+        """Return the damping ``(m, m)`` that is no sum over joints."""
+        return np.einsum("r,rij->ij", self.further.at(weights), self.patterns)
 
     def weigh(self, positions: Mapping[str, float]) -> Weights:
         """Return the weights of the knots of each axis, of both sets."""
@@ -200,6 +208,20 @@ def lay_field(values: Sequence[FloatArray], counts: Sequence[int], level: int) -
         if np.abs(laid - first).max(initial=0.0) <= CONSTANT * largest:
             laid = first
     return Field(laid, shape, level)
+
+
+def split_patterns(matrices: FloatArray, scales: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return amounts ``(n, r)`` and patterns ``(r, m, m)`` whose sums are ``n`` matrices.
+
+    Args:
+        matrices: ``(n, m, m)``.
+        scales: ``(m,)`` by which rows and columns are multiplied to be weighed.
+    """
+    weights = np.outer(scales, scales)
+    flat = (matrices * weights).reshape(len(matrices), -1)
+    amounts, sizes, patterns = np.linalg.svd(flat, full_matrices=False)
+    kept = sizes > NEGLIGIBLE * sizes.max(initial=0.0)
+    return amounts[:, kept] * sizes[kept], patterns[kept].reshape(-1, *weights.shape) / weights
 
 
 def span_motions(

@@ -66,17 +66,19 @@ static void add_spring(double *total, const double *rows, const double *matrix, 
 static void settle(Machine *machine) {
     Posed *posed = machine->posed;
     const double *positions = machine->motion.inputs + INPUTS;
-    double weights[2 * AXES][MOST_KNOTS], rows[ROOM(MOST_ROWS * MODES)], matrix[ROOM(MOST_ROWS * MOST_ROWS)];
+    double weights[2 * AXES][MOST_KNOTS], rows[ROOM(MOST_ROWS * MODES)], matrix[ROOM(MOST_ROWS * MOST_ROWS)], amounts[ROOM(MIXED)];
     if (posed->settled && !memcmp(posed->positions, positions, sizeof posed->positions)) return;
     posed->settled = 1;
     posed->held = 0;
     memcpy(posed->positions, positions, sizeof posed->positions);
     for (int set = 0; set < 2 * AXES; set++) weigh(set, positions[set % AXES], weights[set]);
-    evaluate(FIELDS + FURTHER, weights, posed->damping);
+    evaluate(FIELDS + FURTHER, weights, amounts);
     evaluate(FIELDS + LOADS, weights, posed->loads);
     evaluate(FIELDS + ROWS, weights, posed->rows);
     memcpy(posed->stiffness, STIFFNESS, sizeof posed->stiffness);
-    for (int k = 0; k < MODES * MODES; k++) posed->damping[k] += DAMPING[k];
+    memcpy(posed->damping, DAMPING, sizeof posed->damping);
+    for (int pattern = 0; pattern < MIXED; pattern++)
+        for (int k = 0; k < MODES * MODES; k++) posed->damping[k] += amounts[pattern] * PATTERNS[(size_t)pattern * MODES * MODES + k];
     for (int spring = 0; spring < SPRINGS; spring++) {
         const Field *field = FIELDS + 3 * spring;
         int count = field->size / MODES;
