@@ -78,7 +78,7 @@ class Dimension:
 LENGTH = Dimension("length", "m", "250 mm", 1e5)
 ANGLE = Dimension("angle", "rad", "30 deg", 1e6)
 MASS = Dimension("mass", "kg", "35 kg", 1e12)
-TIME = Dimension("time", "s", "60 s", 1e12)
+TIME = Dimension("time", "s", "0.1 s", 1e12)
 FREQUENCY = Dimension("frequency", "Hz", "500 Hz", 1e10)
 PRESSURE = Dimension("pressure", "Pa", "210 GPa", 1e20)
 DENSITY = Dimension("density", "kg/m^3", "7850 kg/m^3", 1e12)
