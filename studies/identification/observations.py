@@ -10,6 +10,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.static import UM_PER_KN
+from headstock.solvers.pairing.mode_pairing import Field
 from headstock.solvers.second_order import ComplexArray
 from headstock.studies.identification.cases import (
     AT_REST,
@@ -271,7 +272,7 @@ def _slope_shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatAr
     unit = observed / size
     turns = (changes - np.outer(unit, unit.conj() @ changes)) / size
     gaps = -(np.outer(unit, turns.conj().T @ wanted) + (unit.conj() @ wanted) * turns)
-    return split_parts(gaps, shape) / shape.tolerance
+    return np.asarray(split_parts(gaps, shape) / shape.tolerance, dtype=np.float64)
 
 
 def slope_observed(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray | ComplexArray:
@@ -282,7 +283,8 @@ def slope_observed(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArra
     if not slopes:
         return np.zeros((len(shape.entries), len(state.model.parameters)))
     moving = state.slope_motions(mode, shape, list(slopes.values()))
-    changes = np.zeros((len(shape.entries), len(state.model.parameters)), dtype=moving.dtype)
+    size = len(shape.entries), len(state.model.parameters)
+    changes: Field = np.zeros(size, dtype=moving.dtype)
     changes[:, list(slopes)] = shape_rows(state, shape) @ moving
     length = state.coupled.layout.length
     for index, slope in slopes.items():

@@ -91,7 +91,7 @@ def list_views(found: Identification, channels: Sequence[ObservedDof]) -> Iterat
     entries = tuple((name, dof, 1.0) for name, dof in channels)
     shape = ShapeTarget(entries, VECTOR_TOLERANCE, described=False)
     scale = found.problem.value_slopes(found.point.coordinates)
-    motions, slopes = [], []
+    motions, slopes = list[FloatArray](), list[FloatArray]()
     for state, pairing in zip(found.point.states, found.point.pairings, strict=True):
         model, case = state.model, state.model.case
         modes = tuple(dataclasses.replace(target, shape=shape) for target in case.modes)
@@ -102,7 +102,7 @@ def list_views(found: Identification, channels: Sequence[ObservedDof]) -> Iterat
         rows = shape_rows(seen, shape)
         for mode in pairing:
             motions.append(rows @ seen.motions[:, mode])
-            slopes.append(slope_observed(seen, shape, mode) * scale)
+            slopes.append(np.real(slope_observed(seen, shape, mode)) * scale)
     reference = channels[0].observer
     for last in (None, *range(3, len(channels))):
         chosen = [0, 1, 2] if last is None else [0, 1, 2, last]
@@ -150,12 +150,10 @@ def rank_sensors(
         logs, mode = dict[str, float](), ""
         for name in others:
             pair = views[best][number], views[name][number]
-            logs[name] = min(
-                _weigh_gap(*pair, models[name]), _weigh_gap(*reversed(pair), models[best])
-            )
+            logs[name] = min(_weigh_gap(*pair, models[name]), _weigh_gap(*pair[::-1], models[best]))
             alike = np.einsum("mk,mk->m", pair[0].units, pair[1].units) ** 2
             mode = mode or names[int(np.argmin(alike))]
-        rows = view.slopes.reshape(-1, view.slopes.shape[2]) / VECTOR_TOLERANCE
+        rows = np.asarray(view.slopes.reshape(-1, view.slopes.shape[2]) / VECTOR_TOLERANCE)
         ranked.append(
             RankedSensor(view.name, *found.statistics.weigh(rows), logs, mode, number == 0)
         )

@@ -272,7 +272,7 @@ def _list_motions(scene: Scene) -> list[tuple[str, str]]:
 
 def _respond(scene: Scene, store: Store) -> tuple[FloatArray, ComplexArray]:
     """Return lines [Hz] and accelerances ``(l, m, f)`` [m/(s^2 N)]."""
-    hertz: FloatArray = np.linspace(FIRST_HZ, UP_TO_HZ, LINES)
+    hertz = np.asarray(np.linspace(FIRST_HZ, UP_TO_HZ, LINES), dtype=np.float64)
     motions = _list_motions(scene)
     found = solve_frf(_couple(scene, store), hertz, inputs=FORCES, outputs=motions)
     squares = (2.0 * np.pi * hertz[:, None, None]) ** 2

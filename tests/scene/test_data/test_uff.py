@@ -1,6 +1,7 @@
 """Universal files: what they say in SI, and that no damage passes without a word."""
 
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -192,7 +193,8 @@ def test_real_and_complex_shapes_have_unit_modal_mass(tmp_path: Path) -> None:
 def test_modes_of_sets_2414_are_those_of_sets_55(tmp_path: Path) -> None:
     omega, zeta = 2 * np.pi * 50.0, 0.02
     pole = complex(-zeta * omega, omega * np.sqrt(1 - zeta**2))
-    rows, real = {1: (1 + 1j, 0, 0), 2: (0, 2j, 0)}, {1: (3.0, 0.0, 0.0), 2: (0.0, 1.0, 0.0)}
+    rows: dict[int, Sequence[complex]] = {1: (1 + 1j, 0, 0), 2: (0, 2j, 0)}
+    real: dict[int, Sequence[complex]] = {1: (3.0, 0.0, 0.0), 2: (0.0, 1.0, 0.0)}
     new = read(
         tmp_path, mode_2414(rows, pole=pole, a=2j * pole.imag), mode_2414(real, hz=80.0)
     ).modes
@@ -210,7 +212,8 @@ def test_modes_of_sets_2414_are_those_of_sets_55(tmp_path: Path) -> None:
 
 
 def test_coherence_gives_responses_their_noise(tmp_path: Path) -> None:
-    random, hz = np.random.default_rng(1), np.linspace(10.0, 30.0, 400)
+    random = np.random.default_rng(1)
+    hz = np.asarray(np.linspace(10.0, 30.0, 400), dtype=np.float64)
     clean, averages = 1e-6 / (1.0 - (hz / 20.0) ** 2 + 0.1j), 16
     # of one measurement: twenty times more below 15 Hz
     sigma = np.where(hz < 15.0, 4e-8, 2e-9) * np.sqrt(averages)
