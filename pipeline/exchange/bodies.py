@@ -35,34 +35,14 @@ def make_superelement(body: BodyMatrices, *, supported: bool = False) -> Superel
         ExchangeError: A node has no place, or the matrices are not those of such a body; says what
             would be right where units, order or axes explain it.
     """
-    numbers = sorted({int(node) for node, dof in body.nodes if dof > 0})
-    if not numbers:
-        raise ExchangeError(
-            f"{body.name}: no row is the dof of a node, so nothing could be attached; add the list of dofs NAME.dof, or cards GRID"
-        )
-    for number in numbers:
-        if number not in body.points:
-            raise ExchangeError(
-                f"{body.name}: node {number} has dofs but no place; name a file with its GRID card, or a deck with its line below *NODE"
-            )
-        if not np.isfinite(body.points[number]).all():
-            raise ExchangeError(f"{body.name}: the place of node {number} is no number")
+    numbers = _list_placed_nodes(body)
     size = len(DOF_NAMES) * len(numbers)
-    if size + len(body.scalar_nodes) > MOST_DOFS:
-        raise ExchangeError(
-            f"{body.name}: {len(numbers)} nodes with six dofs each are more than {MOST_DOFS}; reduce the model further"
-        )
     if not supported:
         _require_rigid_motions(body)
-    extent = float(np.ptp([body.points[number] for number in numbers], axis=0).max())
-    if extent > LARGEST:
-        raise ExchangeError(
-            f"{body.name}: its nodes lie up to {extent:.4g} m apart; matrices in mm, N and t become those in SI "
-            "by 1000 times the translations' stiffness and mass, 1 of mixed and 0.001 of rotations"
-        )
+    _require_extent(body, numbers)
     places = _place_rows(body, numbers)
     full = {letter: _spread(matrix, places, size) for letter, matrix in body.matrices.items()}
-    mass, center, inertia = _find_mass(body)
+    mass, center, inertia = _find_mass(body, supported=supported)
     frames = tuple(Frame(np.array(body.points[number]), np.eye(3)) for number in numbers)
     scalars = len(body.scalar_nodes)
     superelement = Superelement(
@@ -95,6 +75,41 @@ def make_superelement(body: BodyMatrices, *, supported: bool = False) -> Superel
             f"{body.name}: {error}; check that all matrices are of one body and one set of units"
         ) from error
     return superelement
+
+
+def _list_placed_nodes(body: BodyMatrices) -> list[int]:
+    """Return the numbers of the nodes that have dofs.
+
+    Raises:
+        ExchangeError: There is none, one has no place, or there are too many.
+    """
+    numbers = sorted({int(node) for node, dof in body.nodes if dof > 0})
+    if not numbers:
+        raise ExchangeError(
+            f"{body.name}: no row is the dof of a node, so nothing could be attached; add the list of dofs NAME.dof, or cards GRID"
+        )
+    for number in numbers:
+        if number not in body.points:
+            raise ExchangeError(
+                f"{body.name}: node {number} has dofs but no place; name a file with its GRID card, or a deck with its line below *NODE"
+            )
+        if not np.isfinite(body.points[number]).all():
+            raise ExchangeError(f"{body.name}: the place of node {number} is no number")
+    if len(DOF_NAMES) * len(numbers) + len(body.scalar_nodes) > MOST_DOFS:
+        raise ExchangeError(
+            f"{body.name}: {len(numbers)} nodes with six dofs each are more than {MOST_DOFS}; reduce the model further"
+        )
+    return numbers
+
+
+def _require_extent(body: BodyMatrices, numbers: list[int]) -> None:
+    """Refuse a body that is larger than any part of a machine."""
+    extent = float(np.ptp([body.points[number] for number in numbers], axis=0).max())
+    if extent > LARGEST:
+        raise ExchangeError(
+            f"{body.name}: its nodes lie up to {extent:.4g} m apart; matrices in mm, N and t become those in SI "
+            "by 1000 times the translations' stiffness and mass, 1 of mixed and 0.001 of rotations"
+        )
 
 
 def _place_rows(body: BodyMatrices, numbers: list[int]) -> IntArray:
@@ -215,8 +230,9 @@ def _list_slips(body: BodyMatrices) -> Iterator[tuple[str, BodyMatrices]]:
         yield f"with rows in another order it is zero: {order}", replace(body, nodes=nodes)
 
 
-def _find_mass(body: BodyMatrices) -> tuple[float, FloatArray, FloatArray]:
-    """Return mass [kg], centre ``(3,)`` and inertia ``(3, 3)`` about it.
+def _find_mass(body: BodyMatrices, *, supported: bool) -> tuple[float, FloatArray, FloatArray]:
+    """Return mass [kg], centre ``(3,)`` and inertia ``(3, 3)`` about it; of a supported body what moves
+    along the direction with most.
 
     Raises:
         ExchangeError: The mass differs between directions, or is none of a part of a machine.
@@ -224,10 +240,11 @@ def _find_mass(body: BodyMatrices) -> tuple[float, FloatArray, FloatArray]:
     points = {number: np.array(point) for number, point in body.points.items()}
     motions = _list_rigid_motions(body, points)
     rigid = motions.T @ body.mass @ motions
-    mass = float(np.trace(rigid[:3, :3]) / 3.0)
+    mass = float(rigid.diagonal()[:3].max() if supported else np.trace(rigid[:3, :3]) / 3.0)
     if mass == 0.0:
         return 0.0, np.zeros(3), np.zeros((3, 3))
-    if np.abs(rigid[:3, :3] - mass * np.eye(3)).max() > RIGID_LIMIT * abs(mass):
+    uneven = np.abs(rigid[:3, :3] - mass * np.eye(3)).max() > RIGID_LIMIT * abs(mass)
+    if uneven and not supported:
         raise ExchangeError(
             f"{body.name}: its mass is {rigid[0, 0]:.4g}, {rigid[1, 1]:.4g}, {rigid[2, 2]:.4g} along x, y, z; check the order of its dofs"
         )

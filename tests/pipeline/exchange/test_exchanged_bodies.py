@@ -220,3 +220,35 @@ def test_rounding_between_the_halves_of_a_matrix_is_evened_out(tmp_path: Path) -
     file.path.write_bytes(encode_op4({"KAAX": matrix, "MAAX": reduced().mass}))
     read = read_body(file)
     assert np.array_equal(read.stiffness, read.stiffness.T)
+
+
+def test_dofs_that_a_supported_body_lacks_are_held(tmp_path: Path) -> None:
+    body = list_matrices(reduced())
+    kept = [row for row, dof in enumerate(body.nodes.tolist()) if dof not in ([1, 2], [1, 4])]
+    held = dataclasses.replace(
+        body,
+        nodes=body.nodes[kept],
+        stiffness=body.stiffness[np.ix_(kept, kept)],
+        mass=body.mass[np.ix_(kept, kept)],
+    )
+    with pytest.raises(ExchangeError, match="supported"):
+        make_superelement(held)
+    read = make_superelement(held, supported=True)
+    translation, rotation = read.constraints
+    assert read.labels[1] == ("1", "y") and translation[1] == 1.0
+    assert np.count_nonzero(translation) == 1 < np.count_nonzero(rotation)
+
+
+def test_a_deck_says_where_nodes_are(tmp_path: Path) -> None:
+    file = write(tmp_path, "calculix")
+    points = "".join(
+        f"{number}, {x:.17g}, {y:.17g}, {z:.17g}\n"
+        for number, (x, y, z) in list_matrices(reduced()).points.items()
+    )
+    deck = tmp_path / "part.inp"
+    deck.write_text(f"*HEADING\n*NODE, NSET=ALL\n{points}*STEP\n")
+    read = read_body(SuperelementFile(file.path, deck))
+    assert frequencies(read) == approx(frequencies(reduced()), rel=1e-12)
+    deck.write_text("*HEADING\n")
+    with pytest.raises(ExchangeError, match=r"part.inp has no \*NODE"):
+        read_body(SuperelementFile(file.path, deck))
