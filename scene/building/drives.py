@@ -99,8 +99,8 @@ class _Train:
             findings.check_name(place, self.axis, names, "axis", "axes")
             return None
         if axis is not None:
-            for place, fault in self._find_unit_faults():
-                findings.add((*key, place), fault)
+            for name, fault in self._find_unit_faults():
+                findings.add((*key, name), fault)
         if self.is_leg and table.scale is not None:
             findings.add(
                 (*key, "scale"),

@@ -179,8 +179,7 @@ def _join_pieces(
     pieces = np.array(
         np.broadcast_arrays(begins, ends, values, slopes, amplitudes, omegas, phases), dtype=float
     )
-    begins, ends, values, slopes, amplitudes, omegas, phases = pieces
-    return LoadHistory(begins, ends, values, slopes, amplitudes, omegas, phases)
+    return LoadHistory(*pieces)
 
 
 def differentiate_load(load: LoadHistory) -> LoadHistory:

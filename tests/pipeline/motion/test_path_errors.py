@@ -28,6 +28,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.scene import Scene, keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE
+from headstock.solvers.control.linear_blocks import block_response
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
@@ -342,8 +343,9 @@ def test_a_motor_answers_its_torque_ripple_as_its_controller_says(tmp_path: Path
     )
     s = 1j * omega
     control = drive.control
-    gain = control.velocity_gain * (1.0 + 1.0 / (s * control.integral_time))
-    gain *= control.position_gain + s
+    gain = block_response(control.law, np.array([omega]))[0, 0, 0] * (
+        present(control.position_gain) + s
+    )
     assert torque > 1e-3
     assert torque == approx(drive.lead / (2.0 * np.pi) * abs(gain) * error, rel=1e-2)
     assert abs(own.drives["X"].torque.value) == approx(np.abs(curves.torques).max())
