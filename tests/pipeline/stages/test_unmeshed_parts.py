@@ -13,11 +13,11 @@ from faults.file_fuzz import SIZE, write_meshes
 from fixture_machines import stored_scene
 from headstock.geometry.parts.skins import Skin
 from headstock.geometry.parts.solids import StepFile
+from headstock.meshing.components import meshing
 from headstock.meshing.components.survey import survey_step
 from headstock.meshing.errors import MeshError
 from headstock.pipeline.results.results import Results
 from headstock.pipeline.stages import components as component_stages
-from headstock.pipeline.storage import part_files
 from headstock.scene.building.loader import load_scene
 
 pytestmark = [pytest.mark.fem, pytest.mark.process]
@@ -56,7 +56,7 @@ def test_parts_from_files_are_drawn_and_weighed_from_files_read_once(
         2 * (SIZE[0] * SIZE[1] + SIZE[1] * SIZE[2] + SIZE[2] * SIZE[0]), rel=1e-9
     )
     np.testing.assert_allclose(np.ptp(bar.points, axis=0), SIZE, rtol=1e-9)
-    for module, name in ((component_stages, "unmeshed_skin"), (part_files, "describe_component")):
+    for module, name in ((component_stages, "unmeshed_skin"), (meshing, "describe_component")):
         monkeypatch.setattr(module, name, lambda solid: pytest.fail("read again"))
     again = run(folder)
     assert again.modal[0].frequencies_hz.tobytes() == results.modal[0].frequencies_hz.tobytes()
