@@ -460,7 +460,7 @@ def _find_modes(whole: _Condensed, density: float, target: ModeTarget | None) ->
             break
         asked *= 2
     reach, beyond = (frequencies[count], squares[count]) if count < total else (np.inf, np.inf)
-    shapes = whole.spread(vectors[:, :count]) / math.sqrt(density)
+    shapes = whole.spread(vectors[:, :count] / math.sqrt(density))
     return _Modes(squares[:count], shapes, float(reach), float(beyond))
 
 

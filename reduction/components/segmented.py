@@ -162,8 +162,9 @@ def _fit_rail(row: SegmentedBar, rail: Rail, name: str) -> Rail:
     values = _over_all_nodes(row, np.vstack(motions).T).T
     # without knots next to the ends: "not a knot"
     knots = np.concatenate([[bar.low] * (DEGREE + 1), sites[2:-2], [bar.high] * (DEGREE + 1)])
-    control = np.linalg.solve(evaluate_splines(knots, sites), values.reshape(len(sites), -1))
-    return dataclasses.replace(rail, knots=knots, control=control.reshape(len(values), -1))
+    solved = np.linalg.solve(evaluate_splines(knots, sites), values.reshape(len(sites), -1))
+    control = np.asarray(solved.reshape(len(values), -1), dtype=np.float64)
+    return dataclasses.replace(rail, knots=knots, control=control)
 
 
 def _row_mass(row: SegmentedBar, density: float) -> FloatArray:

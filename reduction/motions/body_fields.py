@@ -65,8 +65,8 @@ def place_motion(superelement: Superelement, points: FloatArray) -> FloatArray:
     recovery, size = superelement.recovery, len(superelement.recovery.points)
     count = min(NEIGHBOURS, size)
     distances, neighbours = (
-        found.reshape(-1, count)
-        for found in scipy.spatial.KDTree(recovery.points).query(points, k=count)
+        nearest.reshape(-1, count)
+        for nearest in scipy.spatial.KDTree(recovery.points).query(points, k=count)
     )
     reaches = np.maximum(distances.max(axis=1, initial=0.0), np.finfo(float).tiny)[:, None]
     arms = np.ones((*neighbours.shape, 4))
