@@ -146,6 +146,7 @@ class Load(Noun, schema=loads.LoadTable):
         joint: str | None = ...,
         displacement: _Numbers | None = ...,
         rotation: _Numbers | None = ...,
+        base: _Numbers | None = ...,
     ) -> None: ...
 
 class Material(Noun, schema=components.MaterialTable):
