@@ -346,7 +346,10 @@ def _refine(travel: _Travel, target: float) -> tuple[VaryingMatrices, float, int
     """Add motions of poses to the basis until the error is small enough or the budget is spent; return
     the matrices, the error and the number of poses in which it was found.
     """
-    first = {name: np.linspace(*limits, FIRST_KNOTS) for name, limits in travel.axes.items()}
+    first: dict[str, FloatArray] = {
+        name: np.linspace(*limits, FIRST_KNOTS, dtype=np.float64)
+        for name, limits in travel.axes.items()
+    }
     knots: LevelledKnots = (first, dict(first))
     serving: list[Place] = [travel.middle, *itertools.product(*travel.axes.values())]
     while True:
@@ -376,11 +379,11 @@ def _fit_knots(
             exact, _ = reduced.at(place)
             natural = np.sqrt(np.maximum(np.linalg.eigvalsh(exact.stiffness), 0.0))
             omega = _list_lines(travel.up_to_hz, natural / (2.0 * np.pi), FEW_LINES)
-            responses = [
+            wanted, found = (
                 respond(_damp_somewhat(one), omega)
                 for one in (exact, matrices.at(_name(travel, place)))
-            ]
-            errors[place] = find_largest_error(*responses, _find_sizes(travel, responses[0]))
+            )
+            errors[place] = find_largest_error(wanted, found, _find_sizes(travel, wanted))
         place = max(errors, key=lambda place: errors[place])
         level, axis = _find_coarsest(reduced, matrices, place)
         positions = knots[level][axis]
@@ -418,7 +421,7 @@ def _list_between(
     every cell of an axis comes in turn, those of several axes mixed.
     """
     random = np.random.default_rng(0)
-    cells = [list(itertools.pairwise(positions.tolist())) for positions in knots.values()]
+    cells = [list(itertools.pairwise(map(float, positions))) for positions in knots.values()]
     count = min(MOST_CHECKED, int(np.prod([len(each) for each in cells])))
     turns = [
         np.concatenate([random.permutation(len(each)) for _ in range(count // len(each) + 1)])

@@ -68,6 +68,24 @@ def test_pynastran_and_pyyeti_read_the_same_matrices(shell: Shell) -> None:
 
 
 @pytest.mark.parametrize("version", [2, 3])
+def test_fmpy_validates_and_moves_an_axis(shell: Shell, version: int) -> None:
+    import fmpy
+    from fmpy import validation
+
+    words = f"--variant rigid --to fmu{version} --hz 300Hz --travel Z -o moving.fmu"
+    shell(f"export {MILL} {words}")
+    assert validation.validate_fmu("moving.fmu") == []
+    time = np.arange(0.0, 0.2, STEP)
+    kinds = [("time", float), ("position.Z", float), ("force.tcp.x", float)]
+    signals = np.array(list(zip(time, -0.5 * time, 0.0 * time + 100.0, strict=True)), dtype=kinds)
+    done = fmpy.simulate_fmu(
+        "moving.fmu", stop_time=time[-1], step_size=STEP, output_interval=STEP, input=signals
+    )
+    moved = done["motion.tcp.x"]
+    assert np.isfinite(moved).all() and 1e-7 < np.abs(moved).max() < 1e-4
+
+
+@pytest.mark.parametrize("version", [2, 3])
 def test_fmpy_validates_compiles_and_runs_the_mill(shell: Shell, version: int) -> None:
     import fmpy
     from fmpy import validation
