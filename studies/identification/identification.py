@@ -435,7 +435,9 @@ def _with_modes(scene: Scene, cases: tuple[TargetCase, ...]) -> Scene:
     """The scene with a modal analysis that reaches past the targets, so that elastic components
     keep the modes this takes.
     """
-    highest = max((target.frequency_hz for case in cases for target in case.modes), default=0.0)
+    modes = [target.frequency_hz for case in cases for target in case.modes]
+    lines = {hz for case in cases for target in case.responses for hz in target.frequencies_hz}
+    highest = max([*modes, *lines], default=0.0)
     asked = scene.analyses.get(ModalRequest)
     if highest == 0.0 or (
         asked is not None and asked.up_to_hz is not None and asked.up_to_hz >= highest

@@ -250,6 +250,8 @@ def _write_scene(folder: Path) -> Path:
             [
                 MACHINE.read_text(),
                 '[variants.tested]\n"effects.damping" = true\n"sensors.k" = { file = "points.csv" }',
+                # one reduction for the test and for the fit
+                f'"analyses.modal" = {{ up_to = "{2.0 * UP_TO_HZ:g} Hz" }}',
                 *damping,
                 "",
             ]
