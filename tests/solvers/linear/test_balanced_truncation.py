@@ -63,8 +63,8 @@ def test_states_are_left_out_by_their_hankel_values() -> None:
 
     def gramian(a: FloatArray, force: FloatArray) -> FloatArray:
         both = np.kron(a, unit) + np.kron(unit, a)
-        whole: FloatArray = np.linalg.solve(both, -(force @ force.T).ravel())
-        return whole.reshape(size, size)
+        whole = np.linalg.solve(both, -(force @ force.T).ravel())
+        return np.array(whole, dtype=np.float64).reshape(size, size)
 
     # one unit on each side: the scales cancel in the bound
     product = gramian(decaying.a, decaying.b) @ gramian(decaying.a.T, decaying.c.T)
