@@ -220,7 +220,7 @@ def mark_places(skin: Skin, frames: Sequence[Frame]) -> Skin:
     corners = np.vstack([ball, AXIS * extent * np.eye(3), SPIKE * ball])
     upper = np.array([(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2)])
     faces: IntArray = np.vstack([upper, np.where(upper == 2, 5, upper)[:, ::-1]])
-    lines = np.zeros((0, 2), dtype=np.int64)
+    lines: IntArray = np.zeros((0, 2), dtype=np.int64)
     if len(frames) <= MOST_AXES:
         around = [[9 + (axis + turn) % 6 for turn in (1, 2, 4, 5)] for axis in range(3)]
         spikes = [
