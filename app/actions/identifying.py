@@ -344,14 +344,15 @@ def _print_sensors(sensors: Sequence[RankedSensor], models: Sequence[str]) -> No
     if not sensors:
         return
     heads = [f">ln evidence, {name}" for name in models[1:]]
-    table = make_table("further sensor", *heads, ">gain", ">weakest combination", "most at")
-    # the reference point comes first in the list of places, and counts in every other row
+    last = ["most at"] if models else []
+    table = make_table("further sensor", *heads, ">gain", ">weakest combination", *last)
+    # what the reference point shows alone is part of every other row
     reference = [one for one in sensors[SENSORS_SHOWN:] if one.is_reference]
     for one in (*sensors[:SENSORS_SHOWN], *reference):
         logs = [f"{value:.1f}" for value in one.log_evidence.values()]
         alone = " alone" if one.is_reference else ""
-        cells = (*logs, f"{one.bits:.1f} bit", f"{100.0 * one.spread:.0f} %", one.mode)
-        add_row(table, f"{one.name}{alone}", *cells)
+        cells = (*logs, f"{one.bits:.1f} bit", f"{100.0 * one.spread:.0f} %")
+        add_row(table, f"{one.name}{alone}", *cells, *([one.mode] if models else []))
     against = f"; ln evidence: between {models[0]} and another model, 5 decides" if models else ""
     title = f"Further sensors, each read along with the reference point{against}"
     print_table(make_console(), title, table)

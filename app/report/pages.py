@@ -225,7 +225,8 @@ def _caption_modes(found: Correlation) -> list[Caption]:
         measured = "" if row.measured_hz is None else f"measured {row.measured_hz:.4g} Hz"
         computed = "" if row.computed_hz is None else f"computed {row.computed_hz:.4g} Hz"
         lead = " / ".join(filter(None, (measured, computed)))
-        captions.append(Caption(f"mode:{index}", lead, f"MAC {row.mac:.2f}, {row.text}"))
+        text = ", ".join(filter(None, (f"MAC {row.mac:.2f}", row.name, row.remark)))
+        captions.append(Caption(f"mode:{index}", lead, text))
     return captions
 
 

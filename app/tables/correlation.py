@@ -90,7 +90,8 @@ _MODE_COLUMNS: tuple[Column[CorrelatedMode], ...] = (
         "Cross-orthogonality",
         show=_show_mac,
     ),
-    Column(lambda row: row.text, "mode", "mode", "Mode shape"),
+    Column(lambda row: row.name, "mode", "mode", "Mode shape"),
+    Column(lambda row: row.remark, "remark", "remark", "Remark"),
 )
 
 

@@ -4,7 +4,7 @@ groups of like stiffness.
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -115,6 +115,7 @@ class PlacedJoint:
         damping: ``(6 + m, 6 + m)`` in joint axes.
         fixed: Joint dofs without relative motion; a rigid joint has all six, and no stiffness.
         frame: Joint point and joint axes in the machine frame.
+        soft: It is meant to deflect visibly, as air springs do.
     """
 
     name: str
@@ -123,6 +124,7 @@ class PlacedJoint:
     damping: FloatArray
     fixed: tuple[int, ...]
     frame: Frame
+    soft: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +174,7 @@ def place_joint(joint: Joint, machine: Machine, layout: DofLayout) -> PlacedJoin
         raise ModelError(f"joint {joint.name!r}: {error}") from error
     rows = rotate_dofs(frame.rotation).T @ (second - first)
     spring = PlacedJoint(
-        joint.name, rows, joint.stiffness, joint.damping, tuple(joint.fixed), frame
+        joint.name, rows, joint.stiffness, joint.damping, tuple(joint.fixed), frame, joint.soft
     )
     if joint.layer is not None:
         more, stiffness = place_layer(joint, joint.layer, layout, frame)
@@ -424,7 +426,7 @@ def grade_springs(
     return SpringGrading(
         tuple(tuple(group) for group in groups),
         soft,
-        tuple(_ratio_warnings(parts, most_compliant)),
+        tuple(_ratio_warnings(parts, {spring.name for spring in springs if spring.soft})),
         deformations,
     )
 
@@ -470,15 +472,15 @@ def _turned_deformations(element: Superelement, placement: Frame) -> FloatArray:
     return free_deformations(element) @ turn_dofs(element, placement)
 
 
-def _ratio_warnings(
-    parts: Sequence[_SpringDirection], most_compliant: _SpringDirection
-) -> list[str]:
+def _ratio_warnings(parts: Sequence[_SpringDirection], soft: Collection[str]) -> list[str]:
     """Return a warning per joint that is far stiffer than the most compliant one, with its stiffest
     direction; a contact layer has one direction per deformation shape.
 
     Args:
         parts: Of all joints, the stiffest first.
+        soft: Names of joints that are meant to be soft: nothing is compared with these.
     """
+    most_compliant = next((part for part in reversed(parts) if part.joint not in soft), parts[0])
     stiff: dict[str, list[_SpringDirection]] = {}
     for part in parts:
         if abs(part.level / most_compliant.level) <= STIFF_RATIO:

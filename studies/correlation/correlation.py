@@ -78,13 +78,11 @@ class CorrelatedMode:
         return f"{self.computed_hz:.4g} Hz ({self.name})"
 
     @property
-    def text(self) -> str:
-        """Name of the computed mode, and what is to be said of the pair."""
+    def remark(self) -> str:
+        """What is to be said of the pair, or of the mode that has no partner."""
         if self.name is None:
             return "missing in the model"
-        if self.measured is None:
-            return f"{self.name}: not measured"
-        return "; ".join([self.name, *self.doubts])
+        return "not measured" if self.measured is None else "; ".join(self.doubts)
 
 
 @dataclass(frozen=True)

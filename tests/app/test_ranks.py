@@ -297,6 +297,30 @@ def test_the_points_of_a_study_dealt_out_to_ranks_are_those_of_one_rank(folder: 
         assert found_hz == approx(expected_hz, rel=1e-10)
 
 
+SENSED = """
+[sensors]
+a = { component = "column", at = ["25 mm", "0 mm", "60 mm"] }
+b = { component = "column", at = ["25 mm", "10 mm", "120 mm"] }
+c = { component = "column", at = ["-25 mm", "0 mm", "200 mm"] }
+d = { component = "column", at = ["0 mm", "25 mm", "170 mm"] }
+"""
+
+
+@pytest.mark.trials
+def test_a_test_is_compared_on_two_ranks_as_on_one(folder: Path) -> None:
+    write_scene(folder, SCENE + SENSED)
+    assert (
+        run_command(1, folder, "export", "scene.toml", "--to", "uff", "-o", "test.uff").returncode
+        == 0
+    )
+    on_both(folder, "correlate scene.toml test.uff -o {0}")
+    one, two = (read_json(folder / f"{ranks}" / "correlate.json")["modes"] for ranks in (1, 2))
+    assert len(one) >= 6
+    for row, expected in zip(two, one, strict=True):
+        assert row["mac"] == approx(expected["mac"], rel=1e-8)
+        assert row["deviation"] == approx(expected["deviation"], abs=1e-9)
+
+
 @pytest.mark.trials
 def test_a_component_that_fails_ends_all_ranks_with_the_message_of_one(folder: Path) -> None:
     thin = ('"22 mm"', '"60 mm", order = 1'), ('"40 mm"', '"2 mm"')

@@ -110,6 +110,12 @@ def test_missing_modes_are_named_on_both_sides(shell: Shell, measured: Measured)
     assert found.verdict[0].startswith("7 of 8 measured modes are met within 5 %")
     assert found.verdict[1] == f"missing in the model: {1.02 * measured.hz[4]:.4g} Hz"
     assert found.verdict[2].startswith("computed, but not measured: 242.2 Hz")
+    shell("correlate scene.toml test.uff --variant E -o out")
+    rows = shell.rows("out/pairs.csv")
+    remarks = [(bool(row["mode"]), row["remark"]) for row in rows if row["remark"]]
+    assert sorted(remarks)[0] == (False, "missing in the model")
+    assert (True, "not measured") in remarks
+    assert not any(";" in row["mode"] or ":" in row["mode"] for row in rows)
 
 
 def test_a_turned_sensor_is_named_and_left_out_of_a_fit(shell: Shell, measured: Measured) -> None:

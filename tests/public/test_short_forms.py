@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import headstock as hs
-from fixture_machines import stored_scene
+from fixture_machines import stored_scene, write_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENE = stored_scene("short_forms")
@@ -35,6 +35,12 @@ def test_warnings_of_one_joint_are_one(scene: Path) -> None:
     stiff = [text for text in hs.run(scene).warnings if "times as stiff" in text]
     assert len(stiff) == 1
     assert "more of its directions" in stiff[0]
+
+
+def test_what_is_meant_to_be_soft_makes_no_joint_stiff(tmp_path: Path) -> None:
+    """The same ratio, and the joint that is compared with stands on air."""
+    scene = write_scene(tmp_path, SCENE, ("[joints.foot]", "[joints.foot]\nsoft = true"))
+    assert not [text for text in hs.run(scene).warnings if "times as stiff" in text]
 
 
 def test_a_study_is_a_frame_of_floats_with_units_in_its_heads(scene: Path) -> None:
