@@ -32,6 +32,8 @@ from headstock.scene.scene import FitSpread, Scene
 from headstock.solvers.linear.frequency_response import evaluate_frf
 from headstock.solvers.ranks import SharedFailure, make_on_root
 
+FOLLOWED_ANALYSES = ("modal", "static", "frf")
+
 
 def run_fit_stage(state: RunState, stage: Stage) -> Outcome:
     """Add the changes of numbers by a fit's uncertainty to their ±; collective."""
@@ -102,9 +104,12 @@ def _add_errors(
                 answer = _spread_lines(moved, answer)
             state.answers[index] = put_errors(answer, errors, FIT, "add")
     scatter = ", ".join(f"{kind} {show_share(share)}" for kind, share in fit.scatter.items())
+    requested = [request.analysis for request in state.scene.analyses.requests]
+    others = ", ".join(name for name in requested if name not in FOLLOWED_ANALYSES)
     return Outcome(
         detail=f"what the fit leaves open changes numbers by up to {show_share(largest)}"
-        + (f"; a measurement scatters apart from that by {scatter}" if scatter else ""),
+        + (f"; a measurement scatters apart from that by {scatter}" if scatter else "")
+        + (f"; ± of {others} is without it" if others else ""),
         warnings=(
             *(f"what a fit leaves open of numbers is not known: {why}" for why in failures),
             *(

@@ -2,6 +2,7 @@
 forms.
 """
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -301,6 +302,49 @@ def test_a_fit_is_written_beside_the_scene_and_later_runs_carry_its_uncertainty(
     assert "fit" not in str(block.json("plain/summary.json")["modal"])
     block.change(add='[variants.mine]\n"joints.feet.stiffness.z" = "6 N/um"\n')
     assert "choose another" in block.refuses(f"{IDENTIFY} --write mine")
+
+
+RESPONSES = """
+[analyses.modal]
+count = 6
+[analyses.static]
+at = ["tcp"]
+[analyses.frf]
+inputs = [["tcp", "y"]]
+outputs = [["tcp", "y"]]
+up_to = "40 Hz"
+points = 20
+[analyses.lobes]
+speeds = ["600 rpm", "1200 rpm", 3]
+mill = { diameter = "10 mm", teeth = 2 }
+radial_depth = "5 mm"
+material = "al7075-t6"
+directions = ["x"]
+up_to = "40 Hz"
+"""
+
+
+def test_stiffness_and_responses_of_a_fit_have_its_uncertainty_and_lobes_say_that_they_have_not(
+    block: Shell,
+) -> None:
+    """1 % of a frequency is 2 % of a stiffness; a resonance moves by 1 %."""
+    with_damping(block)
+    block.change(
+        ('name = "Block"', 'name = "Block"\ninclude = ["scene.fitted.toml"]'), add=RESPONSES
+    )
+    block.write("", name="scene.fitted")
+    text = f"[cases.a]\nmodes = [{mode(1.05 * SHIFTS[1], 'y')}]\n"
+    block.write(text + parameter("y"), name="targets")
+    block(f"{IDENTIFY} --write fitted")
+    printed = block.prints("run scene.toml --variant fitted -o run --no-figures")
+    assert "± of lobes is without it" in printed
+    summary = block.json("run/summary.json")
+    point = summary["static"]["tcp"]
+    # the head also tilts, which the fit does not move
+    moved = point["error_share"]["y"]["fit"] / (1e3 / (9.0 * 1.05**2))
+    assert moved == approx(2 * 1.959964 * 0.01, rel=0.03)
+    assert point["error_share"]["x"]["fit"] == approx(0.0, abs=1e-6)
+    assert '"fit": 0.0' not in json.dumps(summary["frf"]) and '"fit"' in json.dumps(summary["frf"])
 
 
 def test_held_out_targets_are_hidden_until_they_are_opened(block: Shell) -> None:
