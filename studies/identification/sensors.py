@@ -144,7 +144,7 @@ def rank_sensors(
     if not channels or not names:
         return ()
     views = {name: list(list_views(one, channels)) for name, one in models.items()}
-    best, *others = models or [""]
+    best, *others = [*models] or [""]
     ranked = []
     for number, view in enumerate(list_views(found, channels)):
         logs, mode = dict[str, float](), ""
