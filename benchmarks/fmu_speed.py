@@ -24,6 +24,7 @@ from headstock.pipeline.exchange.fmus import FmuModel, encode_fmu
 from headstock.pipeline.exchange.state_spaces import describe_space
 from headstock.pipeline.exchange.varying_spaces import VaryingStateSpace, to_first_order
 from headstock.solvers.linear.varying_matrices import (
+    FASTEST,
     Field,
     Knots,
     PosedMatrices,
@@ -72,7 +73,9 @@ def make_varying(modes: int) -> VaryingStateSpace:
         constant(matrices.loads.T),
         constant(matrices.rows),
     )
-    rate = 2.5 * 2.0 * np.pi * HIGHEST_HZ
+    # exports have motions as fast as this
+    matrices.stiffness[-1, -1] = (2.0 * np.pi * FASTEST * HIGHEST_HZ) ** 2
+    rate = 1.1 * 2.0 * np.pi * FASTEST * HIGHEST_HZ
     return VaryingStateSpace(
         varying, (CHANNELS, CHANNELS), ("m",), {"X": 0.0}, rate, STEP, 0.0, HIGHEST_HZ, 0.01, 0, 0
     )
