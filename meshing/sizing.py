@@ -3,9 +3,8 @@
 import math
 
 from headstock.geometry.parts.components import Patch
-from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Tube
+from headstock.geometry.parts.solids import HollowColumn, ParametricSolid, Plate, Tube
 
-ParametricSolid = Box | Tube | Plate | HollowColumn
 CELL_BUDGET = 3_000_000
 UNCOUNTED = 1e30  # beyond this the number of cells says nothing, and overflows
 TETS_PER_CUBE = 5.2  # measured: tets per (volume / size^3) in blocks

@@ -7,14 +7,14 @@ from dataclasses import astuple
 import numpy as np
 
 from headstock.geometry.parts.patches import column_cells
-from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
+from headstock.geometry.parts.solids import HollowColumn, ParametricSolid, Plate, Solid, Tube
 
 
 def find_solid_faults(solid: Solid) -> list[str]:
     """Find everything that keeps a parametric solid from being built; empty for a sound solid and
     for files.
     """
-    if not isinstance(solid, Box | Tube | Plate | HollowColumn):
+    if not isinstance(solid, ParametricSolid):
         return []
     numbers = np.hstack(astuple(solid))
     if not all(math.isfinite(value) and value >= 0.0 for value in numbers):

@@ -126,6 +126,8 @@ class PointMass:
 
 
 CENTER_FACE = "center"
-Solid = Box | Tube | Plate | HollowColumn | StepFile | MeshFile | SuperelementFile | PointMass
-# solids that are not made of their dimensions
+# solids that are made of their dimensions
+ParametricSolid = Box | Tube | Plate | HollowColumn
+# solids that are not
 Imported = StepFile | MeshFile | SuperelementFile | PointMass
+Solid = ParametricSolid | Imported

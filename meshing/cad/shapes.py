@@ -9,12 +9,19 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.patches import column_cells, planar_boxes
-from headstock.geometry.parts.solids import Box, HollowColumn, Plate, StepFile, Tube
+from headstock.geometry.parts.solids import (
+    Box,
+    HollowColumn,
+    ParametricSolid,
+    Plate,
+    StepFile,
+    Tube,
+)
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.errors import MeshError, PartFileError
 from headstock.meshing.length_units import STEP_UNIT, doubt_size
 
-Shape = Box | Tube | Plate | HollowColumn | StepFile
+Shape = ParametricSolid | StepFile
 DimTags = list[tuple[int, int]]
 # OpenCASCADE's tolerances are absolute, 1e-7 of its unit: far outside, gmsh makes no triangles and
 # says nothing

@@ -21,6 +21,7 @@ from headstock.geometry.parts.solids import (
     Box,
     Imported,
     MeshFile,
+    ParametricSolid,
     PointMass,
     StepFile,
     SuperelementFile,
@@ -44,7 +45,6 @@ from headstock.meshing.process.running import run_job
 from headstock.meshing.sizing import (
     CELL_BUDGET,
     UNCOUNTED,
-    ParametricSolid,
     budget_message,
     count_patch_cells,
     estimate_tets,

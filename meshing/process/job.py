@@ -15,11 +15,19 @@ from headstock.geometry.parts.cad_faces import CadFace
 from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.size_field import SizeField
-from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, Plate, StepFile, Tube
+from headstock.geometry.parts.solids import (
+    Box,
+    HollowColumn,
+    MeshFile,
+    ParametricSolid,
+    Plate,
+    StepFile,
+    Tube,
+)
 from headstock.meshing.component_mesh import CellKind, CurvedFacets, IntArray, LeftOut
 from headstock.meshing.process.worker import Arrays
 
-JobSolid = Box | Tube | Plate | HollowColumn | StepFile | MeshFile
+JobSolid = ParametricSolid | StepFile | MeshFile
 SOLIDS: dict[str, type[JobSolid]] = {
     kind.__name__: kind for kind in (Box, Tube, Plate, HollowColumn, StepFile, MeshFile)
 }

@@ -20,6 +20,7 @@ from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import (
     Box,
     MeshFile,
+    ParametricSolid,
     PointMass,
     StepFile,
     SuperelementFile,
@@ -30,7 +31,6 @@ from headstock.meshing.sizing import (
     DEFAULT_CELLS,
     DETAIL_SHARE,
     SIZE_STEP,
-    ParametricSolid,
     estimate_tets,
     largest_extent,
     thinnest_feature,

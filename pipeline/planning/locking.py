@@ -5,7 +5,7 @@ anything is meshed.
 import math
 
 from headstock.geometry.parts.components import Component, Material
-from headstock.geometry.parts.solids import Box, HollowColumn, MeshFile, Plate, Tube
+from headstock.geometry.parts.solids import Box, MeshFile, ParametricSolid
 from headstock.meshing.components.mesh_request import element_size
 from headstock.meshing.sizing import largest_extent, thinnest_feature
 from headstock.scene.analyses.frf import FrfRequest
@@ -87,7 +87,7 @@ def foresee_locking(scene: Scene) -> list[str]:
         solid, mesh = component.solid, component.mesh
         if (
             component.fidelity != "elastic"
-            or not isinstance(solid, Box | Tube | Plate | HollowColumn)
+            or not isinstance(solid, ParametricSolid)
             or (mesh.cells, mesh.order) != ("tet", 2)
             or not component.material.density > 0.0
         ):

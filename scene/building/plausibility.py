@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from headstock.geometry.parts.components import weigh_modes
 from headstock.geometry.parts.mass_properties import solid_volume
-from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
+from headstock.geometry.parts.solids import ParametricSolid, Solid
 from headstock.scene.building.components import bounding_box
 from headstock.scene.building.draft import Draft
 from headstock.scene.reading.findings import Findings, KeyPath
@@ -21,7 +21,6 @@ SIZES, LEAST_LENGTH = (1e-5, 50.0), 1e-4
 MASS_RATIOS = (0.05, 20.0)  # of a written mass to that of the solid
 MOST_MODES = 3000
 DEFORMING = ("elastic", "polynomial")
-PARAMETRIC = Box | Tube | Plate | HollowColumn
 
 
 def check_numbers(draft: Draft) -> None:
@@ -133,7 +132,7 @@ def _check_weight(name: str, solid: Solid, scene: SceneTable, findings: Findings
     """A mass that is written is about that of the solid: a slip of units is off by a thousand."""
     table = scene.components[name]
     material = scene.materials.get(table.material or "")
-    if table.mass is None or material is None or not isinstance(solid, PARAMETRIC):
+    if table.mass is None or material is None or not isinstance(solid, ParametricSolid):
         return
     weight = material.rho * solid_volume(solid)
     low, high = MASS_RATIOS
@@ -153,7 +152,7 @@ def _highest_frequency(table: ComponentTable, solid: Solid, scene: SceneTable) -
     volume is not known here.
     """
     material = scene.materials.get(table.material or "")
-    if material is None or not isinstance(solid, PARAMETRIC) or not -1.0 < material.nu < 0.5:
+    if material is None or not isinstance(solid, ParametricSolid) or not -1.0 < material.nu < 0.5:
         return None
     if not SOUND_SPEEDS[0] <= math.sqrt(material.E / material.rho) <= SOUND_SPEEDS[1]:
         return None  # a slip of units, warned of elsewhere
