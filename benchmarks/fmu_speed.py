@@ -23,7 +23,7 @@ from headstock.pipeline.exchange.fmu_numbers import fixed_model, varying_model
 from headstock.pipeline.exchange.fmus import FmuModel, encode_fmu
 from headstock.pipeline.exchange.state_spaces import describe_space
 from headstock.pipeline.exchange.varying_spaces import VaryingStateSpace, to_first_order
-from headstock.solvers.linear.varying_matrices import (
+from headstock.solvers.state_spaces.varying_matrices import (
     FASTEST,
     Field,
     Knots,

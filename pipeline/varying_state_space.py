@@ -33,7 +33,14 @@ from headstock.solvers.linear.modal_coordinates import (
     modal_motion,
     to_modal_coordinates,
 )
-from headstock.solvers.linear.varying_matrices import (
+from headstock.solvers.second_order import (
+    Channel,
+    ComplexArray,
+    SecondOrderSystem,
+    input_columns,
+    output_rows,
+)
+from headstock.solvers.state_spaces.varying_matrices import (
     CONSTANT,
     Knots,
     PosedMatrices,
@@ -46,13 +53,6 @@ from headstock.solvers.linear.varying_matrices import (
     respond,
     span_motions,
     split_patterns,
-)
-from headstock.solvers.second_order import (
-    Channel,
-    ComplexArray,
-    SecondOrderSystem,
-    input_columns,
-    output_rows,
 )
 
 DEFAULT_ERROR = 0.01

@@ -13,7 +13,7 @@ TESTS = Path(__file__).resolve().parent
         ("pipeline/stages/test_prescribed_displacements.py", "scenes"),  # loads elements by name
         ("public/test_smoke.py", "smoke"),
         ("reduction/components/test_probes.py", "fem"),
-        ("solvers/linear/test_time_response.py", None),
+        ("solvers/state_spaces/test_time_response.py", None),
         ("scene/reading/test_units.py", None),
     ],
 )

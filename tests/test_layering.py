@@ -53,8 +53,9 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "pairing": {"linear"},
         "modal_fitting": {"linear", "pairing"},
         "mechanisms": set(),
-        "control": {"linear"},
-        "motion": {"linear", "mechanisms", "control"},
+        "state_spaces": {"linear"},
+        "control": {"linear", "state_spaces"},
+        "motion": {"linear", "state_spaces", "mechanisms", "control"},
         "milling": {"linear", "mechanisms", "motion"},
     },
     "reduction": {

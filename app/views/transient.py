@@ -29,8 +29,8 @@ from headstock.pipeline.answers.path import deviation_unit
 from headstock.pipeline.answers.transient import TransientAnswer, TransientCurves
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.results import Results
-from headstock.solvers.linear.transient import TransientFigures
 from headstock.solvers.second_order import Channel, name_channel
+from headstock.solvers.state_spaces.transient import TransientFigures
 
 MOVED_UNITS = {"um": "µm", "urad": "µrad"}
 

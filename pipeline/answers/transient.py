@@ -25,8 +25,8 @@ from headstock.pipeline.numbers.estimates import Estimate, list_left_out, scale_
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.scene.scene import Motors
-from headstock.solvers.linear.transient import EnergyBalance, TransientFigures
 from headstock.solvers.second_order import Channel, name_channel
+from headstock.solvers.state_spaces.transient import EnergyBalance, TransientFigures
 from headstock.solvers.watched_outputs import Extreme
 
 TRUNCATION = "modes above the range"

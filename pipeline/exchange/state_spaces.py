@@ -14,10 +14,10 @@ from headstock.pipeline.storage.provenance import Provenance
 from headstock.scene.scene import LOAD
 from headstock.solvers.control.drive_loops import ENCODER, SET_POINTS
 from headstock.solvers.control.drive_trains import FORCE, MOTOR, SCALE, SLIDE
-from headstock.solvers.linear.balanced_truncation import truncate_balanced
-from headstock.solvers.linear.held_inputs import hold_inputs
-from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.second_order import Channel, name_channel
+from headstock.solvers.state_spaces.balanced_truncation import truncate_balanced
+from headstock.solvers.state_spaces.held_inputs import hold_inputs
+from headstock.solvers.state_spaces.state_space import StateSpace
 
 OF_DRIVES = (FORCE, MOTOR, SCALE, ENCODER, SLIDE)
 UNIT_OF_LOADS = "1"

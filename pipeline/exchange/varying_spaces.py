@@ -12,9 +12,9 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose, find_limit_fault
 from headstock.pipeline.exchange.state_spaces import MachineStateSpace, describe_space, list_units
 from headstock.scene.reading.findings import Problem, SceneError
-from headstock.solvers.linear.state_space import StateSpace
-from headstock.solvers.linear.varying_matrices import PosedMatrices, VaryingMatrices
 from headstock.solvers.second_order import Channel, name_channel
+from headstock.solvers.state_spaces.state_space import StateSpace
+from headstock.solvers.state_spaces.varying_matrices import PosedMatrices, VaryingMatrices
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,7 +66,6 @@ from headstock.solvers.control.drive_loops import ENCODER, close_loops
 from headstock.solvers.control.drive_trains import FORCE, SCALE
 from headstock.solvers.control.stability import require_stable
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.state_space import Feedthrough
 from headstock.solvers.motion.closed_loop import (
     ControlledPath,
     VaryingLoop,
@@ -100,6 +99,7 @@ from headstock.solvers.motion.set_points import (
     sample_move,
 )
 from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.state_spaces.state_space import Feedthrough
 from headstock.solvers.watched_outputs import Extreme, Watch
 
 ENERGY_LIMIT = 1e-6

@@ -14,7 +14,7 @@ from headstock.pipeline.answers.motion_forces import DriveExtremes, DriveHistory
 from headstock.reduction.coupling.joint_forces import DAMPER, SPRING, JointForces
 from headstock.solvers.control.drive_loops import ENCODER
 from headstock.solvers.control.drive_trains import FORCE
-from headstock.solvers.linear.state_space import StateSpace
+from headstock.solvers.state_spaces.state_space import StateSpace
 from headstock.solvers.watched_outputs import (
     Extreme,
     Watch,

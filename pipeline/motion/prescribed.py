@@ -19,9 +19,9 @@ from headstock.reduction.motions.path_errors import pass_offsets
 from headstock.scene.analyses.transient import TransientRequest
 from headstock.scene.scene import LOAD
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.load_history import LoadHistory, differentiate_load
-from headstock.solvers.linear.state_space import Feedthrough
 from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.state_spaces.load_history import LoadHistory, differentiate_load
+from headstock.solvers.state_spaces.state_space import Feedthrough
 
 RATE, ACCELERATION = "rate", "acceleration"
 

@@ -29,11 +29,11 @@ from headstock.reduction.estimates.static_errors import (
     STRESSED,
     moved_locally,
 )
-from headstock.solvers.linear.load_history import IndexArray
-from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.motion.alpha import apply_matrices
 from headstock.solvers.motion.plant_motion import SampledHistory
 from headstock.solvers.second_order import Channel, Index
+from headstock.solvers.state_spaces.load_history import IndexArray
+from headstock.solvers.state_spaces.state_space import StateSpace
 from headstock.solvers.stresses import largest_von_mises, von_mises_change
 from headstock.solvers.watched_outputs import Extreme, Watch, WatchedOutputs
 

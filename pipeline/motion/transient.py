@@ -46,11 +46,23 @@ from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.stability import require_stable
 from headstock.solvers.errors import ConvergenceError, ModelError, UnstableControlError
-from headstock.solvers.linear.load_history import LoadHistory, SteppedLoads, no_load, step_loads
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import has_symmetric_terms
-from headstock.solvers.linear.state_space import StateSpace, to_state_space
-from headstock.solvers.linear.transient import (
+from headstock.solvers.motion.driven_motion import (
+    FrictionTransient,
+    sharpen_friction,
+    solve_friction_transient,
+)
+from headstock.solvers.motion.friction_loop import friction_channels
+from headstock.solvers.second_order import Channel, SecondOrderSystem, name_channel
+from headstock.solvers.state_spaces.load_history import (
+    LoadHistory,
+    SteppedLoads,
+    no_load,
+    step_loads,
+)
+from headstock.solvers.state_spaces.state_space import StateSpace, to_state_space
+from headstock.solvers.state_spaces.transient import (
     EnergyBalance,
     StateHistory,
     StiffnessLoss,
@@ -62,13 +74,6 @@ from headstock.solvers.linear.transient import (
     soften_system,
     solve_transient,
 )
-from headstock.solvers.motion.driven_motion import (
-    FrictionTransient,
-    sharpen_friction,
-    solve_friction_transient,
-)
-from headstock.solvers.motion.friction_loop import friction_channels
-from headstock.solvers.second_order import Channel, SecondOrderSystem, name_channel
 
 START: Channel = ("initial velocity", "momentum")
 # number of modes coupled by damping up to which all are solved for; of more, those up to BEYOND

@@ -15,8 +15,8 @@ from headstock.solvers.control.drive_loops import (
 )
 from headstock.solvers.control.drive_trains import MOTOR, SCALE
 from headstock.solvers.control.stability import require_stable
-from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.second_order import Channel
+from headstock.solvers.state_spaces.state_space import StateSpace, to_state_space
 
 
 def make_state_space(

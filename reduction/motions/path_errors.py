@@ -30,10 +30,10 @@ from headstock.reduction.coupling.joint_forces import SPRING, JointForces
 from headstock.reduction.coupling.probes import carry_probe
 from headstock.reduction.motions.body_motions import solve_machine_static
 from headstock.reduction.superelement import Superelement
-from headstock.solvers.linear.state_space import Feedthrough
 from headstock.solvers.motion.deviation import PathDeviation
 from headstock.solvers.motion.set_points import PathMotion, SetPoint, sample_move
 from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.state_spaces.state_space import Feedthrough
 
 STEPS_PER_WAVE = 48
 PLACES_PER_WAVE = 100  # for derivatives

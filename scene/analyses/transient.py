@@ -27,7 +27,8 @@ from headstock.scene.reading.findings import Findings, KeyPath
 from headstock.scene.reading.units import ANGULAR_IMPULSE, FORCE, IMPULSE, MOMENT
 from headstock.scene.scene import Motors, Request
 from headstock.scene.schema import types
-from headstock.solvers.linear.load_history import (
+from headstock.solvers.second_order import Channel
+from headstock.solvers.state_spaces.load_history import (
     LoadHistory,
     half_sine_load,
     impulse_load,
@@ -37,7 +38,6 @@ from headstock.solvers.linear.load_history import (
     sine_load,
     step_load,
 )
-from headstock.solvers.second_order import Channel
 
 KEY: KeyPath = ("analyses", "transient")
 RECORD_SUFFIXES = (".csv",)

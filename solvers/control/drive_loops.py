@@ -37,8 +37,8 @@ from headstock.solvers.control.linear_blocks import (
     stack_blocks,
     to_continuous,
 )
-from headstock.solvers.linear.state_space import StateSpace, to_state_space
 from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.state_spaces.state_space import StateSpace, to_state_space
 
 SET_POINTS = ("position", "velocity", "acceleration")
 ENCODER = "encoder"

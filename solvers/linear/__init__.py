@@ -1,3 +1,3 @@
 """Any second-order system of a reduced machine, dense or with few entries: static, modal, damped,
-frequency and time response. Never finite elements.
+and frequency response. Never finite elements.
 """

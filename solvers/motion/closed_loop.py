@@ -30,8 +30,6 @@ from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.stability import has_free_motions
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates
-from headstock.solvers.linear.state_space import StateSpace, modal_state_space
-from headstock.solvers.linear.time_response import exact_step
 from headstock.solvers.motion.deviation import PathDeviation
 from headstock.solvers.motion.driven_motion import DrivenMotion, integrate_track, solve_motion
 from headstock.solvers.motion.exact import (
@@ -61,6 +59,8 @@ from headstock.solvers.motion.set_points import (
     step_move,
 )
 from headstock.solvers.second_order import Channel, Positions
+from headstock.solvers.state_spaces.state_space import StateSpace, modal_state_space
+from headstock.solvers.state_spaces.time_response import exact_step
 from headstock.solvers.watched_outputs import Watch, WatchedOutputs, WatchedValues
 
 LEAST = 1e-9  # size of a pole [rad/s]: below it a pole counts as zero

@@ -12,8 +12,6 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.control.drive_loops import ClosedLoop
-from headstock.solvers.linear.load_history import SteppedLoads
-from headstock.solvers.linear.transient import EnergyBalance, Response, StateHistory
 from headstock.solvers.motion.friction import friction_force, friction_slope
 from headstock.solvers.motion.friction_integrator import (
     CHUNK,
@@ -32,6 +30,8 @@ from headstock.solvers.motion.friction_loop import (
     still_track,
 )
 from headstock.solvers.second_order import Channel
+from headstock.solvers.state_spaces.load_history import SteppedLoads
+from headstock.solvers.state_spaces.transient import EnergyBalance, Response, StateHistory
 
 TOLERANCE = 1e-10  # error of a step by friction, as a share of the size of each kind of state
 ANGLE = 8.0  # phase of the fastest natural mode in a step [rad]: works are integrated inside it

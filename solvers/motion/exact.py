@@ -23,8 +23,6 @@ from headstock.solvers.linear.modal_coordinates import (
     keep_modes,
     to_modal_coordinates,
 )
-from headstock.solvers.linear.state_space import Feedthrough, StateSpace, modal_state_space
-from headstock.solvers.linear.time_response import add_direct, exact_step, solve_stepped_response
 from headstock.solvers.motion.deviation import PathDeviation
 from headstock.solvers.motion.plant import SampledPlant, VaryingSystem
 from headstock.solvers.motion.set_points import (
@@ -38,6 +36,12 @@ from headstock.solvers.motion.set_points import (
     step_move,
 )
 from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.state_spaces.state_space import Feedthrough, StateSpace, modal_state_space
+from headstock.solvers.state_spaces.time_response import (
+    add_direct,
+    exact_step,
+    solve_stepped_response,
+)
 from headstock.solvers.watched_outputs import Watch, WatchedOutputs, WatchedValues
 
 STEP_TOLERANCE = 1e-9  # of the interpolated steps, as a share of their largest entry

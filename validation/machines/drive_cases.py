@@ -35,11 +35,11 @@ from headstock.solvers.control.stability import (
     scale_position_gain,
 )
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.time_response import solve_time_response
 from headstock.solvers.motion.driven_motion import DrivenMotion, solve_motion
 from headstock.solvers.motion.friction_loop import friction_channels
 from headstock.solvers.mpi import MPI
 from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
+from headstock.solvers.state_spaces.time_response import solve_time_response
 from headstock.validation.references.rows import Target, ValidationRow, compare_bound, compare_value
 
 LOAD = ("load", "x")

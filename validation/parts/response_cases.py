@@ -23,11 +23,11 @@ from headstock.solvers.elastic.stress_recovery import find_point_rows
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.frequency_response import solve_frf
 from headstock.solvers.linear.modal_coordinates import keep_modes, to_modal_coordinates
-from headstock.solvers.linear.state_space import to_state_space
 from headstock.solvers.linear.static_response import solve_static
-from headstock.solvers.linear.time_response import solve_time_response
 from headstock.solvers.mpi import MPI
 from headstock.solvers.second_order import Channel, ComplexArray, SecondOrderSystem
+from headstock.solvers.state_spaces.state_space import to_state_space
+from headstock.solvers.state_spaces.time_response import solve_time_response
 from headstock.solvers.stresses import STRESS_NAMES
 from headstock.validation.parts.benchmarks import DEEP_SIZE, reduce_deep_beam
 from headstock.validation.parts.closed_form_cases import (

@@ -30,7 +30,6 @@ from headstock.solvers.control.drive_loops import (
 )
 from headstock.solvers.control.drive_trains import DriveTrain
 from headstock.solvers.control.linear_blocks import stack_blocks
-from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.mechanisms.dynamics import CompliantMechanism
 from headstock.solvers.mechanisms.modes import PoseDamping, linearise_poses, solve_lumped_modes
 from headstock.solvers.mechanisms.partitioning import Drive as Law
@@ -42,6 +41,7 @@ from headstock.solvers.motion import plant_motion
 from headstock.solvers.motion.driven_motion import solve_motion
 from headstock.solvers.motion.friction import friction_force
 from headstock.solvers.motion.friction_loop import friction_channels
+from headstock.solvers.state_spaces.time_response import solve_stepped_response
 from headstock.validation.mechanisms.generalized_alpha import MotionState
 from headstock.validation.mechanisms.motion import PartitionedMotion
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR

@@ -32,7 +32,6 @@ from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import keep_analyses
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import FORCE
-from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.mechanisms.modes import PoseDamping
 from headstock.solvers.milling import contouring
 from headstock.solvers.milling.contouring import linear_motion
@@ -41,6 +40,7 @@ from headstock.solvers.milling.path_drives import PathDrive, follow_path
 from headstock.solvers.milling.tool_path import StraightLine
 from headstock.solvers.motion.alpha import LinearMotion, integrate_linear, interpolate_nodes
 from headstock.solvers.motion.set_points import average_accelerations, sample_move
+from headstock.solvers.state_spaces.time_response import solve_stepped_response
 from headstock.validation.mechanisms.tripteor_machine import SCENE as TRIPTEOR
 from headstock.validation.mechanisms.tripteor_machine import Tripteor, load_tripteor
 

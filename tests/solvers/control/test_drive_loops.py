@@ -19,8 +19,8 @@ from headstock.solvers.control.linear_blocks import LARGEST_ANGLE, make_dead_tim
 from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.time_response import solve_time_response
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
+from headstock.solvers.state_spaces.time_response import solve_time_response
 from headstock.validation.machines.drive_cases import (
     LOAD,
     _closed_loop_poles,

@@ -11,10 +11,10 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Cascade, Encoder, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
-from headstock.solvers.linear.time_response import solve_stepped_response
 from headstock.solvers.motion.alpha import LinearMotion, ServoMotion, close_motors, integrate_linear
 from headstock.solvers.motion.friction import CoordinateFriction, friction_force, stack_laws
 from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.state_spaces.time_response import solve_stepped_response
 
 pytestmark = pytest.mark.slow
 

@@ -13,10 +13,10 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Cascade, GuideFriction
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.time_response import solve_stepped_response, solve_time_response
 from headstock.solvers.motion.driven_motion import solve_motion
 from headstock.solvers.motion.friction import friction_force, friction_slope
 from headstock.solvers.motion.friction_loop import friction_channels, make_friction_loop
+from headstock.solvers.state_spaces.time_response import solve_stepped_response, solve_time_response
 from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_drive
 
 pytestmark = pytest.mark.slow

@@ -13,7 +13,14 @@ from direct_integration import integrate_pieces
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import Cascade, GuideFriction
 from headstock.solvers.control.drive_loops import close_loops
-from headstock.solvers.linear.load_history import (
+from headstock.solvers.motion.driven_motion import (
+    FrictionTransient,
+    sharpen_friction,
+    solve_friction_transient,
+)
+from headstock.solvers.motion.friction import friction_force
+from headstock.solvers.motion.friction_loop import friction_channels
+from headstock.solvers.state_spaces.load_history import (
     LoadHistory,
     half_sine_load,
     impulse_load,
@@ -23,19 +30,12 @@ from headstock.solvers.linear.load_history import (
     step_load,
     step_loads,
 )
-from headstock.solvers.linear.transient import (
+from headstock.solvers.state_spaces.transient import (
     Response,
     read_response,
     rest_positions,
     solve_transient,
 )
-from headstock.solvers.motion.driven_motion import (
-    FrictionTransient,
-    sharpen_friction,
-    solve_friction_transient,
-)
-from headstock.solvers.motion.friction import friction_force
-from headstock.solvers.motion.friction_loop import friction_channels
 from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_drive
 
 MASSES = _TwoMasses(motor=80.0, load=120.0, stiffness=5e7, damping=2e3)

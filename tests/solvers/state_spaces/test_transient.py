@@ -13,7 +13,9 @@ from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping
-from headstock.solvers.linear.load_history import (
+from headstock.solvers.linear.modal_analysis import solve_modal
+from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.state_spaces.load_history import (
     LoadHistory,
     half_sine_load,
     impulse_load,
@@ -24,9 +26,8 @@ from headstock.solvers.linear.load_history import (
     step_load,
     step_loads,
 )
-from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.state_space import to_state_space
-from headstock.solvers.linear.transient import (
+from headstock.solvers.state_spaces.state_space import to_state_space
+from headstock.solvers.state_spaces.transient import (
     Response,
     TransientFigures,
     find_energy,
@@ -36,7 +37,6 @@ from headstock.solvers.linear.transient import (
     soften_system,
     solve_transient,
 )
-from headstock.solvers.second_order import Channel, SecondOrderSystem
 
 MASS, HZ, ZETA = 2.0, 50.0, 0.05
 OMEGA = 2.0 * np.pi * HZ

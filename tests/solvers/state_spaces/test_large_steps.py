@@ -8,9 +8,9 @@ import pytest
 from common import approx, present
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.state_space import StateSpace, to_state_space
-from headstock.solvers.linear.time_response import make_propagator, solve_time_response
 from headstock.solvers.second_order import SecondOrderSystem
+from headstock.solvers.state_spaces.state_space import StateSpace, to_state_space
+from headstock.solvers.state_spaces.time_response import make_propagator, solve_time_response
 
 pytestmark = pytest.mark.hard("H32")
 

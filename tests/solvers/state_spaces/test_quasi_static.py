@@ -10,8 +10,8 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Material
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.modal_analysis import solve_modal
-from headstock.solvers.linear.state_space import to_state_space
-from headstock.solvers.linear.time_response import solve_time_response
+from headstock.solvers.state_spaces.state_space import to_state_space
+from headstock.solvers.state_spaces.time_response import solve_time_response
 from headstock.validation.parts.line_elements import TIP, cantilever_system
 from headstock.validation.references.beam_theory import PrismaticBeam
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.state_space import StateSpace, UncoupledModes
+from headstock.solvers.state_spaces.state_space import StateSpace, UncoupledModes
 
 # below this angle per step the integrals of a mode would cancel, and come from the exponential of a
 # larger matrix

@@ -11,8 +11,8 @@ from scipy.sparse.csgraph import connected_components
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.component_mesh import IntArray
-from headstock.solvers.linear.state_space import StateSpace
-from headstock.solvers.linear.time_response import exact_step
+from headstock.solvers.state_spaces.state_space import StateSpace
+from headstock.solvers.state_spaces.time_response import exact_step
 
 WORST_CONDITION = 1e5  # of eigenvectors that states are measured along
 

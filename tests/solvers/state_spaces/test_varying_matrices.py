@@ -4,7 +4,7 @@ import numpy as np
 
 from common import approx
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.varying_matrices import (
+from headstock.solvers.state_spaces.varying_matrices import (
     Knots,
     PosedMatrices,
     VaryingMatrices,

@@ -14,8 +14,8 @@ from headstock.solvers.control.drive_loops import close_loops, open_plant
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
 from headstock.solvers.control.margins import find_margins
 from headstock.solvers.control.stability import find_loop_poles
-from headstock.solvers.linear.state_space import StateSpace
 from headstock.solvers.second_order import SecondOrderSystem
+from headstock.solvers.state_spaces.state_space import StateSpace
 from headstock.validation.machines.drive_cases import LOAD, _TwoMasses, make_drive
 
 control = pytest.importorskip("control")

@@ -6,8 +6,8 @@ import scipy.linalg
 
 from common import approx
 from headstock.geometry.frames import FloatArray
-from headstock.solvers.linear.held_inputs import HeldSystem, hold_inputs
-from headstock.solvers.linear.state_space import StateSpace
+from headstock.solvers.state_spaces.held_inputs import HeldSystem, hold_inputs
+from headstock.solvers.state_spaces.state_space import StateSpace
 
 STEP = 1e-3
 FREQUENCIES = np.array([0.0, 20.0, 50.0, 51.0, 300.0])

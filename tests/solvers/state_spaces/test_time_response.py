@@ -9,12 +9,12 @@ from scipy.integrate import solve_ivp
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear import time_response
 from headstock.solvers.linear.damping import add_modal_damping
 from headstock.solvers.linear.frequency_response import solve_frf
-from headstock.solvers.linear.state_space import to_state_space
-from headstock.solvers.linear.time_response import solve_time_response
 from headstock.solvers.second_order import SecondOrderSystem
+from headstock.solvers.state_spaces import time_response
+from headstock.solvers.state_spaces.state_space import to_state_space
+from headstock.solvers.state_spaces.time_response import solve_time_response
 
 CHANNELS = (("a", "x"), ("b", "x"))
 

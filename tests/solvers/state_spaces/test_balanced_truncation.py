@@ -9,8 +9,8 @@ import scipy.linalg
 from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.balanced_truncation import truncate_balanced
-from headstock.solvers.linear.state_space import StateSpace
+from headstock.solvers.state_spaces.balanced_truncation import truncate_balanced
+from headstock.solvers.state_spaces.state_space import StateSpace
 
 HZ = np.array([0.0, 0.0, 20.0, 50.0, 51.0, 300.0, 420.0, 600.0])
 INPUTS, OUTPUTS = ("N", "N.m"), ("m", "m", "rad")

@@ -9,7 +9,7 @@ from headstock.geometry.machine.machine import Pose
 from headstock.geometry.parts.components import Material
 from headstock.pipeline.exchange.state_spaces import describe_space, encode_mat
 from headstock.solvers.linear.damping import add_modal_damping
-from headstock.solvers.linear.state_space import StateSpace, to_state_space
+from headstock.solvers.state_spaces.state_space import StateSpace, to_state_space
 from headstock.validation.parts.line_elements import TIP, cantilever_system
 from headstock.validation.references.beam_theory import PrismaticBeam
 

@@ -9,7 +9,7 @@ from scipy.linalg import block_diag, schur, solve_continuous_lyapunov, solve_syl
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.state_space import StateSpace
+from headstock.solvers.state_spaces.state_space import StateSpace
 
 MARGINAL = 1e-9  # of the largest pole: what decays more slowly is kept as it is
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.errors import ModelError
-from headstock.solvers.linear.load_history import IndexArray, LoadHistory, SteppedLoads
 from headstock.solvers.linear.modal_analysis import ModalResult
-from headstock.solvers.linear.state_space import StateSpace
-from headstock.solvers.linear.time_response import group_steps, make_propagator, sine_gains
 from headstock.solvers.second_order import SecondOrderSystem
+from headstock.solvers.state_spaces.load_history import IndexArray, LoadHistory, SteppedLoads
+from headstock.solvers.state_spaces.state_space import StateSpace
+from headstock.solvers.state_spaces.time_response import group_steps, make_propagator, sine_gains
 
 UNBALANCED = 1e-8  # of a load, what is left of it where it moves the system as a whole
 CHANGE = 1e-6  # of the largest value: a smaller change of the rest position is none

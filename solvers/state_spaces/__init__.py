@@ -1,0 +1,3 @@
+"""A reduced machine in time: state spaces, their steps, loads over time, fewer states, positions of
+axes that change.
+"""
