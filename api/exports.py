@@ -76,7 +76,13 @@ def export(
         HeadstockError: A computation or the file failed.
     """
     made, name = take_machine(machine, "export"), read_name(to, "export", "to")
-    given = {"format": name, "component": component, "pose": pose, "hz": hz, "step": step}
+    given: dict[str, object] = {
+        "format": name,
+        "component": component,
+        "pose": pose,
+        "hz": hz,
+        "step": step,
+    }
     given |= {"balanced": balanced, "motors": motors, "travel": travel, "error": error}
     scene = _plan_export("export", made, given)
     wanted = scene.exports[UNNAMED]
@@ -118,7 +124,13 @@ def state_space(
         SceneError: A channel or pose is unknown, or the step too long for a mode.
         HeadstockError: A computation failed.
     """
-    given = {"format": "npz", "pose": pose, "hz": hz, "step": step, "balanced": balanced}
+    given: dict[str, object] = {
+        "format": "npz",
+        "pose": pose,
+        "hz": hz,
+        "step": step,
+        "balanced": balanced,
+    }
     given |= {"motors": motors}
     scene = _plan_space("state_space", machine, given, inputs, outputs)
     return find_state_space(scene, scene.exports[UNNAMED], comm=comm or MPI.COMM_WORLD)
@@ -154,7 +166,7 @@ def varying_state_space(
         SceneError: An axis is unknown or has no limits, or as ``state_space``.
         HeadstockError: A computation failed.
     """
-    given = {
+    given: dict[str, object] = {
         "format": "npz",
         "pose": pose,
         "hz": hz,
