@@ -169,7 +169,7 @@ class _State:
 
 
 @dataclass(frozen=True, eq=False)
-class ModalFit:
+class RefinedPoles:
     """A modal model fitted to weighted responses.
 
     Attributes:
@@ -188,12 +188,14 @@ class ModalFit:
 
 def fit_shapes(
     data: WeightedResponses, poles: ComplexArray, participations: ComplexArray
-) -> ModalFit:
+) -> RefinedPoles:
     """Fit shapes to responses for given poles and participations ``(f, k)``."""
     return _describe(data, _solve(data, poles, participations))
 
 
-def refine(data: WeightedResponses, poles: ComplexArray, participations: ComplexArray) -> ModalFit:
+def refine(
+    data: WeightedResponses, poles: ComplexArray, participations: ComplexArray
+) -> RefinedPoles:
     """Refine poles and participations until the sum of weighted squares is least.
 
     Shapes and residual terms are eliminated in every step.
@@ -220,7 +222,7 @@ def refine(data: WeightedResponses, poles: ComplexArray, participations: Complex
     return _describe(data, state)
 
 
-def pole_covariances(data: WeightedResponses, fit: ModalFit) -> FloatArray:
+def pole_covariances(data: WeightedResponses, fit: RefinedPoles) -> FloatArray:
     """Return the covariance ``(k, 2, 2)`` of the real and imaginary part of each refined pole.
 
     That of equal noise, or where it is larger that of noise as each line and force has it.
@@ -261,7 +263,7 @@ def pole_covariances(data: WeightedResponses, fit: ModalFit) -> FloatArray:
     return np.where(larger[:, None, None], unequal, equal)
 
 
-def build_model(data: WeightedResponses, fit: ModalFit) -> ModalModel:
+def build_model(data: WeightedResponses, fit: RefinedPoles) -> ModalModel:
     """Return the modal model with its shapes and residual terms in the units of the responses."""
     motions, forces = data.measured.shape
     shapes = np.zeros((motions, len(fit.poles)), dtype=np.complex128)
@@ -331,7 +333,7 @@ def _invert(matrix: FloatArray) -> FloatArray:
     return np.asarray(scale[:, None] * inverse * scale)
 
 
-def _describe(data: WeightedResponses, state: _State) -> ModalFit:
+def _describe(data: WeightedResponses, state: _State) -> RefinedPoles:
     count = len(state.poles)
     gains = np.zeros(count)
     for mode in range(count):
@@ -344,7 +346,7 @@ def _describe(data: WeightedResponses, state: _State) -> ModalFit:
                 share = state.columns @ (rotation @ alone)
                 by_line += np.sum((share @ energy) * share, axis=1).reshape(2, -1).sum(axis=0)
         gains[mode] = float(np.sum(np.sort(by_line)[:-STRONGEST_LINES]))
-    return ModalFit(state.poles, state.participations, state.squares, gains)
+    return RefinedPoles(state.poles, state.participations, state.squares, gains)
 
 
 @dataclass(frozen=True, eq=False)

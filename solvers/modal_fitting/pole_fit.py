@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from headstock.geometry.frames import FloatArray
 from headstock.solvers.modal_fitting.candidates import OrderPoles, find_candidates
 from headstock.solvers.modal_fitting.modal_model import (
-    ModalFit,
     ModalModel,
+    RefinedPoles,
     WeightedResponses,
     build_model,
     fit_shapes,
@@ -131,7 +131,7 @@ def fit_poles(
 class _Chosen:
     """Modes chosen so far, and the candidate each came from."""
 
-    fit: ModalFit
+    fit: RefinedPoles
     clusters: tuple[PoleCluster, ...]
 
     def pick(self, kept: NDArray[np.int64]) -> "_Chosen":
@@ -145,7 +145,7 @@ class _Chosen:
         return _Chosen(fit, tuple(self.clusters[number] for number in kept))
 
 
-def split_bands(frequencies_hz: FloatArray) -> list[tuple[int, int]]:
+def _split_bands(frequencies_hz: FloatArray) -> list[tuple[int, int]]:
     """Return first and last but one line of bands, each over no more than a factor of frequency, as
     the width of a resonance grows with it; few where there are few lines.
     """
@@ -167,7 +167,7 @@ def _search(
     complete = data.measured.all(axis=1)
     whole = hz[-1] - hz[0]
     all_steps, clusters = [], []
-    for begin, end in split_bands(hz):
+    for begin, end in _split_bands(hz):
         margin = OVERLAP * (hz[end - 1] - hz[begin])
         lines = (hz >= hz[begin] - margin) & (hz <= hz[end - 1] + margin)
         steps = find_candidates(
@@ -210,7 +210,7 @@ def _split(data: WeightedResponses, chosen: _Chosen, pole: complex) -> _Chosen:
 
 
 def _reweigh(
-    data: WeightedResponses, fit: ModalFit, squares: FloatArray, *, known: bool
+    data: WeightedResponses, fit: RefinedPoles, squares: FloatArray, *, known: bool
 ) -> WeightedResponses:
     """Return responses with weights from what a fit leaves of them, unless noise is known.
 
@@ -234,7 +234,7 @@ def _weigh(
     return WeightedResponses(frequencies_hz, values, lines, motions, forces)
 
 
-def _least_gain(data: WeightedResponses, fit: ModalFit) -> float:
+def _least_gain(data: WeightedResponses, fit: RefinedPoles) -> float:
     """Return how much of the sum of squares a mode must take away: noise alone hardly does."""
     motions, forces = data.measured.shape
     chance = CHANCE / len(data.frequencies_hz)

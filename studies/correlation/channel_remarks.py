@@ -15,7 +15,7 @@ LEAST_COLUMNS = 3  # with fewer shapes an accident looks like a fault
 
 
 @dataclass(frozen=True)
-class ChannelRemark:
+class _ChannelRemark:
     """Channels that look wrong.
 
     Attributes:
@@ -29,7 +29,7 @@ class ChannelRemark:
 
 def describe_channel_faults(
     measured: Field, computed: Field, channels: Sequence[TestChannel]
-) -> tuple[ChannelRemark, ...]:
+) -> tuple[_ChannelRemark, ...]:
     """Say which channels look turned, swapped, shifted, reversed, dead or badly scaled, the one that
     explains most first; nothing by few shapes.
 
@@ -50,7 +50,7 @@ def describe_channel_faults(
         names = ", or ".join(_name(one, channels) for one in (fault, *fault.rivals))
         before, after = fault.mac
         text = f"{names}: MAC of {columns} modes rises from {before:.3f} to {after:.3f}; check its mounting, cable and name"
-        remarks.append(ChannelRemark(text, fault.rows))
+        remarks.append(_ChannelRemark(text, fault.rows))
     return tuple(remarks)
 
 

@@ -40,7 +40,7 @@ class _Class:
     radius: float
 
 
-class MachineSurface:
+class _MachineSurface:
     """Triangles of components where they stand in a machine.
 
     Attributes:
@@ -158,7 +158,7 @@ def place_test(
     Raises:
         MeasurementError: The points have another unit, or lie on no placement near the surfaces.
     """
-    surface = MachineSurface(skins, frames)
+    surface = _MachineSurface(skins, frames)
     places = np.array([point.position for point in points.values()])
     _require_unit(places, surface)
     written = _measure(surface, places, UNMOVED)
@@ -205,13 +205,13 @@ def place_test(
     return dataclasses.replace(motion, remarks=tuple(remarks))
 
 
-def _measure(surface: MachineSurface, places: FloatArray, motion: Placement) -> Placement:
+def _measure(surface: _MachineSurface, places: FloatArray, motion: Placement) -> Placement:
     distances = np.sort(surface.nearest(motion.move(places))[1])
     counted = distances[: max(1, round(TRIMMED * len(distances)))]
     return dataclasses.replace(motion, rms=float(np.sqrt((counted**2).mean())))
 
 
-def _require_unit(places: FloatArray, surface: MachineSurface) -> None:
+def _require_unit(places: FloatArray, surface: _MachineSurface) -> None:
     """Refuse points that span what no machine does, and would fit in another unit."""
     span = float(np.linalg.norm(np.ptp(places, axis=0)))
     if 1 / 20 < span / surface.size < 20:
@@ -243,7 +243,7 @@ def _fit_motion(places: FloatArray, targets: FloatArray) -> Placement:
 
 
 def _search(
-    surface: MachineSurface, places: FloatArray, written: Placement
+    surface: _MachineSurface, places: FloatArray, written: Placement
 ) -> tuple[Placement, int]:
     """Fit from the file's own axes, and from those of all directions of a cube with middles of boxes
     at one place; and how many other motions fit as well.
@@ -275,7 +275,7 @@ def _search(
 
 
 def _iterate(
-    surface: MachineSurface, places: FloatArray, motion: Placement, rounds: int
+    surface: _MachineSurface, places: FloatArray, motion: Placement, rounds: int
 ) -> Placement:
     """Fit points to their nearest places again and again, then to the planes there.
 

@@ -141,7 +141,7 @@ class CaseState:
         """Return the derivatives ``(n_all, p)`` of what ``motion`` returns, up to a factor of it."""
         if not self._is_damped_for(shape):
             return slope_motions(self, mode, slopes)
-        return slope_damped_motions(self, mode, slopes)
+        return _slope_damped_motions(self, mode, slopes)
 
     def _is_damped_for(self, shape: ShapeTarget) -> bool:
         system = self.system
@@ -328,7 +328,7 @@ def slope_motions(state: CaseState, index: int, slopes: list[CaseSlope]) -> Floa
     )
 
 
-def slope_damped_motions(state: CaseState, mode: int, slopes: list[CaseSlope]) -> ComplexArray:
+def _slope_damped_motions(state: CaseState, mode: int, slopes: list[CaseSlope]) -> ComplexArray:
     """Return the derivatives ``(n_all, p)`` of one damped mode in stacked dofs, up to a multiple of the
     mode itself.
     """

@@ -34,7 +34,7 @@ type Slopes = Callable[[], FloatArray]
 
 
 @dataclass(frozen=True)
-class TargetKind:
+class _TargetKind:
     """A kind of target: those of one kind share a noise factor.
 
     Attributes:
@@ -47,12 +47,12 @@ class TargetKind:
 
 
 KINDS = {
-    "frequency": TargetKind("Hz", 1.0),
-    "shape": TargetKind("", 1.0),
-    "damping": TargetKind("%", 100.0),
-    "compliance": TargetKind("um/kN", UM_PER_KN),
-    "response": TargetKind("um/kN", UM_PER_KN),
-    "limit": TargetKind("Hz", 1.0),
+    "frequency": _TargetKind("Hz", 1.0),
+    "shape": _TargetKind("", 1.0),
+    "damping": _TargetKind("%", 100.0),
+    "compliance": _TargetKind("um/kN", UM_PER_KN),
+    "response": _TargetKind("um/kN", UM_PER_KN),
+    "limit": _TargetKind("Hz", 1.0),
 }
 
 
@@ -136,7 +136,7 @@ def _observe_shape(
         wanted=1.0,
         value=float(np.abs(unit.conj() @ wanted) ** 2),
         sigma=shape.tolerance,
-        residuals=split_parts(gap / shape.tolerance, shape),
+        residuals=_split_parts(gap / shape.tolerance, shape),
         find_slopes=partial(_slope_shape_gap, state, shape, mode),
         hold_out=target.hold_out,
         mode=mode,
@@ -259,7 +259,7 @@ def _spread_slopes(
     return rows
 
 
-def split_parts(values: ComplexArray, shape: ShapeTarget) -> FloatArray:
+def _split_parts(values: ComplexArray, shape: ShapeTarget) -> FloatArray:
     """Return real parts, and behind them imaginary ones of a complex shape."""
     parts = [values.real, values.imag] if shape.is_complex else [values.real]
     return np.concatenate(parts).astype(np.float64)
@@ -272,7 +272,7 @@ def _slope_shape_gap(state: CaseState, shape: ShapeTarget, mode: int) -> FloatAr
     unit = observed / size
     turns = (changes - np.outer(unit, unit.conj() @ changes)) / size
     gaps = -(np.outer(unit, turns.conj().T @ wanted) + (unit.conj() @ wanted) * turns)
-    return np.asarray(split_parts(gaps, shape) / shape.tolerance, dtype=np.float64)
+    return np.asarray(_split_parts(gaps, shape) / shape.tolerance, dtype=np.float64)
 
 
 def slope_observed(state: CaseState, shape: ShapeTarget, mode: int) -> FloatArray | ComplexArray:

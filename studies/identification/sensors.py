@@ -82,7 +82,7 @@ def list_channels(states: Sequence[CaseState]) -> list[ObservedDof]:
     return [end for name in order[:MOST_PLACES] for end in ends if end.observer == name]
 
 
-def list_views(found: Identification, channels: Sequence[ObservedDof]) -> Iterator[SensorView]:
+def _list_views(found: Identification, channels: Sequence[ObservedDof]) -> Iterator[SensorView]:
     """Yield what the reference point shows alone, then with each further channel.
 
     Args:
@@ -143,10 +143,10 @@ def rank_sensors(
     )
     if not channels or not names:
         return ()
-    views = {name: list(list_views(one, channels)) for name, one in models.items()}
+    views = {name: list(_list_views(one, channels)) for name, one in models.items()}
     best, *others = [*models] or [""]
     ranked = []
-    for number, view in enumerate(list_views(found, channels)):
+    for number, view in enumerate(_list_views(found, channels)):
         logs, mode = dict[str, float](), ""
         for name in others:
             pair = views[best][number], views[name][number]

@@ -49,7 +49,7 @@ class DataGroup:
 
 
 @dataclass(frozen=True)
-class Noise:
+class _Noise:
     """Size of the errors of one kind of measurement, or of all.
 
     Attributes:
@@ -89,8 +89,8 @@ class FitStatistics:
     combinations: tuple[Combination, ...]
     bounded_covariance: FloatArray
     allowed: FloatArray
-    noise: Noise
-    noise_by_kind: dict[str, Noise]
+    noise: _Noise
+    noise_by_kind: dict[str, _Noise]
     used_factors: dict[str, float]
 
     @property
@@ -230,20 +230,20 @@ def assess(
 
 def _find_noise(
     groups: Sequence[DataGroup], residuals: FloatArray, leverages: FloatArray
-) -> tuple[Noise, dict[str, Noise]]:
+) -> tuple[_Noise, dict[str, _Noise]]:
     """Return the size of the errors of all measurements, and of those of each kind.
 
     Args:
         leverages: ``(r,)`` share of each residual that the parameters take up.
     """
 
-    def find(chosen: Sequence[DataGroup]) -> Noise:
+    def find(chosen: Sequence[DataGroup]) -> _Noise:
         square, freedom = 0.0, 0.0
         for group in chosen:
             square += float(residuals[group.rows] @ residuals[group.rows])
             # several residuals of one measurement cannot determine more than it
             freedom += group.data - min(group.data, float(leverages[group.rows].sum()))
-        return Noise(float(np.sqrt(square / freedom)) if freedom >= 1.0 else None, freedom)
+        return _Noise(float(np.sqrt(square / freedom)) if freedom >= 1.0 else None, freedom)
 
     counted = [group for group in groups if group.data]
     kinds = dict.fromkeys(group.kind for group in counted)
@@ -255,8 +255,8 @@ def _find_noise(
 def _find_quantiles(
     groups: Sequence[DataGroup],
     gain: FloatArray,
-    by_kind: dict[str, Noise],
-    noise: Noise,
+    by_kind: dict[str, _Noise],
+    noise: _Noise,
     covariance: FloatArray,
 ) -> FloatArray:
     """Return half-widths of intervals over standard deviations ``(p,)``: of Student's t, with the

@@ -12,7 +12,7 @@ from common import approx
 from headstock.geometry.frames import FloatArray
 from headstock.scene.test_data.records import ComplexArray
 from headstock.solvers.modal_fitting.candidates import find_candidates
-from headstock.solvers.modal_fitting.pole_fit import PoleFit, fit_poles, split_bands
+from headstock.solvers.modal_fitting.pole_fit import PoleFit, _split_bands, fit_poles
 from headstock.solvers.modal_fitting.stabilisation import damping_ratios, label_poles
 
 LINES = space_lines(20.0, 300.0, 400)
@@ -130,9 +130,9 @@ def test_computational_poles_are_unstable_and_true_ones_are_labelled_stable() ->
 
 
 def test_bands_cover_all_lines_once() -> None:
-    bands = split_bands(space_lines(5.0, 2000.0, 1600))
+    bands = _split_bands(space_lines(5.0, 2000.0, 1600))
     assert len(bands) > 1
     assert bands[0][0] == 0
     assert bands[-1][1] == 1600
     assert [begin for begin, _ in bands[1:]] == [end for _, end in bands[:-1]]
-    assert split_bands(LINES[:100]) == [(0, 100)]
+    assert _split_bands(LINES[:100]) == [(0, 100)]

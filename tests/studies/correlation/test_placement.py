@@ -11,7 +11,7 @@ from headstock.geometry.parts.nearest_places import find_nearest_place
 from headstock.geometry.parts.skins import Skin
 from headstock.scene.test_data.errors import MeasurementError
 from headstock.scene.test_data.records import TestPoint, as_vector
-from headstock.studies.correlation.placement import MachineSurface, place_test
+from headstock.studies.correlation.placement import _MachineSurface, place_test
 
 
 def box(size: tuple[float, float, float], steps: int = 1) -> Skin:
@@ -36,7 +36,7 @@ FRAMES = {"bed": Frame(), "column": Frame(np.array([0.1, 0.05, 0.3]))}
 
 def measured_points(count: int = 40) -> FloatArray:
     rng = np.random.default_rng(3)
-    surface = MachineSurface(SKINS, FRAMES)
+    surface = _MachineSurface(SKINS, FRAMES)
     return surface.nearest(rng.uniform([-0.1, -0.1, 0.0], [1.3, 0.6, 1.3], (count, 3)))[0]
 
 
@@ -46,7 +46,7 @@ def as_points(places: FloatArray) -> dict[str, TestPoint]:
 
 def test_the_nearest_place_of_many_points_is_that_of_each() -> None:
     places = np.random.default_rng(1).uniform(-0.5, 1.5, (50, 3))
-    surface = MachineSurface(SKINS, FRAMES)
+    surface = _MachineSurface(SKINS, FRAMES)
     nearest, distances, triangles = surface.nearest(places)
     owners = surface.owners[triangles]
     for place, found, distance, owner in zip(places, nearest, distances, owners, strict=True):
