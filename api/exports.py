@@ -57,7 +57,7 @@ def export(
         machine: Machine or path of a scene file.
         to: Format: ``op4``, ``dmig``, ``abaqus``, ``calculix``, ``mtx``, ``simscape``, ``h5`` or that of
             a mesh for a component; ``fmu3``, ``fmu2``, ``mat``, ``npz`` or ``uff`` for the machine.
-        component: Which one leaves.
+        component: Its name; None writes the machine.
         pose: Of the machine; None for the first.
         hz: Modes up to here become states, as ``"500 Hz"``.
         step: Over which inputs are constant, as ``"1 ms"``.

@@ -158,9 +158,6 @@ def estimate_behind_faces(triangles: int, cubes: float, order: int) -> tuple[int
 def count_quadratic_nodes(vertices: float, cells: float, triangles: float) -> int:
     """Return the number of corners and middles of edges of a mesh of tets.
 
-    Args:
-        triangles: On its surface.
-
     Source: Euler's formula; edges of tets are ``vertices + cells + triangles / 2``.
     """
     return int(min(2 * vertices + cells + triangles / 2, UNCOUNTED))

@@ -50,7 +50,7 @@ from headstock.solvers.state_spaces.varying_matrices import (
     find_largest_error,
     lay_field,
     list_grid,
-    respond,
+    respond_posed,
     span_motions,
     split_patterns,
 )
@@ -127,7 +127,7 @@ class _Travel:
 
     @cached_property
     def coordinates(self) -> TravelCoordinates:
-        """What is the same in every pose."""
+        """Return the coordinates that are the same in every pose."""
         names = {name for name, dof in itertools.chain(*self.channels) if dof != LOAD}
         coupled = couple_pose(self.state.parts, self.pose(self.middle), memo=self.memo).coupled
         return find_travel(
@@ -380,7 +380,7 @@ def _fit_knots(
             natural = np.sqrt(np.maximum(np.linalg.eigvalsh(exact.stiffness), 0.0))
             omega = _list_lines(travel.up_to_hz, natural / (2.0 * np.pi), FEW_LINES)
             wanted, found = (
-                respond(_damp_somewhat(one), omega)
+                respond_posed(_damp_somewhat(one), omega)
                 for one in (exact, matrices.at(_name(travel, place)))
             )
             errors[place] = find_largest_error(wanted, found, _find_sizes(travel, wanted))
@@ -442,7 +442,7 @@ def _name(travel: _Travel, place: Place) -> dict[str, float]:
 def _find_error(travel: _Travel, place: Place, matrices: PosedMatrices) -> float:
     """Find the error of the frequency response at a place."""
     exact = travel.solve(place)
-    response = respond(_damp_somewhat(matrices), exact.omega)
+    response = respond_posed(_damp_somewhat(matrices), exact.omega)
     return find_largest_error(exact.response, response, _find_sizes(travel, exact.response))
 
 

@@ -109,7 +109,7 @@ def compute_points[Point, Result](
     Args:
         points: The same on every rank.
         work: Makes the result of a point, on the ranks it is given.
-        folder: Which all ranks reach.
+        folder: On storage that all ranks read and write.
         together: All ranks compute each point; results are then on every rank.
         plan: Of the run of a point, by which the longest are begun first and memory is kept; why
             there is none. Called where points are dealt out.
@@ -164,7 +164,7 @@ def compute_changes[Name, Result](
     Args:
         runs: The same on every rank, the scene as written first; why there is none of a change.
         work: On one of them.
-        folder: Which all ranks reach.
+        folder: On storage that all ranks read and write.
         store: Where the components of all are put first; None where each run makes its own.
 
     Returns:

@@ -12,7 +12,7 @@ from headstock.app.commands.options import read_percent
 from headstock.app.commands.tool_commands import ModesOptions
 from headstock.app.report.pages import render_correlation
 from headstock.app.tables.correlation import list_correlation_tables
-from headstock.app.tables.modal_fit import list_modes
+from headstock.app.tables.modal_fit import list_fitted_modes
 from headstock.app.tables.table import encode_csv
 from headstock.app.terminal.console import counted, make_console, print_remarks
 from headstock.app.terminal.correlation import print_correlation
@@ -118,7 +118,7 @@ def modes_command(options: ModesOptions) -> int:
                 references=options.names,
                 progress=announce,
             )
-        text, listing = dump_summary(summarise_fit(fit, options.test.name)), list_modes(fit)
+        text, listing = dump_summary(summarise_fit(fit, options.test.name)), list_fitted_modes(fit)
         written = TestData(points=data.points, lines=data.lines, modes=fit.modes)
         files = {
             MODES_JSON: text.encode(),

@@ -227,10 +227,10 @@ def _make_cell(
     """A plot of magnitudes and phases.
 
     Args:
-        size: Magnitudes in SI.
+        size: ``(n,)`` magnitudes in SI.
         error: Of the magnitudes; None where there is none.
         factor: From SI to the unit.
-        number: Of the plot.
+        number: Place of the plot in its page, row by row from 0.
         columns: Plots beside each other.
     """
     size = np.asarray(factor * size, dtype=float)

@@ -40,7 +40,7 @@ _COLUMNS: tuple[Column[_Row], ...] = (
 )
 
 
-def list_modes(fit: ModalFit) -> Listing[_Row]:
+def list_fitted_modes(fit: ModalFit) -> Listing[_Row]:
     """Return the modes of a fit as a table."""
     rows = list(enumerate(fit.list_modes(), 1))
     return Listing("Modes of the test, ± at 95 %", _COLUMNS, rows, "modes")

@@ -10,12 +10,7 @@ from headstock.studies.correlation.correlation import Correlation
 
 
 def print_correlation(found: Correlation, folder: Path, files: Sequence[str]) -> None:
-    """Print the verdict first, then the tables behind it.
-
-    Args:
-        folder: Where the files are.
-        files: Their names.
-    """
+    """Print the verdict first, then the tables behind it, at last the names of files in a folder."""
     console = make_console()
     for number, sentence in enumerate(found.verdict):
         console.say(sentence, style="bold" if not number else None)

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 
@@ -261,6 +261,10 @@ def orient_machine(machine: Machine, frame: Frame) -> Machine:
     def carry_point(point: FloatArray) -> FloatArray:
         return frame.origin + rotation @ point
 
+    def carry_vectors[Numbers: tuple[float, ...]](numbers: Numbers) -> Numbers:
+        vectors = np.reshape(numbers, (-1, 3)) @ rotation.T
+        return cast(Numbers, tuple(vectors.ravel().tolist()))
+
     components = {
         name: dataclasses.replace(component, placement=compose_frames(frame, component.placement))
         for name, component in machine.components.items()
@@ -287,24 +291,11 @@ def orient_machine(machine: Machine, frame: Frame) -> Machine:
         for name, axis in machine.axes.items()
     }
     loads = {
-        name: dataclasses.replace(
-            load,
-            vector=tuple(
-                float(v)
-                for i in range(0, len(load.vector), 3)
-                for v in rotation @ load.vector[i : i + 3]
-            ),
-        )
+        name: dataclasses.replace(load, vector=carry_vectors(load.vector))
         for name, load in machine.loads.items()
     }
     displacements = {
-        name: dataclasses.replace(
-            given,
-            motion=(
-                *(rotation @ given.motion[:3]).tolist(),
-                *(rotation @ given.motion[3:]).tolist(),
-            ),
-        )
+        name: dataclasses.replace(given, motion=carry_vectors(given.motion))
         for name, given in machine.displacements.items()
     }
     return dataclasses.replace(
@@ -314,11 +305,7 @@ def orient_machine(machine: Machine, frame: Frame) -> Machine:
         axes=axes,
         loads=loads,
         displacements=displacements,
-        base_motions={
-            name: (float(x), float(y), float(z))
-            for name, given in machine.base_motions.items()
-            for x, y, z in [rotation @ given]
-        },
+        base_motions={name: carry_vectors(given) for name, given in machine.base_motions.items()},
     )
 
 

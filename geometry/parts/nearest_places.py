@@ -84,7 +84,7 @@ def describe_distance(
         nearest: ``(3,)``, the same.
         distance: To it [m].
         skins: Component to its surface in its frame.
-        frames: Of these components.
+        frames: Component to its frame in the machine's; all of ``skins``.
     """
     at = ", ".join(f'"{round(1e3 * float(value), 2) + 0.0:g} mm"' for value in nearest)
     text = f'lies {1e3 * distance:.3g} mm outside "{component}"; nearest place of its surface: at = [{at}]'

@@ -232,7 +232,6 @@ def read_cards(path: Path, text: str, known: Collection[str]) -> Iterator[Card]:
     lines that continue them, which follow, or stand elsewhere and are found by their mark.
 
     Args:
-        path: The file, for messages.
         known: Names of the cards that are read: they may not have more fields than a line holds.
 
     Raises:

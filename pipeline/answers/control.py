@@ -63,7 +63,7 @@ class GuardFrequency:
         frequency_hz: With the motors free [Hz].
         damping_ratio: Of the mode, without control.
         height: Of the resonance over the response of the rigid machine [-]; None without damping.
-        name: What moves.
+        name: What moves: the mode named by its energies.
     """
 
     drive: str
@@ -115,7 +115,7 @@ class ControlAnswer(Answer):
         up_to_hz: Poles are listed up to here [Hz].
         speed: Of the set point that axes lag behind [m/s].
         verdict: Why the loops are unstable, in plain words; empty when they are not.
-        guards: Frequencies to guard, by drive.
+        guards: Those of one drive stand together, the highest resonance first.
         positions: Of each axis in the pose [m, rad].
     """
 

@@ -68,7 +68,6 @@ class FmuModel:
     """What an FMU is made of.
 
     Attributes:
-        description: In a sentence.
         step: [s].
         variables: Inputs before outputs; positions of axes behind other inputs.
         header: Its numbers in C.
@@ -84,7 +83,7 @@ class FmuModel:
 
     @property
     def token(self) -> str:
-        """What a model description and its library know each other by."""
+        """Return the identifier that a model description and its library share."""
         return "{" + hashlib.sha256(self.header.encode()).hexdigest()[:32] + "}"
 
 

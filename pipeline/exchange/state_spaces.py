@@ -39,7 +39,6 @@ class MachineStateSpace:
         states: Names of the ``n`` states.
         input_units: N, N.m, or 1 for a load of the scene; m, m/s, m/s2 (rad) of set points.
         output_units: m or rad; N or N.m of forces of drives.
-        pose: Name of the pose.
         positions: Position of each axis in the pose [m, rad].
         step: Time over which inputs are held [s]; None in continuous time.
         highest_hz: Highest frequency of a mode among the states [Hz].
@@ -68,7 +67,7 @@ class MachineStateSpace:
 
     @property
     def contents(self) -> dict[str, Any]:
-        """What files hold; a step of 0 stands for continuous time."""
+        """Return what files hold; a step of 0 stands for continuous time."""
         return {
             **{name: getattr(self, name) for name in ("A", "B", "C", "D", "bounds", "pose")},
             **{name: list(getattr(self, name)) for name in NAMES},

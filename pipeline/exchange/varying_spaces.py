@@ -23,7 +23,7 @@ class VaryingStateSpace:
     ``x = (r z, z')``, ``z'' + C(p) z' + K(p) z = B(p) u``, ``y = L(p) z``.
 
     Attributes:
-        channels: Inputs and outputs.
+        channels: ``k`` inputs, then ``p`` outputs.
         axis_units: m or rad of each axis.
         positions: Where the axes stand at the start [m, rad].
         rate: ``r`` [rad/s], above all natural frequencies and decay rates.
@@ -95,7 +95,7 @@ class VaryingStateSpace:
 
     @property
     def contents(self) -> dict[str, Any]:
-        """What files hold: matrices at all knots, and the rows they are made of."""
+        """Return what files hold: matrices at all knots, and the rows they are made of."""
         grid = self.matrices.grid
         poses = [self.at(**place) for place in grid]
         fields = {

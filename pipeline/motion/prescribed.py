@@ -32,7 +32,7 @@ class PrescribedMotion:
 
     Attributes:
         inputs: Generalised load ``(n,)`` of each rate and acceleration that acts.
-        histories: Of the same.
+        histories: Rate [m/s, rad/s] or acceleration [m/s^2, rad/s^2] over time, for each of ``inputs``.
         direct: What displacements add to outputs; one for each load.
     """
 

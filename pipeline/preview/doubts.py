@@ -91,7 +91,7 @@ class JointGap:
 
     @property
     def doubtful(self) -> bool:
-        """Whether the ends are farther apart than joints are long."""
+        """Return whether the ends are farther apart than joints are long."""
         return self.middles > self.usual and self.areas > TOUCHING * self.usual
 
 

@@ -180,7 +180,7 @@ def deal_out[T](
 
     Args:
         work: Takes the number of a job, and what settles others before each of its stages.
-        folder: Which all ranks reach.
+        folder: On storage that all ranks read and write.
         observer: Called on rank 0 with the number of each job that is done and its result.
     """
     return share_work(

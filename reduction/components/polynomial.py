@@ -26,6 +26,7 @@ from headstock.reduction.components.polynomial_space import (
     polynomial_limit,
 )
 from headstock.reduction.components.rail_fits import RailFit, fit_rail, free_rails
+from headstock.reduction.components.rigid import find_density
 from headstock.reduction.components.segmented import segment_skin
 from headstock.reduction.components.sensors import combine_attachments
 from headstock.reduction.rails import CONTROL_POINT_DOFS, ControlPoint, control_point_motion
@@ -159,16 +160,10 @@ def reduce_polynomial(
     Soc. Am. 73, 2013, for blocks.
     """
     bar = _as_bar(component)
-    density = (
-        component.material.density if component.mass is None else component.mass / properties.volume
-    )
-    across, along = _choose_degrees(component, bar)
-    fine = _make_space(component, bar, across, along)
-    # a round section of two degrees lacks what shear needs, and would show that alone
-    less = 0 if isinstance(component.solid, Tube) else 1
-    coarse = _make_space(component, bar, [degree - less for degree in across], along - 1)
+    density = find_density(component, properties)
+    fine, coarse, order = _make_spaces(component, bar)
     areas = {
-        name: _measure_area(component, name, interface.patches, bar, (along + 2, max(across) + 2))
+        name: _measure_area(component, name, interface.patches, bar, order)
         for name, interface in component.interfaces.items()
     }
     frames, maps, rails = _lay_out_dofs(component, areas, properties)
@@ -240,6 +235,20 @@ def _refusal(component: Component, why: str) -> ModelError:
     return ModelError(
         f'component {component.name!r} cannot be polynomials: {why}; write fidelity = "elastic"'
     )
+
+
+def _make_spaces(
+    component: Component, bar: PrismaticBar
+) -> tuple[PolynomialSpace, PolynomialSpace, tuple[int, int]]:
+    """Return the polynomials of a body, those of a degree less, and the orders along and across that
+    integrate them over its areas.
+    """
+    across, along = _choose_degrees(component, bar)
+    fine = _make_space(component, bar, across, along)
+    # a round section of two degrees lacks what shear needs, and would show that alone
+    less = 0 if isinstance(component.solid, Tube) else 1
+    coarse = _make_space(component, bar, [degree - less for degree in across], along - 1)
+    return fine, coarse, (along + 2, max(across) + 2)
 
 
 def _choose_degrees(component: Component, bar: PrismaticBar) -> tuple[list[int], int]:

@@ -42,7 +42,7 @@ def reduce_rigid(
             on a rigid body.
         AccuracyError: The superelement fails its own check.
     """
-    density = _density(component, properties)
+    density = find_density(component, properties)
     mass_kg = density * properties.volume
     inertia = density * 0.5 * (properties.inertia + properties.inertia.T)
     mass = np.zeros((6, 6))
@@ -107,7 +107,7 @@ def _rigid_rails(
     return rails
 
 
-def _density(component: Component, properties: SolidProperties) -> float:
+def find_density(component: Component, properties: SolidProperties) -> float:
     """Return the density that gives the wanted mass [kg/m^3]."""
     if not (
         np.isfinite(properties.volume)

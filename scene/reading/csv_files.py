@@ -225,8 +225,8 @@ def _read_columns(
 
 
 def read_lines[Parsed](path: Path, parse: Callable[[list[str], Rows], Parsed]) -> Parsed:
-    """What a function makes of the first line of a file and of those rows of the others that are not
-    blank, each with its number.
+    """Parse the first line of a file and those rows of the others that are not blank, each with its
+    number, by a function.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:

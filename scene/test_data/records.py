@@ -47,7 +47,6 @@ class TestChannel:
     """A direction in which a point was measured or excited.
 
     Attributes:
-        point: Name of the point.
         direction: Unit vector in the axes of the test.
     """
 
@@ -75,8 +74,8 @@ class MeasuredResponses:
 
     Attributes:
         frequencies_hz: ``(l,)`` increasing.
-        motions: Channels of the motion.
-        forces: Channels of the force.
+        motions: ``m`` channels.
+        forces: ``f`` channels.
         values: ``(l, m, f)`` displacement over force [m/N]; nan for a pair that was not measured.
         deviations: ``(l, m, f)`` standard deviations of the values [m/N], from coherence or repeated
             measurements; None where unknown.
@@ -141,7 +140,6 @@ class TestData:
     """What a test says.
 
     Attributes:
-        points: By name.
         lines: Names of points that are joined by lines in pictures.
         responses: Frequency responses; None without.
         modes: Poles and shapes; None without.

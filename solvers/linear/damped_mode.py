@@ -43,7 +43,7 @@ def follow_damped_mode(system: SecondOrderSystem, omega: float, shape: FloatArra
     """Find the complex mode that an undamped one becomes.
 
     Args:
-        system: Symmetric.
+        system: Its matrices are symmetric, ``(n, n)``.
         omega: Undamped natural frequency [rad/s].
         shape: ``(n,)`` its mass-normalised shape.
 
@@ -91,8 +91,7 @@ def slope_damped_shape(
     """Return the derivatives ``(n, p)`` of a damped mode, up to a multiple of the mode itself.
 
     Args:
-        system: Symmetric.
-        mode: Of it.
+        system: Its matrices are symmetric, ``(n, n)``.
         forces: ``(n, p)`` derivatives of ``(s^2 M + s C + K + i H)`` times the mode, ``s`` as it is.
     """
     size = len(mode.shape)

@@ -133,7 +133,7 @@ def keep_lowest(
     """Return the lowest of all modes, without solving anew.
 
     Args:
-        modes: Modes in rising order.
+        modes: By rising frequency, rigid-body modes first.
         count: Keep at most this many, rigid-body modes counted; None keeps all.
         up_to_hz: Keep modes up to this frequency [Hz], rigid-body modes always; both limits hold
             when both are given.

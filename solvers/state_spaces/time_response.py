@@ -156,7 +156,7 @@ def _follow_blocks(
         rows: ``(p, n)`` outputs per state.
         state: ``(n,)`` before the first step.
         given: ``(m, q)`` loads of each step.
-        steps: Of a block.
+        steps: Number of time steps that a block joins.
     """
     count, loaded, seen = len(given) // steps, push.shape[1], len(rows)
     loads = given[: count * steps].reshape(count, -1).T  # (steps q, blocks)

@@ -83,7 +83,6 @@ class Field:
     Attributes:
         values: ``(n_1, n_2, ..., *shape)`` with 1 in place of the number of knots of an axis that it
             does not depend on.
-        shape: Of the array.
         level: Which of both sets of knots it has.
     """
 
@@ -100,7 +99,7 @@ class Field:
 
     @property
     def varies(self) -> bool:
-        """Whether it depends on any axis."""
+        """Return whether it depends on any axis."""
         return self.values.size > int(np.prod(self.shape))
 
 
@@ -257,7 +256,7 @@ def span_motions(
     return basis @ (axes / np.sqrt(np.maximum(shares, lightest)))
 
 
-def respond(matrices: PosedMatrices, omega: FloatArray) -> ComplexArray:
+def respond_posed(matrices: PosedMatrices, omega: FloatArray) -> ComplexArray:
     """Return the frequency response ``(n_freq, p, k)`` at angular frequencies [rad/s]."""
     unit = np.eye(len(matrices.stiffness))
     return np.array(

@@ -24,9 +24,9 @@ class BaseCase:
 
     Attributes:
         case: Its name in the target file.
-        raw: The target file.
+        raw: Table of the target file, as it is written.
         names: Of its modes that have shapes.
-        motions: Their shapes.
+        motions: Shape of each of these modes.
     """
 
     case: str

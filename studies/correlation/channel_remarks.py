@@ -20,7 +20,7 @@ class _ChannelRemark:
 
     Attributes:
         text: How, and how much better the shapes agree then.
-        rows: Of the channels.
+        rows: Numbers of the channels among those of the test, from 0.
     """
 
     text: str

@@ -47,7 +47,7 @@ class CorrelatedMode:
         label: Name of the measured mode.
         measured_error_hz: ± of the measured frequency at 95 % [Hz].
         number: Of the computed mode, from 1, rigid-body modes first.
-        name: Of the computed mode.
+        name: Of the computed mode, by its energies; None where the model has none.
         computed_error_hz: ± of the computed frequency [Hz]; None where a source has no bound.
         computed_known_hz: The part of it that is known [Hz].
     """
@@ -79,7 +79,7 @@ class CorrelatedMode:
 
     @property
     def remark(self) -> str:
-        """What is to be said of the pair, or of the mode that has no partner."""
+        """Return what is to be said of the pair, or of the mode that has no partner."""
         if self.name is None:
             return "missing in the model"
         return "not measured" if self.measured is None else "; ".join(self.doubts)
@@ -106,14 +106,13 @@ class Correlation(Displayed):
     """A measured machine beside its model in one pose.
 
     Attributes:
-        test: Name of the test file.
         variant: Variant of the scene; None for as written.
         fit: Measured modes with shapes at the channels that are compared, and their ±.
         computed: Modes of the model, with shapes ``(n_all, m)`` of its superelement dofs.
         shapes: ``(c, m)`` of the computed modes at the channels.
         range_hz: Frequencies between which the test looked.
         within: Relative deviation up to which a frequency is met.
-        pairs: By shape.
+        pairs: Measured and computed modes, paired by shape.
         left_out: Points that hid pairs: these were found without them.
         mac: ``(k, m)`` of single shapes.
         orthogonality: ``(k, m)`` cross-orthogonality with the mass of the reduced model; None where

@@ -67,7 +67,6 @@ class CorrelationJob:
     """What is compared.
 
     Attributes:
-        test: File of the test.
         pose: Pose of the scene; None for the first.
         within: Relative deviation up to which a frequency counts as met.
         like: Target file of a test before the machine was modified; None without one.
@@ -87,7 +86,6 @@ class _LoadedCorrelation:
     """A job whose files are read and checked.
 
     Attributes:
-        data: The test.
         fit: Its modes, from the file or fitted to its responses.
         range_hz: Frequencies between which it looked: its lines, else its modes [Hz].
         base: Of a modified machine, the test before.

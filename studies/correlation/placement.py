@@ -44,7 +44,6 @@ class _MachineSurface:
     """Triangles of components where they stand in a machine.
 
     Attributes:
-        names: Components.
         owners: ``(t,)`` index of the component of each triangle.
         normals: ``(t, 3)`` of each triangle; zero of one without area.
         size: Diagonal of the box around all of them [m].

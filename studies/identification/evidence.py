@@ -14,7 +14,7 @@ class Evidence:
     Attributes:
         misfit: Twice the negative logarithm of the likelihood at the fit, up to a constant.
         parameters: How many are free in the end: none at its bound.
-        data: Number of measurements.
+        data: How many measurements are fitted; held-out ones do not count.
         log_evidence: Logarithm of the evidence by Laplace's method, up to the same constant for all
             models; None where data and priors leave a parameter open or one is at its bound.
     """

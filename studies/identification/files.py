@@ -98,10 +98,7 @@ def _write_keys(
     found: Identification, values: Mapping[str, float]
 ) -> dict[MachineKey, dict[KeyPath, str | float]]:
     """By machine of the target file: every key that follows a parameter with its value as the scene
-    writes it.
-
-    Args:
-        values: Of the parameters, SI.
+    writes it; values in SI.
     """
     result: dict[MachineKey, dict[KeyPath, str | float]] = {}
     for state in found.point.states:

@@ -165,7 +165,7 @@ class FitEnds:
 
     @property
     def end(self) -> FitPlace:
-        """Where the best start ended."""
+        """Return where the best start ended."""
         end = self.starts[self.best].end
         if end is None:
             raise AssertionError("a fit ended without a point and without saying why")

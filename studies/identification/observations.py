@@ -38,8 +38,8 @@ class _TargetKind:
     """A kind of target: those of one kind share a noise factor.
 
     Attributes:
-        unit: In tables and files.
-        scale: From SI to it.
+        unit: In tables and files; empty for a ratio.
+        scale: Factor from SI to the unit.
     """
 
     unit: str
