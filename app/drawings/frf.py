@@ -229,7 +229,6 @@ def _make_cell(
     Args:
         size: ``(n,)`` magnitudes in SI.
         error: Of the magnitudes; None where there is none.
-        factor: From SI to the unit.
         number: Place of the plot in its page, row by row from 0.
         columns: Plots beside each other.
     """

@@ -24,7 +24,7 @@ class VaryingStateSpace:
 
     Attributes:
         channels: ``k`` inputs, then ``p`` outputs.
-        axis_units: m or rad of each axis.
+        axis_units: ``m`` or ``rad`` of each axis.
         positions: Where the axes stand at the start [m, rad].
         rate: ``r`` [rad/s], above all natural frequencies and decay rates.
         step: Over which an FMU holds its inputs [s]; None for continuous time.

@@ -50,7 +50,7 @@ def prescribe_motion(
     """Return the displacements among the loads of a request.
 
     Args:
-        system: Damped, of the machine.
+        system: Of the machine, with all damping that acts over time.
 
     Raises:
         ModelError: A displacement jumps where it moves a mass.

@@ -149,7 +149,7 @@ def reduce_polynomial(
         component: A box, a plate without ribs or a tube.
         properties: Volume, centre, inertia and interface centroids of its solid.
         loads: Body loads and tractions become one unit load per component axis.
-        sensors: On this component.
+        sensors: At positions in the component frame; where one is loaded, an attachment mode is added.
 
     Raises:
         ModelError: Its solid has not one section, a patch cannot be integrated over, or a load or

@@ -55,7 +55,7 @@ class PoleFit:
     """Modes that frequency responses show.
 
     Attributes:
-        model: By rising frequency.
+        model: ``k`` modes by rising frequency.
         covariances: ``(k, 2, 2)`` of the real and imaginary part of each pole [1/s^2].
         clusters: The candidates they were refined from.
         steps: Poles of all orders, one list per band.

@@ -44,7 +44,7 @@ def truncate_balanced(
     the Hankel singular values left out. An even number of states stays where it was even.
 
     Args:
-        space: Continuous in time.
+        space: Continuous in time, with ``n`` states.
         share: Of the largest response at any frequency.
         input_units: ``k`` of them.
         output_units: ``p`` of them.

@@ -40,7 +40,7 @@ class DataGroup:
     Attributes:
         kind: Measurements of one kind share a noise factor.
         rows: Where its residuals stand.
-        data: Number of measurements.
+        data: How many measurements they count for; 0 for a limit.
     """
 
     kind: str
