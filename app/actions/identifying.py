@@ -20,7 +20,7 @@ from headstock.app.commands.batch_commands import IdentifyOptions
 from headstock.app.terminal.console import add_row, make_console, make_table, print_table
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.pipeline.storage.json_texts import JsonTable, dump_summary
-from headstock.pipeline.storage.outputs import write_output
+from headstock.pipeline.storage.outputs import check_output, write_output
 from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.scene.building.loader import load_scene
@@ -409,6 +409,7 @@ def _require_free_name(scene: Path, name: str) -> None:
 
     Raises:
         click.UsageError: It cannot be used.
+        OutputError: The file of the variant must not be written over.
     """
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
         raise click.UsageError(f"--write {name!r}: write a name of letters, digits and _")
@@ -416,6 +417,7 @@ def _require_free_name(scene: Path, name: str) -> None:
         raise click.UsageError(
             f"--write {name}: the scene has a variant of this name; choose another"
         )
+    check_output(_fit_file(scene, name))
 
 
 def _command(options: IdentifyOptions, starts: int, *, with_folders: bool) -> str:

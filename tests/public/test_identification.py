@@ -302,6 +302,9 @@ def test_a_fit_is_written_beside_the_scene_and_later_runs_carry_its_uncertainty(
     assert "fit" not in str(block.json("plain/summary.json")["modal"])
     block.change(add='[variants.mine]\n"joints.feet.stiffness.z" = "6 N/um"\n')
     assert "choose another" in block.refuses(f"{IDENTIFY} --write mine")
+    block.write(block.text("scene.fitted.toml") + "# changed by hand\n", name="scene.fitted")
+    assert "changed since" in block.refuses(f"{IDENTIFY} --write fitted -o late")
+    assert "late" not in block.files()  # nothing was fitted in vain
 
 
 RESPONSES = """
