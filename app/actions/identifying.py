@@ -17,7 +17,7 @@ import click
 
 from headstock.app.actions.running import claim_on_root, require_ranks
 from headstock.app.commands.batch_commands import IdentifyOptions
-from headstock.app.terminal.console import add_row, make_console, make_table, print_table
+from headstock.app.terminal.console import add_row, counted, make_console, make_table, print_table
 from headstock.app.terminal.guard import DONE, FAILED
 from headstock.pipeline.storage.json_texts import JsonTable, dump_summary
 from headstock.pipeline.storage.outputs import check_output, write_output
@@ -57,6 +57,7 @@ from headstock.studies.identification.targets import IdentificationTask
 SEEN_FAINTLY = 0.5
 COMBINATIONS_SHOWN = 20
 SENSORS_SHOWN = 12
+RIVALS_SHOWN = 2  # in the table of sensors, the best of them
 SPREADS = ("relative_spread_95", "relative_mesh_95", "relative_scatter_95")
 
 
@@ -177,8 +178,11 @@ def _target_cells(row: JsonTable) -> tuple[str, ...]:
     )
 
 
-def open_held_out(folder: Path) -> int:
+def open_held_out(folder: Path, json_file: Path | None = None) -> int:
     """Print what was measured of the targets that a fit held out and hid, with its predictions.
+
+    Args:
+        json_file: Receives these targets too.
 
     Raises:
         click.UsageError: The folder has none.
@@ -189,6 +193,8 @@ def open_held_out(folder: Path) -> int:
         raise click.UsageError(
             f"--open {folder}: there are no hidden targets; `identify --hide-held-out -o {folder}` writes them"
         ) from error
+    if json_file is not None:
+        write_output(json_file, dump_summary({"targets": rows}).encode())
     _print_predictions(rows, "Targets")
     return DONE
 
@@ -207,6 +213,9 @@ def _print_predictions(rows: Sequence[JsonTable], what: str) -> None:
 
 def _print_doubts(found: Identification) -> None:
     console, statistics = make_console(), found.statistics
+    for first, second in found.exchanges:
+        text = f"{first} and {second}: the model has these modes in the other order"
+        console.say(text, style="yellow")
     if statistics.unidentifiable:
         table = make_table("combination of parameters", ">left open", "")
         for one in statistics.combinations[:COMBINATIONS_SHOWN]:
@@ -237,6 +246,10 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
     origin = options.trace(comm.size)
     require_ranks(options.ranks, comm)
     loaded = make_on_root(comm, lambda: _load(options))
+    others = {
+        name: make_on_root(comm, functools.partial(_load, options, name))
+        for name in loaded.task.rivals
+    }
     if options.write is not None:
         _require_free_name(options.scene, options.write)
     output = options.output or Path("results") / f"{options.scene.stem}-{options.targets.stem}"
@@ -247,17 +260,17 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
         if comm.rank == 0:
             _print_cost(problem)
         ends = fit_targets(problem, _print_start, comm=comm)
-        rivals = _fit_rivals(options, loaded.task.rivals, comm)
+        rivals = _fit_rivals(others, comm)
         predicted = predict_each_mode(ends, comm=comm) if options.leave_out_each else []
 
         def publish() -> int:
             found = assess_ends(ends, loaded.task.name)
             seconds = time.perf_counter() - begin
-            others = {name: assess_ends(end, name) for name, end in rivals.items()}
+            assessed = {name: assess_ends(end, name) for name, end in rivals.items()}
             weak = bool(found.statistics.unidentifiable)
             suggested = suggest_measurements(found) if weak else ()
             left_out = [summarise_outcome(item) for item in predicted]
-            models = {AS_WRITTEN: found, **others} if others else {}
+            models = {AS_WRITTEN: found, **assessed} if assessed else {}
             evidence = {name: weigh_evidence(one) for name, one in models.items()}
             order = sorted(models, key=lambda name: evidence[name].bic)
             sensors = (
@@ -301,13 +314,10 @@ def _load(options: IdentifyOptions, rival: str | None = None) -> LoadedTask:
     )
 
 
-def _fit_rivals(
-    options: IdentifyOptions, names: Sequence[str], comm: MPI.Comm
-) -> dict[str, FitEnds]:
+def _fit_rivals(rivals: Mapping[str, LoadedTask], comm: MPI.Comm) -> dict[str, FitEnds]:
     """Fit every other model; collective."""
     ends: dict[str, FitEnds] = {}
-    for name in names:
-        loaded = make_on_root(comm, functools.partial(_load, options, name))
+    for name, loaded in rivals.items():
         if comm.rank == 0:
             make_console().say(f"model {name}", style="bold")
         problem = prepare_problem(loaded, Store(default_store_root()), comm)
@@ -343,19 +353,22 @@ def _print_sensors(sensors: Sequence[RankedSensor], models: Sequence[str]) -> No
     """Rank sensors by what they would say about models, the best of these first, and parameters."""
     if not sensors:
         return
-    heads = [f">ln evidence, {name}" for name in models[1:]]
+    rivals = models[1 : 1 + RIVALS_SHOWN]
+    heads = [f">ln evidence, {name}" for name in rivals]
     last = ["most at"] if models else []
     table = make_table("further sensor", *heads, ">gain", ">weakest combination", *last)
     # what the reference point shows alone is part of every other row
     reference = [one for one in sensors[SENSORS_SHOWN:] if one.is_reference]
     for one in (*sensors[:SENSORS_SHOWN], *reference):
-        logs = [f"{value:.1f}" for value in one.log_evidence.values()]
+        logs = [f"{one.log_evidence[name]:.1f}" for name in rivals]
         alone = " alone" if one.is_reference else ""
         cells = (*logs, f"{one.bits:.1f} bit", f"{100.0 * one.spread:.0f} %")
         add_row(table, f"{one.name}{alone}", *cells, *([one.mode] if models else []))
     against = f"; ln evidence: between {models[0]} and another model, 5 decides" if models else ""
     title = f"Further sensors, each read along with the reference point{against}"
     print_table(make_console(), title, table)
+    if more := len(models[1:]) - len(rivals):
+        make_console().say(f"  and {counted(more, 'more model')} in {RECORD_FILE}")
 
 
 def _print_include(scene: Path, name: str) -> None:

@@ -252,10 +252,11 @@ class CorrelateOptions(SceneOptions):
         read_percent(self.within)
 
 
-def _open_held_out(folder: Path | None) -> None:
+def _open_held_out(context: typer.Context, folder: Path | None) -> None:
     """Show what ``--hide-held-out`` hid; the command then needs no scene."""
     if folder is not None:
-        raise typer.Exit(load_action("identifying:open_held_out")(folder))
+        json = context.params.get("json")
+        raise typer.Exit(load_action("identifying:open_held_out")(folder, json))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -293,7 +294,6 @@ class IdentifyOptions(SceneOptions):
             "--open",
             "FOLDER",
             "Compare the held-out targets of a folder of results with their predictions.",
-            is_eager=True,
             callback=_open_held_out,
         ),
     ] = None

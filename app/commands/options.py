@@ -58,7 +58,9 @@ Overrides = Annotated[
     list[str] | None, option("--set", "KEY=VALUE", "Override a key of the scene; repeatable.")
 ]
 JsonFile = Annotated[
-    Path | None, option("--json", "FILE", "Also write the output as JSON.", callback=_check_file)
+    Path | None,
+    # eager: options that end a command write it too
+    option("--json", "FILE", "Also write the output as JSON.", callback=_check_file, is_eager=True),
 ]
 Debug = Annotated[bool, flag("--debug", "Show tracebacks.")]
 Ranks = Annotated[int | None, option("--ranks", "N", "MPI ranks; the launcher starts them.", min=1)]

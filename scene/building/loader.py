@@ -96,6 +96,7 @@ def load_scene(
     variant: str | None = None,
     overrides: Sequence[str] = (),
     values: Mapping[str, TomlValue] | None = None,
+    source: str = "study",
 ) -> Scene:
     """Load a scene file.
 
@@ -105,6 +106,7 @@ def load_scene(
         overrides: ``key=value`` settings with dotted keys, applied after the variant in the order
             given.
         values: Dotted key to a value as TOML parses it, applied last: a point of a study.
+        source: What has these values, in messages.
 
     Returns:
         The scene with its machine in SI units.
@@ -114,7 +116,9 @@ def load_scene(
             what to write.
     """
     findings = Findings(str(path))
-    raw = read_tables(path, findings, variant=variant, overrides=overrides, values=values)
+    raw = read_tables(
+        path, findings, variant=variant, overrides=overrides, values=values, source=source
+    )
     scene = build_scene(raw, findings, path=path, variant=variant)
     return dataclasses.replace(scene, fit=_read_fit(scene, tuple(overrides), values or {}))
 
@@ -151,6 +155,7 @@ def read_tables(
     variant: str | None = None,
     overrides: Sequence[str] = (),
     values: Mapping[str, TomlValue] | None = None,
+    source: str = "study",
 ) -> TomlTable:
     """The tables of a scene file with everything applied that changes them.
 
@@ -161,7 +166,7 @@ def read_tables(
     """
     raw = apply_variant(read_with_includes(path, findings), variant, findings)
     apply_settings(raw, overrides, findings)
-    apply_values(raw, values or {}, findings)
+    apply_values(raw, values or {}, findings, source)
     return raw
 
 

@@ -97,18 +97,21 @@ def apply_settings(raw: TomlTable, settings: Sequence[str], findings: Findings) 
         _override(raw, path, _read_value(text), Origin(None, label), findings, record=True)
 
 
-def apply_values(raw: TomlTable, values: Mapping[str, TomlValue], findings: Findings) -> None:
+def apply_values(
+    raw: TomlTable, values: Mapping[str, TomlValue], findings: Findings, source: str = "study"
+) -> None:
     """Set dotted keys of a parsed scene to values as TOML parses them: the point of a study.
 
     Args:
         raw: The scene as parsed; changed in place.
+        source: What has the values, in messages.
     """
     for key, value in values.items():
         _override(
             raw,
             _split_key(key),
             copy.deepcopy(value),
-            Origin(None, f"study: {key} = {value}"),
+            Origin(None, f"{source}: {key} = {value}"),
             findings,
             record=True,
         )

@@ -76,6 +76,7 @@ def summarise_identification(found: Identification) -> JsonTable:
         },
         "extra_modes_hz": {name: list(values) for name, values in found.extra_hz.items()},
         "left_out_shapes": list(found.left_out),
+        "exchanges": [*map(list, found.exchanges)],
         "noise_over_tolerance": statistics.noise.factor,
         "degrees_of_freedom": statistics.noise.freedom,
         "noise_by_kind": {

@@ -4,6 +4,7 @@ intervals.
 
 import dataclasses
 import functools
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -217,6 +218,19 @@ class Identification(FitEnds, Displayed):
         return [
             (names[i], names[j], float(table[i, j]))
             for i, j in np.argwhere(np.tril(np.abs(table) >= CORRELATION_SHOWN, -1))
+        ]
+
+    @property
+    def exchanges(self) -> list[tuple[str, str]]:
+        """Names of neighbouring measured frequencies of a case whose modes the model has in the other
+        order; held-out ones are left out.
+        """
+        rows = [one for one in self.outcomes if one.kind == "frequency" and not one.hold_out]
+        rows.sort(key=lambda one: (one.case, one.wanted))
+        return [
+            (low.name, high.name)
+            for low, high in itertools.pairwise(rows)
+            if low.case == high.case and low.mode > high.mode > 0
         ]
 
     @property

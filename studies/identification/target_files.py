@@ -402,7 +402,10 @@ def load_targets(
         table = table.model_copy(update={"parameters": _change_parameters(table, other, findings)})
     written = load_scene(scene, overrides=overrides)
     load = functools.partial(
-        load_scene, overrides=overrides, values={} if other is None else other.set
+        load_scene,
+        overrides=overrides,
+        values={} if other is None else other.set,
+        source=f"{path.name}: rivals.{rival}.set",
     )
     if "orientation" in written.raw:  # its parts are not placed by their own keys alone
         findings.add_line(

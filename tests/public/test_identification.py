@@ -277,6 +277,31 @@ def test_a_modified_machine_pairs_by_the_shapes_of_the_unmodified_one(block: She
     assert "has no partner in a" in block.refuses(IDENTIFY)
 
 
+EXCHANGED = """
+[cases.base]
+modes = [{{ frequency = "{0[0]:.6g} Hz", name = "x" }}, {{ frequency = "{0[1]:.6g} Hz", name = "y" }}]
+[cases.stiff]
+like = "base"
+variant = "stiff"
+modes = [{{ frequency = "{0[1]:.6g} Hz", name = "y" }}, {{ frequency = "{0[2]:.6g} Hz", name = "x" }}]
+"""
+
+
+def test_modes_that_the_model_has_in_the_other_order_are_named(block: Shell) -> None:
+    """The variant is measured above the mode along y, and the model has it below."""
+    block.change(add='[variants.stiff]\n"joints.feet.stiffness.x" = "8.5 N/um"\n')
+    text = EXCHANGED.format(np.sqrt([4e3, 9e3, 9.5e3]) / 2.0 / np.pi) + parameter("y")
+    block.write(text, name="targets")
+    said = "stiff 15.0988 Hz y and stiff 15.5125 Hz x: the model has these modes in the other order"
+    assert said in block.prints(IDENTIFY)
+    found = block.json("out/identification.json")
+    assert found["exchanges"] == [["stiff 15.0988 Hz y", "stiff 15.5125 Hz x"]]
+    assert found["parameters"]["y"]["value"] == approx(9.0, rel=1e-4)
+    block.write(text.replace('like = "base"', ""), name="targets")
+    assert "other order" not in block.prints(IDENTIFY)  # by nearness the exchange is hidden
+    assert block.json("out/identification.json")["parameters"]["y"]["value"] > 9.2
+
+
 def test_a_fit_is_written_beside_the_scene_and_later_runs_carry_its_uncertainty(
     block: Shell,
 ) -> None:
@@ -361,7 +386,9 @@ def test_held_out_targets_are_hidden_until_they_are_opened(block: Shell) -> None
     assert hidden["model"] == approx(SHIFTS[2])
     shown = f"{1.01 * SHIFTS[2]:.4g}"
     assert "hidden" in printed and shown not in printed
-    opened = block.prints("identify --open out")
+    opened = block.prints("identify --open out --json open.json")
+    (row,) = block.json("open.json")["targets"]
+    assert row["measured"] == approx(1.01 * SHIFTS[2])
     assert shown in opened and "-0.99 %" in opened
     assert "1 of 1 within ± and scatter; deviations 0.99 % rms" in opened
     assert "there are no hidden targets" in block.refuses("identify --open scene.toml")
@@ -415,6 +442,12 @@ def test_other_models_are_ranked_by_evidence(block: Shell) -> None:
     assert 50.0 < models["heavy"]["misfit"] < models["one_spring"]["misfit"]
     order = [printed.rindex(f" {name} ") for name in ("as written", "heavy", "one_spring")]
     assert order == sorted(order)
+    block.write(
+        text + parameter("x") + parameter("y") + RIVALS.replace("rho", "row"), name="targets"
+    )
+    refused = block(IDENTIFY, code=2)
+    assert "targets.toml: rivals.heavy.set: materials.iron.row" in " ".join(refused.err.split())
+    assert "sum of squares" not in refused.out  # before anything is fitted
 
 
 def test_measurements_are_suggested_for_what_the_data_leave_open(block: Shell) -> None:
