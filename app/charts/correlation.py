@@ -28,7 +28,9 @@ def draw_correlation(found: Correlation) -> dict[str, bytes]:
         figures["fdac"] = _draw_domain(responses)
         if responses.shown:
             curves = [responses.measured, responses.computed]
-            drawn = draw_overlay(curves, "test", ["measured", "computed"], responses.shown)
+            drawn = draw_overlay(
+                curves, "test", ["measured", "computed, with its ±"], responses.shown
+            )
             figures["responses"] = encode_drawings([drawn])
     return figures
 

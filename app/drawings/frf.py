@@ -35,9 +35,10 @@ CURVE, DIRECT = "#4f7cac", "#b5566e"
 DIGITS = 4
 LEAST_PLAIN, MOST_PLAIN = 0.001, 10_000.0  # decades outside are written as powers
 LEGEND_STEP = 16.0
-BAND = '<path class="band" d="{}Z" fill="{}" opacity="0.25" stroke="none"/>'
+BAND = '<path class="band" d="{}Z" fill="{}" opacity="{}" stroke="none"/>'
 PATH = '<path d="{}" fill="none" stroke="{}" stroke-width="{}" stroke-linejoin="round"/>'
 WIDTH, OVERLAYS_ACROSS = 1.5, 3
+FAINT, CLEAR, THIN = 0.25, 0.45, 0.8  # of bands alone and among curves; of curves over others
 type _Entry = tuple[Channel, Channel]
 
 
@@ -123,11 +124,11 @@ def draw_overlay(
         parts.append(_draw_frame(widest, dataclasses.replace(frame, low=low, high=high)))
         for number, (curves, cell) in enumerate(zip(responses, same, strict=True)):
             own = dataclasses.replace(cell, low=low, high=high, color=COLORS[number % len(COLORS)])
-            # what lies over the curve of another model is thinner, so that both are seen
-            width = WIDTH + (len(responses) - 1 - number if names else 0)
+            # what lies over another curve is thinner, so that both and a band of a few percent are seen
+            width = THIN + 1.2 * (len(responses) - 1 - number) if names else WIDTH
             along = _places(widest, own, curves.frequencies_hz)
             if names:
-                parts.append(_draw_band(own, along))
+                parts.append(_draw_band(own, along, CLEAR))
             parts.append(_draw_curves(own, along, width))
     width, height = _size(layouts[0], columns)
     for number, name in enumerate(names or [f"pose {curves.pose}" for curves in responses]):
@@ -295,7 +296,7 @@ def _draw_frame(curves: ResponseCurves, cell: _Cell) -> Markup:
     return Markup("").join(parts)
 
 
-def _draw_band(cell: _Cell, along: FloatArray) -> Markup:
+def _draw_band(cell: _Cell, along: FloatArray, opacity: float = FAINT) -> Markup:
     """Where the magnitude may lie by its error, as far as there is a bound."""
     known = np.isfinite(cell.error) & np.isfinite(cell.size)
     if np.count_nonzero(known) < 2:
@@ -305,7 +306,7 @@ def _draw_band(cell: _Cell, along: FloatArray) -> Markup:
     lower = cell.size_level(size - error)
     outline = np.concatenate([upper, lower[::-1]])
     path = _path(np.concatenate([x, x[::-1]]), outline, np.ones(len(outline), dtype=bool))
-    return Markup(BAND).format(path, cell.color)
+    return Markup(BAND).format(path, cell.color, opacity)
 
 
 def _text(x: float, y: float, words: str, *, anchor: str = "start") -> Markup:

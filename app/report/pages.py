@@ -25,7 +25,11 @@ from headstock.app.tables.comparison import (
     list_points,
     variant_error_words,
 )
-from headstock.app.tables.correlation import list_correlation_tables, shorten
+from headstock.app.tables.correlation import (
+    describe_response_errors,
+    list_correlation_tables,
+    shorten,
+)
 from headstock.app.tables.model_answers import (
     CANNOT,
     cannot_words,
@@ -201,6 +205,9 @@ def render_correlation(
         .get_template(CORRELATION_TEMPLATE)
         .render(
             found=found,
+            response_errors=""
+            if found.responses is None
+            else describe_response_errors(found.responses),
             listings=[shorten(table) for table in tables],
             figures=_encode_images(figures),
             downloads={

@@ -19,7 +19,7 @@ from headstock.studies.correlation.correlation import (
     CorrelatedMode,
     Correlation,
 )
-from headstock.studies.correlation.responses import response_channel
+from headstock.studies.correlation.responses import ComparedResponses, response_channel
 
 NO_BREAK = "\u00a0"
 MOST_ROWS = 12  # of tables that begin with the worst, on the screen and in the page; files have all
@@ -138,13 +138,26 @@ def _list_responses(found: Correlation) -> list[_ResponseRow]:
     return sorted(rows, key=lambda row: (row[3] < LEAST_SHARE, row[2]))
 
 
+def describe_response_errors(responses: ComparedResponses) -> str:
+    """Say how large ± of the computed responses is, and what it is without."""
+    shares = responses.error_shares
+    without = "; ".join(responses.left_out)
+    if not len(shares):
+        return f"± of computed responses is not known ({without or 'nothing has a mesh'})"
+    half, most = (f"{100.0 * share:.2g} %" for share in np.percentile(shares, (50, 95)))
+    text = f"± of computed responses: at most {half} on half of the lines, {most} on 95 %"
+    return f"{text}; without {without}" if without else text
+
+
 def shorten(listing: Listing[Any]) -> tuple[Listing[Any], int]:
     """Return a table as it is shown: columns that say something, and of those that begin with the worst the
     first rows; and how many rows are left out.
     """
     rows = list(listing.rows)
     columns = [
-        column for column in listing.columns if any(column.value(row) is not None for row in rows)
+        column
+        for column in listing.columns
+        if any(column.value(row) not in (None, "") for row in rows)
     ]
     most = len(rows) if listing.name == "pairs" else MOST_ROWS
     shown = dataclasses.replace(listing, columns=columns, rows=rows[:most])

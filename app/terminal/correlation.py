@@ -3,7 +3,11 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from headstock.app.tables.correlation import list_correlation_tables, shorten
+from headstock.app.tables.correlation import (
+    describe_response_errors,
+    list_correlation_tables,
+    shorten,
+)
 from headstock.app.terminal.console import counted, make_console, print_remarks
 from headstock.app.terminal.summary import print_part
 from headstock.studies.correlation.correlation import Correlation
@@ -24,4 +28,5 @@ def print_correlation(found: Correlation, folder: Path, files: Sequence[str]) ->
             console.say(f"  and {counted(more, 'row')} more in {listing.name}.csv")
     if found.responses is not None:
         console.say(f"responses computed with {found.responses.damping}")
+        console.say(describe_response_errors(found.responses))
     console.say(f"results in {folder} ({', '.join(files)})", style="bold")

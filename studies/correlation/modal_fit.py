@@ -138,7 +138,7 @@ def read_modes(
     try:
         if data.responses is not None:
             chosen = _choose_references(data.responses, references)
-            return fit_responses(chosen, band=band, order=order, progress=progress)
+            return _fit_responses(chosen, band=band, order=order, progress=progress)
     except MeasurementError as error:
         raise MeasurementError(f"{name}:1: {error}") from error
     if data.modes is None:
@@ -165,7 +165,7 @@ def _choose_references(
     return responses.pick(motions=kept) if by_motion else responses.pick(forces=kept)
 
 
-def fit_responses(
+def _fit_responses(
     responses: MeasuredResponses,
     *,
     band: tuple[float, float] | None = None,

@@ -36,6 +36,7 @@ class ComparedResponses:
         fdac_hz: Every so many of the lines [Hz].
         shown: Output and input of the entries that are drawn.
         damping: Where the damping of the model comes from.
+        left_out: What ± of the computed ones is without.
     """
 
     measured: ResponseCurves
@@ -45,6 +46,16 @@ class ComparedResponses:
     fdac_hz: FloatArray
     shown: tuple[tuple[Channel, Channel], ...]
     damping: str
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def error_shares(self) -> FloatArray:
+        """± of the entries that are drawn over their sizes, of all lines that have one."""
+        errors, values = self.computed.value_errors, self.computed.values
+        if errors is None:
+            return np.empty(0)
+        shares = errors / np.abs(values)
+        return shares[np.isfinite(shares)]
 
     @property
     def shares(self) -> FloatArray:
@@ -96,6 +107,7 @@ def compare_responses(
     )
     shown = _choose_shown(measured)
     computed = dataclasses.replace(curves, receptance=response.receptance)
+    left_out: tuple[str, ...] = ()
     if machine.coupled is not None and shown:
         rows = sorted({curves.outputs.index(output) for output, _ in shown})
         columns = sorted({curves.inputs.index(given) for _, given in shown})
@@ -110,7 +122,7 @@ def compare_responses(
         estimate = estimate_response_errors(
             machine.parts, system, machine.coupled, machine.all_modes, few
         )
-        errors = {}
+        errors, left_out = {}, estimate.left_out
         for source, size in estimate.shares.items():
             errors[source] = np.full(response.receptance.shape, np.nan)
             errors[source][np.ix_(range(len(size)), rows, columns)] = size
@@ -123,6 +135,7 @@ def compare_responses(
         measured.frequencies_hz[lines],
         shown,
         damped_by,
+        left_out,
     )
 
 
