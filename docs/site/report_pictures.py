@@ -64,7 +64,7 @@ class Output:
     share: float = 1.0
 
 
-CORRELATE = "correlate machines/three_axis.toml machines/three_axis_test.uff --variant calibrated+segmented+YCE --pose measured"
+CORRELATE = "correlate machines/three_axis.toml machines/three_axis_test.uff --variant calibrated+YCE --pose measured"
 PICTURES: dict[str, Shot | Output] = {
     "report": Shot(
         "run machines/three_axis.toml --analysis static --analysis modal",
@@ -108,6 +108,7 @@ PICTURES: dict[str, Shot | Output] = {
         click=("#show-joints",),
     ),
     "correlation_mac": Output(CORRELATE, "mac.png"),
+    "correlation_responses": Output(CORRELATE, "responses.png"),
     # from two of four sides
     "show": Output("show machines/three_axis.toml --pose measured", "machine.png", share=0.513),
     "axis_construction_kit": Output("validate axis_construction_kit", "axis_construction_kit.png"),
