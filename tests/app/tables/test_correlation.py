@@ -16,7 +16,7 @@ def test_errors_of_responses_are_shares_of_each_line_and_what_they_lack_is_named
     errors = np.full((101, 2, 1), np.nan)
     errors[:, 0, 0] = np.linspace(0.0, 0.2, 101)
     computed = ResponseCurves(
-        "p", channels[:1], channels, np.arange(1.0, 102.0), values, error_share={"mesh": errors}
+        "p", channels[:1], channels, np.ones(101), values, error_share={"mesh": errors}
     )
     compared = ComparedResponses(
         *(computed, computed, np.ones((2, 1)), np.ones((1, 1)), np.ones(1)),
