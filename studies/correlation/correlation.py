@@ -127,7 +127,7 @@ class Correlation(Displayed):
         faulty: Sensor and direction of channels that look wrong.
         faults: The same in plain words, and how.
         remarks: What was assumed.
-        fit_files: Files for a fit, by name: targets, and sensors that the scene lacks.
+        fit_files: Files for a fit, by name: targets, with the sensors that the scene lacks.
         view: Measured and computed shapes side by side, one for each of ``modes``.
     """
 

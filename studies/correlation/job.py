@@ -50,9 +50,7 @@ from headstock.studies.correlation.sensors import (
 )
 from headstock.studies.correlation.shown_shapes import find_factor, view_side_by_side
 from headstock.studies.correlation.target_file import (
-    SENSORS_FILE,
     TARGETS_FILE,
-    write_sensors,
     write_targets,
 )
 
@@ -292,13 +290,9 @@ def _compare(
         remarks=(*loaded.data.remarks, *loaded.fit.remarks, *placed.remarks),
         warnings=model.warnings,
     )
-    files = {
-        TARGETS_FILE: write_targets(found, motions, model.scene, base),
-        SENSORS_FILE: write_sensors(found, model.scene),
-    }
     return dataclasses.replace(
         found,
-        fit_files={name: text for name, text in files.items() if text},
+        fit_files={TARGETS_FILE: write_targets(found, motions, model.scene, base)},
         view=_view_shapes(found, model, local, model.expand_shapes(measured, local, job.expansion)),
     )
 

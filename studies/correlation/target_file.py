@@ -1,5 +1,5 @@
-"""What a fit needs of a test: its target file, with the stiffnesses of joints that may be fitted, and its
-sensors as a file to include in the scene.
+"""What a fit needs of a test: its target file, with its sensors and the stiffnesses of joints that may be
+fitted.
 """
 
 import math
@@ -9,7 +9,6 @@ from collections.abc import Collection, Iterator, Sequence
 import numpy as np
 
 from headstock.geometry.frames import DIRECTIONS, find_axis
-from headstock.geometry.machine.machine import Sensor
 from headstock.pipeline.stages.machine import DAMPING
 from headstock.reduction.motions.part_names import split_number
 from headstock.scene.reading.files import TomlTable, TomlValue, write_toml, write_value
@@ -22,7 +21,7 @@ from headstock.studies.correlation.correlation import CorrelatedMode, Correlatio
 from headstock.studies.correlation.modal_fit import COVERAGE
 from headstock.studies.correlation.sensors import Motions, SensorDof, measured_directions
 
-TARGETS_FILE, SENSORS_FILE = "targets.toml", "sensors.toml"
+TARGETS_FILE = "targets.toml"
 TOLERANCE = "1 %"
 LEAST_TOLERANCE = 1e-3  # of a frequency: two tests of one machine differ by more
 NOT_MEASURED = "-"
@@ -36,7 +35,8 @@ PRIOR_SIGMA = 1.0
 def write_targets(
     found: Correlation, shapes: Sequence[Motions], scene: Scene, base: BaseCase | None = None
 ) -> str:
-    """Return the text of a target file: every measured mode by name, with its shape at sensors.
+    """Return the text of a target file: every measured mode by name, with its shape at sensors, and the
+    sensors that the scene lacks.
 
     Channels that look wrong are left out.
 
@@ -45,12 +45,14 @@ def write_targets(
         scene: Whose joints may be fitted.
         base: Case before the machine was modified, whose file this one is written behind.
     """
+    sensors = _write_sensors(found, scene)
     case: TomlTable = {
         **({"variant": found.variant} if found.variant else {}),
         "pose": found.pose,
         "tolerance": TOLERANCE,
         **({} if base is None else {"like": base.case}),
         **_leave_out_lower(found),
+        **({"sensors": sensors} if sensors else {}),
         "modes": [
             _write_mode(row, shapes[row.measured], found.faulty, damped=DAMPING in scene.effects)
             for row in found.modes
@@ -72,16 +74,14 @@ def write_targets(
         f"# Modes of {found.test}, and stiffnesses of joints that may be fitted to them: take out what is known.",
         *(f"# left out: {text}" for text in found.faults),
     ]
-    if _list_new(found, scene):
-        lines.append(f'# Its sensors: write include = "{SENSORS_FILE}" into the scene.')
     return "\n".join([*lines, write_toml(table)])
 
 
-def write_sensors(found: Correlation, scene: Scene) -> str:
-    """Return the sensors that the scene lacks as a file that it can include; empty where there are
-    none.
-    """
-    sensors: TomlTable = {
+def _write_sensors(found: Correlation, scene: Scene) -> TomlTable:
+    """Return the sensors that the scene lacks, by name."""
+    points = {channel.point for channel in found.channels}
+    known = read_entries(scene.raw, "sensors")
+    return {
         sensor.name: {
             "component": sensor.component,
             "at": [f"{1e3 * value:.6g} mm" for value in sensor.position],
@@ -91,26 +91,15 @@ def write_sensors(found: Correlation, scene: Scene) -> str:
             ],
             "reach": f"{1e3 * sensor.reach:.3g} mm",
         }
-        for point, sensor in _list_new(found, scene)
+        for point, sensor in found.sensors.items()
+        if point in points and sensor.name.partition(".")[0] not in known
     }
-    return write_toml({"sensors": sensors}) if sensors else ""
 
 
 def _name_case(test: str) -> str:
     """Return the name of the case of a test file."""
     name = re.sub(r"[^A-Za-z0-9_-]", "_", test.rpartition(".")[0] or test)[:60]
     return name if name[:1].isalpha() else f"test_{name}"
-
-
-def _list_new(found: Correlation, scene: Scene) -> list[tuple[str, Sensor]]:
-    """Return the measured points whose sensor the scene has not, with it."""
-    points = {channel.point for channel in found.channels}
-    known = read_entries(scene.raw, "sensors")
-    return [
-        (point, sensor)
-        for point, sensor in found.sensors.items()
-        if point in points and sensor.name.partition(".")[0] not in known
-    ]
 
 
 def _leave_out_lower(found: Correlation) -> TomlTable:

@@ -18,7 +18,7 @@ from headstock.scene.building.loader import load_scene
 from headstock.scene.building.sensors import load_places
 from headstock.scene.expansion.overrides import split_variant
 from headstock.scene.reading.csv_files import CsvError, read_pushes
-from headstock.scene.reading.files import read_scene, resolve_file
+from headstock.scene.reading.files import TomlValue, read_scene, resolve_file
 from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.reading.units import COMPLIANCE, FREQUENCY, RATIO, Quantity
 from headstock.scene.scene import Scene
@@ -401,18 +401,12 @@ def load_targets(
     if other is not None:
         table = table.model_copy(update={"parameters": _change_parameters(table, other, findings)})
     written = load_scene(scene, overrides=overrides)
-    load = functools.partial(
-        load_scene,
-        overrides=overrides,
-        values={} if other is None else other.set,
-        source=f"{path.name}: rivals.{rival}.set",
-    )
     if "orientation" in written.raw:  # its parts are not placed by their own keys alone
         findings.add_line(
             None,
             f"{written.path} sets the machine up with [orientation]; take it out for the fit, it changes no frequency",
         )
-    scenes = _load_scenes(table, written, load, path.parent, findings)
+    scenes = _load_scenes(table, written, overrides, rival, path, findings)
     cases = [
         _read_case(name, entry, scenes[entry.machine], table.fit, findings)
         for name, entry in table.cases.items()
@@ -454,29 +448,57 @@ def _change_parameters(
 def _load_scenes(
     table: TargetsTable,
     written: Scene,
-    load: Callable[..., Scene],
-    folder: Path,
+    overrides: Sequence[str],
+    rival: str | None,
+    path: Path,
     findings: Findings,
 ) -> dict[MachineKey, Scene]:
     """Return the scene of each machine and variant that the cases name.
 
     Args:
         written: The scene that is fitted.
-        load: Loads a variant of it.
-        folder: Of the target file, beside which other scenes are.
+        overrides: Settings of it.
+        rival: Name of its other model; None for itself.
+        path: Of the target file, beside which other scenes are.
     """
     machines: dict[str, Scene] = {"": written}
     scenes: dict[MachineKey, Scene] = {}
+    sensors = _collect_sensors(table, findings)
     for name, entry in table.cases.items():
         if entry.scene is not None and entry.scene not in machines:
             try:
-                file = resolve_file(folder, entry.scene, (".toml",))
+                file = resolve_file(path.parent, entry.scene, (".toml",))
             except ValueError as error:
                 findings.add(("cases", name, "scene"), str(error))
                 continue
             machines[entry.scene] = load_scene(file)
-        _load_variant(name, entry, machines, load_scene if entry.scene else load, scenes, findings)
+        settings, values = overrides, sensors[entry.machine]
+        source = f"{path.name}: cases.{name}"
+        if entry.scene:
+            settings = ()
+        elif rival is not None:
+            # sensors are checked by now: the file is loaded without another model first
+            values = values | table.rivals[rival].set
+            source = f"{path.name}: rivals.{rival}.set"
+        load = functools.partial(load_scene, overrides=settings, values=values, source=source)
+        _load_variant(name, entry, machines, load, scenes, findings)
     return scenes
+
+
+def _collect_sensors(
+    table: TargetsTable, findings: Findings
+) -> dict[MachineKey, dict[str, TomlValue]]:
+    """Return the sensors of all cases of each machine and variant, by their keys in the scene."""
+    sensors: dict[MachineKey, dict[str, TomlValue]] = {}
+    for name, entry in table.cases.items():
+        shared = sensors.setdefault(entry.machine, {})
+        for sensor, value in entry.sensors.items():
+            if shared.setdefault(f"sensors.{sensor}", value) != value:
+                findings.add(
+                    ("cases", name, "sensors", sensor),
+                    "another case of this variant has a sensor of this name elsewhere; rename one of them",
+                )
+    return sensors
 
 
 def _load_variant(

@@ -273,6 +273,8 @@ class CaseTable(StrictTable):
     """variant of the scene; default: as written"""
     pose: Text | None = None
     """pose of the scene; default: the first"""
+    sensors: Annotated[dict[Name, dict[Text, Any]], Field(max_length=10_000)] = {}
+    """sensors of the test, as in a scene: the variant gets them, and keeps its others"""
     like: Name | None = None
     """case of the machine before it was modified: modes of one name are paired by shape with its modes, not by frequency"""
     modes_above: PositiveFrequency | None = None

@@ -210,10 +210,14 @@ def test_responses_are_fitted_and_compared_over_all_lines(shell: Shell, measured
 def test_the_target_file_of_a_test_is_fitted_as_it_stands(shell: Shell) -> None:
     softer = SCENE.replace('"60 N/um", tilt', '"45 N/um", tilt').replace('"200 N/um"', '"260 N/um"')
     write_test(shell.folder, solve(shell.folder, softer), factor=1.0)
-    shell.write(SCENE)
-    shell("correlate scene.toml test.uff --variant E -o .")
-    shell.write('include = "sensors.toml"\n' + SCENE, name="fit")
-    shell("identify fit.toml targets.toml -o fit")
+    # as written the scene has no place for the sensors of its variant
+    box = """[variants.tall]
+"components.column.solid.box" = ["40 mm", "60 mm", "500 mm"]
+"""
+    shell.write(SCENE, ('"500 mm"]', '"300 mm"]'))
+    shell.change(add=box)
+    shell("correlate scene.toml test.uff --variant E+tall -o .")
+    shell("identify scene.toml targets.toml -o fit")
     found = shell.json("fit/identification.json")["parameters"]
     assert found["mount_vertical"]["value"] == approx(260.0, rel=0.02)
     assert found["mount_horizontal"]["value"] == approx(45.0, rel=0.02)
