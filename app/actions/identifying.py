@@ -96,6 +96,13 @@ def _print_start(record: StartRecord) -> None:
     make_console().say(line, soft_wrap=True)
 
 
+def _print_fit(number: int, count: int, left_out: str, seconds: float) -> None:
+    """One line per fit that leaves out a mode."""
+    left = seconds / number * (count - number)
+    text = f"  fit {number} of {count} without {left_out}: {seconds:.0f} s, about {left:.0f} s left"
+    make_console().say(text, soft_wrap=True)
+
+
 def _print_identification(found: Identification, summary: JsonTable, folder: Path) -> None:
     """Everything a fit found.
 
@@ -261,7 +268,7 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
             _print_cost(problem)
         ends = fit_targets(problem, _print_start, comm=comm)
         rivals = _fit_rivals(others, comm)
-        predicted = predict_each_mode(ends, comm=comm) if options.leave_out_each else []
+        predicted = predict_each_mode(ends, _print_fit, comm=comm) if options.leave_out_each else []
 
         def publish() -> int:
             found = assess_ends(ends, loaded.task.name)

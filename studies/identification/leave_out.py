@@ -1,6 +1,8 @@
 """Every fitted mode predicted from all the others: how well a fit knows what it was not shown."""
 
 import functools
+import time
+from collections.abc import Callable
 
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
@@ -13,7 +15,9 @@ from headstock.studies.identification.identification import (
 from headstock.studies.identification.targets import TargetCase
 
 
-def predict_each_mode(ends: FitEnds, *, comm: MPI.Comm) -> list[TargetOutcome]:
+def predict_each_mode(
+    ends: FitEnds, observer: Callable[[int, int, str, float], None], *, comm: MPI.Comm
+) -> list[TargetOutcome]:
     """Leave out one mode after another, its shape and damping too, and fit the others; collective.
 
     Every fit begins where that of all modes began: a parameter that one mode alone determines must not
@@ -21,6 +25,8 @@ def predict_each_mode(ends: FitEnds, *, comm: MPI.Comm) -> list[TargetOutcome]:
 
     Args:
         ends: The same on every rank.
+        observer: Called on rank 0 as each fit ends: its number from 1, how many there are, the mode
+            that it left out, and the time since the first began [s].
 
     Returns:
         The frequency of each mode, predicted; the same on every rank.
@@ -29,11 +35,14 @@ def predict_each_mode(ends: FitEnds, *, comm: MPI.Comm) -> list[TargetOutcome]:
         HeadstockError: One of the fits could not be computed.
     """
     targets = [target for model in ends.problem.cases for target in model.case.modes]
-    predicted = []
-    for name in (target.name for target in targets if not target.hold_out):
+    predicted, names = [], [target.name for target in targets if not target.hold_out]
+    begin = time.perf_counter()
+    for number, name in enumerate(names, 1):
         hide = functools.partial(TargetCase.change_modes, names={name}, hold_out=True)
         found = fit_targets(ends.problem.change_cases(hide), comm=comm)
         predicted.append(make_on_root(comm, functools.partial(_find_outcome, found, name)))
+        if comm.rank == 0:
+            observer(number, len(names), name, time.perf_counter() - begin)
     return predicted
 
 

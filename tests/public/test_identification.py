@@ -406,6 +406,8 @@ def test_each_mode_is_predicted_by_a_fit_to_the_others(block: Shell) -> None:
     half = 1.959964 * 0.01 / np.sqrt(2.0)
     assert [row["relative_spread_95"] for row in rows] == approx([half] * 3, rel=1e-4)
     rms = 100.0 * np.sqrt(np.mean(deviations**2))
+    assert re.search(r"fit 1 of 3 without a \d.*Hz: .* left", printed)
+    assert re.search(r"fit 3 of 3 without a \d.*Hz: ", printed)
     assert "Each mode by a fit to the others" in printed
     assert f"1 of 3 within ± and scatter; deviations {rms:.2f} % rms" in printed
 
