@@ -29,7 +29,7 @@ from headstock.scene.exports import Export
 from headstock.scene.reading.findings import Findings, SceneError
 from headstock.scene.scene import Scene, require_name
 from headstock.solvers.mpi import MPI
-from headstock.solvers.ranks import make_on_root, share_from_root
+from headstock.solvers.ranks import make_on_root
 
 # loaded only where a mesh is written: it takes meshio and netCDF4 with it
 WRITING_MODULE = "headstock.meshing.files.writing"
@@ -112,8 +112,8 @@ def export_superelement(
     require_name(scene, "components", component, plan.components)
     state = start_run(scene, comm, store, plan=plan)
     made = make_superelements(state, only=[component])
-    text = ""
-    if state.is_root:
+
+    def write() -> str:
         superelement = made[component]
         files = encode_body(superelement, form, origin)
         # a single file is called what it was asked to be
@@ -124,10 +124,11 @@ def export_superelement(
                 pending.add(path.with_name(name), content)
             pending.publish()
         written = ", ".join(str(path.with_name(name)) for name in names)
-        text = (
+        return (
             f"{written}: {component}, {superelement.full_dofs} -> {len(superelement.labels)} dofs"
         )
-    return str(share_from_root(comm, text))
+
+    return make_on_root(comm, write)
 
 
 def export_mesh(

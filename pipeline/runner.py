@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from headstock.geometry.errors import HeadstockError
 from headstock.geometry.parts.solids import SuperelementFile
 from headstock.pipeline.numbers.folders import RESULTS_FILE, SUMMARY_FILE
 from headstock.pipeline.planning.analyses import RECORDS, load_named
@@ -45,9 +46,10 @@ from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store, default_store_root
 from headstock.pipeline.volume_files import volume_grid, write_volumes
 from headstock.scene.analyses.lobes import require_feed_of_run
+from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene, acting_assumptions
 from headstock.solvers.mpi import MPI
-from headstock.solvers.ranks import make_on_root
+from headstock.solvers.ranks import SharedFailure, make_on_root
 from headstock.solvers.shared_work import all_cores_on_root
 
 LIBRARIES = ("fenics-dolfinx", "petsc4py", "slepc4py", "gmsh", "numpy", "scipy", "h5py", "mpi4py")
@@ -88,8 +90,8 @@ def run_scene(
         SharedFailure: It failed on rank 0 of several; on every rank.
     """
     make_on_root(comm, lambda: require_feed_of_run(scene))
-    exported = {output / one.name_file(name): one for name, one in scene.exports.items()}
-    files = (RESULTS_FILE, SUMMARY_FILE, *(path.name for path in exported))
+    exported = (one.name_file(name).name for name, one in scene.exports.items())
+    files = (RESULTS_FILE, SUMMARY_FILE, *exported)
     make_on_root(comm, lambda: prepare_output(output, files))
     runner = _StageRunner(scene, comm, store, observer=observer, announce=announce)
     state = _run_rounds(scene, runner)
@@ -99,11 +101,34 @@ def run_scene(
     results = gather_results(
         state, tuple(runner.records), provenance=provenance, files=remarks.files
     )
-    for path, wanted in exported.items():
-        load_named("headstock.pipeline.exports:export")(
-            state.scene, wanted, path, comm=comm, store=runner.store, origin=provenance
-        )
-    return dataclasses.replace(results, warnings=(*results.warnings, *remarks.warnings))
+    results = dataclasses.replace(results, warnings=(*results.warnings, *remarks.warnings))
+    if failures := _export(state.scene, output, runner, provenance):
+        results = dataclasses.replace(results, failures=(*results.failures, *failures))
+        make_on_root(comm, lambda: _write_summary(output, results))
+    return results
+
+
+def _export(
+    scene: Scene, output: Path, runner: "_StageRunner", provenance: Provenance | None
+) -> list[str]:
+    """Write the exports of a scene that can be written, and return why others cannot; collective."""
+    failures: list[str] = []
+    # of several ranks an error that not all know of ends the job
+    caught = (HeadstockError, SceneError) if runner.comm.size == 1 else (SharedFailure,)
+    for name, wanted in scene.exports.items():
+        path = output / wanted.name_file(name)
+        try:
+            load_named("headstock.pipeline.exports:export")(
+                scene, wanted, path, comm=runner.comm, store=runner.store, origin=provenance
+            )
+        except caught as error:
+            failures.append(f"{scene.path.name}: exports.{name}: {error}")
+    return failures
+
+
+def _write_summary(output: Path, results: Results) -> None:
+    with PendingOutputs() as pending:
+        publish_summary(pending, output, results)
 
 
 def run_stages(

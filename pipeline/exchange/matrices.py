@@ -87,8 +87,9 @@ def require_no_constraints(superelement: Superelement) -> None:
     """Refuse a body with constraints, which no other format keeps apart from its matrices."""
     if len(superelement.constraints):
         raise ExchangeError(
-            f"component {superelement.name!r}: interfaces share nodes, which ties some of its dofs; "
-            "leave a gap between their patches before it is exported"
+            f"component {superelement.name!r}: some of its dofs are tied, which matrices cannot say: its interfaces share nodes, or "
+            "it is segmented and an interface averages or covers a length of it; leave a gap between patches that touch, and export "
+            'a segmented component with fidelity = "elastic"'
         )
 
 

@@ -310,6 +310,19 @@ def test_a_run_writes_the_exports_of_its_scene(shell: Shell) -> None:
     assert np.array_equal(plants[0]["A"], plants[1]["A"])
 
 
+def test_an_export_that_cannot_be_written_costs_nothing_else(shell: Shell) -> None:
+    side = '{ face = "x+", rect = { center = ["0 mm", "250 mm"], size = ["10 mm", "100 mm"] } }'
+    scene = shell.write(
+        BEAM + EXPORTS, ('"polynomial"', '"segmented"'), ('tip = { face = "z+" }', f"tip = {side}")
+    )
+    shell(f"run {scene} -o results", code=1)
+    (failure,) = shell.json("results/summary.json")["failures"]
+    assert failure.startswith("scene.toml: exports.tip: component 'beam'")
+    assert 'fidelity = "elastic"' in failure
+    assert "scene.toml: exports.tip: component" in shell.text("results/report.html")
+    assert {"plant.mat", "beam.xdmf", "tables"} <= shell.files("results")
+
+
 @pytest.mark.parametrize(
     ("line", "key", "message"),
     [
