@@ -58,6 +58,7 @@ class AxisControl:
         dead_time: From a measurement to the force it leads to [s].
         current_lag: Time constant of the current loop [s].
         encoder: What the position controller sees; motor speeds are those of the motor.
+        is_cascade: It was written as gains, not as a controller of its own form.
     """
 
     errors: FloatArray
@@ -67,6 +68,7 @@ class AxisControl:
     dead_time: float = 0.0
     current_lag: float = 0.0
     encoder: Encoder = "motor"
+    is_cascade: bool = False
 
     @property
     def position_gain(self) -> float | None:
@@ -123,6 +125,7 @@ class Cascade:
             dead_time=self.dead_time,
             current_lag=self.current_lag,
             encoder=self.encoder,
+            is_cascade=True,
         )
 
 

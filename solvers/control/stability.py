@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import MEASURED, AxisControl
@@ -24,6 +25,7 @@ from headstock.solvers.control.linear_blocks import LARGEST_ANGLE
 from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.second_order import ComplexArray, SecondOrderSystem
 
+REAL = 1e-9  # an imaginary part below this share of a pole's size is roundoff
 GROWING = 1e-9  # a real part below this share of a pole's size is roundoff
 # poles below this share of the machine's fastest are at rest: free bodies that no drive holds
 AT_REST = 1e-7
@@ -57,26 +59,41 @@ class LoopPoles:
 
     def growing(self) -> list[int]:
         """Return the poles that grow, fastest growth first."""
-        sizes = np.abs(self.poles)
-        # eigenvalues are known to the rounding of the fastest, which very stiff loops have
-        rounding = np.finfo(float).eps * sizes.max(initial=0.0)
-        growing = np.flatnonzero(
-            (self.poles.real > np.maximum(GROWING * sizes, rounding))
-            & (self.frequencies_hz <= self.limit_hz)
-        )
-        return [int(index) for index in growing[np.argsort(-self.poles[growing].real)]]
+        return _list_growing(self.poles, self.limit_hz)
+
+
+def _list_growing(poles: ComplexArray, limit_hz: float) -> list[int]:
+    """Return the poles that grow at most at some frequency, fastest growth first."""
+    sizes = np.abs(poles)
+    # eigenvalues are known to the rounding of the fastest, which very stiff loops have
+    rounding = np.finfo(float).eps * sizes.max(initial=0.0)
+    growing = np.flatnonzero(
+        (poles.real > np.maximum(GROWING * sizes, rounding))
+        & (poles.imag <= 2.0 * math.pi * limit_hz)
+    )
+    return [int(index) for index in growing[np.argsort(-poles[growing].real)]]
+
+
+def _select_poles(poles: ComplexArray, floor: float) -> NDArray[np.intp]:
+    """Return which poles stand for all, rising in size: one of each conjugate pair, none below a size."""
+    # a machine that floats has double poles at zero, which rounding splits
+    real = np.abs(poles.imag) <= REAL * np.abs(poles)
+    kept = np.flatnonzero((real | (poles.imag > 0.0)) & (np.abs(poles) > floor))
+    return kept[np.argsort(np.abs(poles[kept]), kind="stable")]
+
+
+def _find_floor(loop: ClosedLoop) -> float:
+    """Return up to which size poles are those of free bodies at rest [rad/s]; zero without any."""
+    if not has_free_motions(loop):
+        return 0.0
+    return AT_REST * float(np.abs(np.linalg.eigvals(loop.plant.a)).max(initial=0.0))
 
 
 def find_loop_poles(loop: ClosedLoop) -> LoopPoles:
     """All poles of a closed loop but those of free bodies at rest."""
     poles, vectors = scipy.linalg.eig(loop.space.a, check_finite=False)
-    real = np.abs(poles.imag) <= 1e-9 * np.abs(poles)
-    floor = AT_REST * float(np.abs(np.linalg.eigvals(loop.plant.a)).max(initial=0.0))
-    # a machine that floats has double poles at zero, which rounding splits
-    kept = np.flatnonzero(
-        (real | (poles.imag > 0.0)) & (np.abs(poles) > (floor if has_free_motions(loop) else 0.0))
-    )
-    kept = kept[np.argsort(np.abs(poles[kept]), kind="stable")]
+    real = np.abs(poles.imag) <= REAL * np.abs(poles)
+    kept = _select_poles(poles, _find_floor(loop))
     poles = np.where(real, poles.real + 0.0j, poles)[kept]
     shapes = vectors[:, kept]
     forces = loop.space.c[loop.space.rows.of(force_channels(loop.trains))] @ shapes
@@ -149,6 +166,7 @@ def find_largest_gain(
         trains: All drives; the others stay as they are.
     """
     plant = open_plant(system, trains)
+    floor, limit_hz = _find_floor(close_plant(plant, trains)), _dead_time_limit(trains)
 
     def stable(scale: float) -> bool:
         changed = [
@@ -157,7 +175,9 @@ def find_largest_gain(
             else train
             for train in trains
         ]
-        return not find_loop_poles(close_plant(plant, changed)).growing()
+        # without shapes, which take most of the time
+        poles = scipy.linalg.eigvals(close_plant(plant, changed).space.a, check_finite=False)
+        return not _list_growing(poles[_select_poles(poles, floor)], limit_hz)
 
     high, low = 1.0, STEP_DOWN
     while not stable(low):
@@ -195,11 +215,13 @@ def _scale_velocity_gain(control: AxisControl, scale: float) -> AxisControl:
 
 
 def _advise(system: SecondOrderSystem, trains: tuple[DriveTrain, ...], train: DriveTrain) -> str:
+    """Return which gain would be stable, of the keys that the drive has."""
     kv, kp = train.control.position_gain, train.control.velocity_gain
-    scale = find_largest_gain(system, trains, train.name, scale_position_gain)
+    scale = find_largest_gain(system, trains, train.name, scale_position_gain) if kv else None
     if scale is not None and kv:
         return f"the largest stable kv found is {scale * kv:.4g} 1/s, and {kv:.4g} 1/s is asked for"
-    scale = find_largest_gain(system, trains, train.name, _scale_velocity_gain)
+    cascade = train.control.is_cascade
+    scale = find_largest_gain(system, trains, train.name, _scale_velocity_gain) if cascade else None
     if scale is not None and kp:
         return (
             f"its velocity loop is so by itself: the largest stable velocity_gain found is {scale * kp:.4g} N s/m along the axis, and "
@@ -208,7 +230,9 @@ def _advise(system: SecondOrderSystem, trains: tuple[DriveTrain, ...], train: Dr
     scale = find_largest_gain(system, trains, train.name, _scale_law)
     if scale is not None:
         return f"its loop is stable at {scale:.3g} times the gain of its controller (gain margin {20.0 * math.log10(scale):.3g} dB)"
-    return "no smaller kv or velocity_gain is stable either; check encoder, dead time, and the damping of the machine"
+    gains = "kv or velocity_gain" if cascade else "gain of its controller"
+    check = "encoder" if cascade else "the sign of the controller and its own poles, encoder"
+    return f"no smaller {gains} is stable either, down to a thousandth; check {check}, dead time, and the damping of the machine"
 
 
 def has_free_motions(loop: ClosedLoop) -> bool:
