@@ -2,7 +2,7 @@
 positions of axes.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from headstock.geometry.machine.machine import show_position
 from headstock.pipeline.exchange.fmus import FmuModel, FmuVariable
 from headstock.pipeline.exchange.state_spaces import MachineStateSpace, name_variable
 from headstock.pipeline.exchange.varying_spaces import VaryingStateSpace
+from headstock.solvers.state_spaces.rational_steps import PAIRS, list_poles
+from headstock.solvers.state_spaces.varying_matrices import CONSTANT, Field, Knots
 
 FIELD = "typedef struct {\n    int counts[AXES];\n    int level;\n    int size;\n    const double *values;\n} Field;\n"
 
@@ -37,56 +39,68 @@ def fixed_model(name: str, space: MachineStateSpace) -> FmuModel:
 
 def varying_model(name: str, space: VaryingStateSpace) -> FmuModel:
     """Return the FMU of a machine wherever its axes stand, with a step."""
-    matrices, axes = space.matrices, space.axes
-    fields = [field for spring in matrices.springs for field in spring.fields]
-    fields += [matrices.further, matrices.loads, matrices.rows]
+    matrices, axes = space.matrices.modal, space.axes
+    fields = matrices.fields
     knots = [one for level in matrices.knots for one in level.values()]
-    rows = [field.shape[0] for spring in matrices.springs for field in spring.fields]
+    rows = [spring.rows.shape[0] for spring in matrices.springs]
+    between = matrices.damping - np.diag(matrices.damping.diagonal())
+    size = np.abs(matrices.damping).max(initial=0.0)
+    coupled = len(matrices.patterns) > 0 or np.abs(between).max(initial=0.0) > CONSTANT * size
     sizes = {
         **_list_sizes(space, 2 * len(matrices.stiffness)),
         "AXES": len(axes),
         "SPRINGS": len(matrices.springs),
+        "JOINT_ROWS": sum(rows),
         "MOST_ROWS": max(rows, default=0),
         "MOST_KNOTS": max(len(one.positions) for one in knots),
         "MIXED": len(matrices.patterns),
+        "COUPLED": int(coupled),
         "RATE": repr(space.rate),
+        "POLES": PAIRS,
     }
+    travel = np.array([one.positions[[0, -1]] for one in knots[: len(axes)]])
     arrays = {
-        "STIFFNESS": matrices.stiffness.T,
+        "SQUARES": matrices.stiffness.diagonal(),
         "DAMPING": matrices.damping.T,
         "PATTERNS": matrices.patterns,
+        "POLES_AND_SHARES": list_poles(),
         "START": np.array([space.positions[axis] for axis in axes]),
-        "LOWEST": np.array([one.positions[0] for one in knots[: len(axes)]]),
-        "HIGHEST": np.array([one.positions[-1] for one in knots[: len(axes)]]),
-        **{f"FIELD_{number}": field.values for number, field in enumerate(fields)},
-        **{f"KNOTS_{number}": one.positions for number, one in enumerate(knots)},
-        **{f"PIECES_{number}": one.pieces() for number, one in enumerate(knots)},
+        "LOWEST": travel[:, 0],
+        "HIGHEST": travel[:, 1],
     }
-    faults = [
-        f'"position.{axis} must lie between {show_position(one.positions[0], unit)} and {show_position(one.positions[-1], unit)}"'
-        for axis, one, unit in zip(axes, knots, space.axis_units, strict=False)
-    ]
-    tables = [
-        f"{{{{{', '.join(map(str, field.values.shape[: len(axes)]))}}}, {field.level}, {int(np.prod(field.shape))}, FIELD_{number}}}"
-        for number, field in enumerate(fields)
-    ]
-    lists = {
-        "int COUNTS": [str(len(one.positions)) for one in knots],
-        "double *const KNOTS": [f"KNOTS_{number}" for number in range(len(knots))],
-        "double *const PIECES": [f"PIECES_{number}" for number in range(len(knots))],
-        "char *const FAULTS": faults,
-        "Field FIELDS": tables,
-    }
+    arrays |= {f"FIELD_{number}": field.values for number, field in enumerate(fields)}
+    for number, one in enumerate(knots):
+        arrays |= {f"KNOTS_{number}": one.positions, f"PIECES_{number}": one.pieces()}
     header = _encode_sizes(sizes) + FIELD + _encode_arrays(arrays)
-    header += "".join(
-        f"static const {kind}[] = {{{', '.join(values)}}};\n" for kind, values in lists.items()
-    )
+    header += _encode_lists(space, fields, knots)
     positions = tuple(
         FmuVariable(f"position.{axis}", unit, space.positions[axis])
         for axis, unit in zip(axes, space.axis_units, strict=True)
     )
     words = "; positions of axes are inputs, and their motion itself exerts no force"
     return _make_model(name, space, words, positions, header)
+
+
+def _encode_lists(space: VaryingStateSpace, fields: Sequence[Field], knots: Sequence[Knots]) -> str:
+    """Encode what refers to arrays: knots of both levels, messages of axes and fields."""
+    numbers = range(len(knots))
+    limits = [(one.positions[0], one.positions[-1]) for one in knots[: len(space.axes)]]
+    lists = {
+        "int COUNTS": [str(len(one.positions)) for one in knots],
+        "double *const KNOTS": [f"KNOTS_{number}" for number in numbers],
+        "double *const PIECES": [f"PIECES_{number}" for number in numbers],
+        "char *const FAULTS": [
+            f'"position.{axis} must lie between {show_position(low, unit)} and {show_position(high, unit)}"'
+            for axis, (low, high), unit in zip(space.axes, limits, space.axis_units, strict=True)
+        ],
+        "Field FIELDS": [
+            f"{{{{{', '.join(map(str, field.grid))}}}, {field.level}, {int(np.prod(field.shape))}, FIELD_{number}}}"
+            for number, field in enumerate(fields)
+        ],
+    }
+    return "".join(
+        f"static const {kind}[] = {{{', '.join(values)}}};\n" for kind, values in lists.items()
+    )
 
 
 def _make_model(

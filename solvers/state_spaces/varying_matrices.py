@@ -4,7 +4,7 @@ are interpolated by cubic splines between knots, never the stiffness itself.
 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -97,6 +97,15 @@ class Field:
             value = value[0] if value.shape[0] == 1 else np.einsum("k,k...->...", weight, value)
         return value
 
+    def turn(self, turn: FloatArray) -> "Field":
+        """Return a field of rows ``(r, m)`` in coordinates ``(m, m)``."""
+        return replace(self, values=self.values @ turn)
+
+    @property
+    def grid(self) -> tuple[int, ...]:
+        """Number of knots of each axis, 1 of those that it does not depend on."""
+        return self.values.shape[: self.values.ndim - len(self.shape)]
+
     @property
     def varies(self) -> bool:
         """Return whether it depends on any axis."""
@@ -160,6 +169,29 @@ class VaryingMatrices:
             self.loads.at(weights).T,
             self.rows.at(weights),
         )
+
+    @property
+    def modal(self) -> "VaryingMatrices":
+        """The same in coordinates in which the stiffness that stays the same is diagonal."""
+        squares, turn = np.linalg.eigh(self.stiffness)
+        springs, others = (
+            (replace(spring, rows=spring.rows.turn(turn)) for spring in self.springs),
+            {name: getattr(self, name).turn(turn) for name in ("loads", "rows")},
+        )
+        return replace(
+            self,
+            stiffness=np.diag(squares),
+            damping=turn.T @ self.damping @ turn,
+            springs=tuple(springs),
+            patterns=turn.T @ self.patterns @ turn,
+            **others,
+        )
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """Of the springs in turn, then further damping, loads and rows."""
+        springs = itertools.chain(*(spring.fields for spring in self.springs))
+        return (*springs, self.further, self.loads, self.rows)
 
     def damp_further(self, weights: Weights) -> FloatArray:
         """Return the damping ``(m, m)`` that is no sum over joints."""

@@ -12,6 +12,10 @@ typedef struct {
     double time;
     double states[ROOM(STATES)];
     double inputs[ROOM(INPUTS + AXES)];
+#if AXES
+    double before[AXES]; /* positions of the last step */
+    int started, moved;  /* steps that follow until the axes count as resting */
+#endif
 } Motion;
 
 typedef struct {
