@@ -35,7 +35,8 @@ def predict_each_mode(
         HeadstockError: One of the fits could not be computed.
     """
     targets = [target for model in ends.problem.cases for target in model.case.modes]
-    predicted, names = [], [target.name for target in targets if not target.hold_out]
+    predicted = []
+    names = [target.name for target in targets if not target.hold_out]
     begin = time.perf_counter()
     for number, name in enumerate(names, 1):
         hide = functools.partial(TargetCase.change_modes, names={name}, hold_out=True)
