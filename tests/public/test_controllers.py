@@ -149,7 +149,9 @@ def test_a_controller_that_cannot_be_is_named_with_file_and_line(
     assert words in message
 
 
-def test_an_unstable_controller_is_named_with_its_axis_and_no_key_that_it_lacks(shell: Shell) -> None:
+def test_an_unstable_controller_is_named_with_its_axis_and_no_key_that_it_lacks(
+    shell: Shell,
+) -> None:
     write(
         shell, (GAIN, ""), (CASCADE, "controller = { num = [1e8], den = [1] }\ndead_time = '1 ms'")
     )
