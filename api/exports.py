@@ -189,10 +189,13 @@ def _plan_space(
     made = take_machine(machine, function)
     if given["hz"] is None and FrfRequest in made.scene.analyses:
         given["hz"] = made.scene.analyses[FrfRequest].to_hz
-    if inputs is not None or outputs is not None:
-        channels = {"inputs": inputs, "outputs": outputs}
-        frf = {name: listed for name, listed in channels.items() if listed is not None}
-        made = made.change({"analyses.frf": {"up_to": given["hz"], **frf}})
+    scene = _plan_export(function, made, given)
+    if inputs is None and outputs is None:
+        return scene
+    channels = {"inputs": inputs, "outputs": outputs}
+    frf = {name: listed for name, listed in channels.items() if listed is not None}
+    with naming_arguments(function, "analyses.frf"):
+        made = made.change({"analyses.frf": {"up_to": scene.exports[UNNAMED].hz, **frf}})
     return _plan_export(function, made, given)
 
 

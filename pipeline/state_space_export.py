@@ -1,6 +1,7 @@
 """The state space of a machine: found, written as a file or as an FMU."""
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from headstock.pipeline.exchange.state_spaces import (
     describe_space,
     encode_mat,
     encode_npz,
+    find_fastest_hz,
 )
 from headstock.pipeline.exchange.varying_spaces import VaryingStateSpace
 from headstock.pipeline.stages.machine import couple_pose
@@ -65,14 +67,15 @@ def find_state_space(
             motors=wanted.motors,
             warn=state.warn,
         )
+        fastest_hz = find_fastest_hz(space)
         record = describe_space(
             space,
             pose=pose,
-            step_s=wanted.step,
+            step_s=_choose_step(wanted, fastest_hz),
             balanced=wanted.balanced,
             rotary=_list_rotary(scene),
         )
-        _require_short(scene, wanted.step, record.highest_hz)
+        _require_short(scene, wanted, fastest_hz)
         return record
 
     return make_on_root(comm, find)
@@ -110,7 +113,8 @@ def find_varying(
     """
     pose, channels = _find_pose(scene, wanted), _channels(scene)
     _require_travel(scene, wanted.travel)
-    _require_short(scene, wanted.step, wanted.hz or 0.0)
+    _require_short(scene, wanted, wanted.hz or 0.0)
+    wanted = dataclasses.replace(wanted, step=_choose_step(wanted, wanted.hz or 0.0))
     state = _reduce(scene, wanted, comm, store)
     return make_on_root(comm, lambda: find_varying_state_space(state, wanted, channels, pose))
 
@@ -154,18 +158,34 @@ def _require_travel(scene: Scene, axes: Sequence[str]) -> None:
             findings.raise_if_any()
 
 
-def _require_short(scene: Scene, step_s: float | None, highest_hz: float) -> None:
+def _choose_step(wanted: Export, fastest_hz: float) -> float | None:
+    """Return the step that is asked for; of an FMU otherwise the longest of 1, 0.5, 0.2, 0.1 ms ...
+    that is not too long for the fastest mode. None for continuous time [s].
+    """
+    if wanted.step is not None or wanted.format not in FMUS:
+        return wanted.step
+    steps = (
+        DEFAULT_STEP_S * share / 10.0**power
+        for power in itertools.count()
+        for share in (1, 0.5, 0.2)
+    )
+    return next(step for step in steps if step * fastest_hz < SAMPLES)
+
+
+def _require_short(scene: Scene, wanted: Export, highest_hz: float) -> None:
     """Refuse a step that samples a mode less than twice in a period.
 
     Raises:
         SceneError: It does.
     """
-    if step_s is not None and step_s * highest_hz >= SAMPLES:
+    if wanted.step is not None and wanted.step * highest_hz >= SAMPLES:
+        # those of control loops are as fast whatever the frequency up to which modes count
+        other = ", or a lower highest frequency" if highest_hz <= (wanted.hz or 0.0) else ""
         findings = Findings(str(scene.path))
         findings.add(
             ("step",),
-            f"{1e3 * step_s:g} ms is too long for a mode at {highest_hz:.4g} Hz; "
-            f"write a step below {1e3 * SAMPLES / highest_hz:.3g} ms, or a lower highest frequency",
+            f"{1e3 * wanted.step:g} ms is too long for a mode at {highest_hz:.4g} Hz; "
+            f"write a step below {1e3 * SAMPLES / highest_hz:.3g} ms{other}",
         )
         findings.raise_if_any()
 
@@ -188,8 +208,6 @@ def export_state_space(
         HeadstockError: A computation or the file failed.
     """
     check_output(path)
-    if wanted.format in FMUS:
-        wanted = dataclasses.replace(wanted, step=wanted.step or DEFAULT_STEP_S)
     find = find_varying if wanted.travel else find_state_space
     record = find(scene, wanted, comm=comm, store=store)
 

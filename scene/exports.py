@@ -46,6 +46,11 @@ EXPORT_FORMATS = {
 }
 
 
+def find_share_fault(share: float) -> str:
+    """Say why an error is no share of a response; empty where it is one."""
+    return "" if 0.0 < share < 1.0 else f'is {share:g}; write a share of 1, such as "1 %"'
+
+
 def list_formats(*kinds: str) -> str:
     """Return the names of the formats in which one of some kinds of things leaves."""
     return ", ".join(name for name, form in EXPORT_FORMATS.items() if form.of in kinds)
@@ -59,7 +64,8 @@ class Export:
         component: Which one leaves; None for the whole machine, or for the only one with a shape.
         pose: Of the machine; None for the first.
         hz: Modes up to here become states [Hz].
-        step: Over which inputs are constant [s]; None for continuous time, and 1 ms of an FMU.
+        step: Over which inputs are constant [s]; None for continuous time, and of an FMU for 1 ms, or
+            less where a mode is too fast for it.
         balanced: Error that leaving out states may cause, as a share of the largest response; None
             to keep all states.
         motors: Of a state space: locked; free, with their forces as inputs; under control, with set
@@ -94,36 +100,57 @@ class Export:
             f"{name}{Path(self.kind.endings[0]).suffix if several else self.kind.endings[0]}"
         )
 
-    def find_faults(self) -> Iterator[str]:
-        """Yield what does not go together, and what to write."""
+    def find_faults(self) -> Iterator[tuple[str, str]]:
+        """Yield what does not go together: the key at fault, empty where one is missing, and what to
+        write.
+        """
         if self.format not in EXPORT_FORMATS:
             yield (
+                "format",
                 f"format {self.format!r} is unknown; of a component: {list_formats('body', 'mesh')}; "
-                f"of the machine: {list_formats(*WHOLE_MACHINE)}"
+                f"of the machine: {list_formats(*WHOLE_MACHINE)}",
             )
             return
         kind = self.kind
         if kind.of in WHOLE_MACHINE and self.component is not None:
-            yield f"{self.format} is of the whole machine; leave out the component"
+            yield "component", f"{self.format} is of the whole machine; leave out the component"
         if kind.of == "body" and self.component is None:
-            yield f"{self.format} is of one component; name it"
+            yield "", f"{self.format} is of one component; name it"
         if kind.of == "space" and self.hz is None:
-            yield f'{self.format} is a state space with modes up to a frequency; write hz, such as "500 Hz"'
+            yield (
+                "",
+                f'{self.format} is a state space with modes up to a frequency; write hz, such as "500 Hz"',
+            )
         for name in ("hz", "step", "balanced", "travel", "error"):
             if kind.of != "space" and getattr(self, name):
-                yield f"{self.format} takes no {name}, which goes with {list_formats('space')}"
+                yield (
+                    name,
+                    f"{self.format} takes no {name}, which goes with {list_formats('space')}",
+                )
         if kind.of != "space" and self.motors != "locked":
-            yield f"{self.format} takes no motors, which go with {list_formats('space')}"
+            yield "motors", f"{self.format} takes no motors, which go with {list_formats('space')}"
         if self.motors == "free" and self.balanced is not None:
-            yield "free motors have no steady response, which balanced truncation needs; leave out balanced"
+            yield (
+                "balanced",
+                "free motors have no steady response, which balanced truncation needs; leave out balanced",
+            )
         if kind.of not in WHOLE_MACHINE and self.pose is not None:
-            yield f"{self.format} takes no pose, which goes with {list_formats(*WHOLE_MACHINE)}"
+            yield (
+                "pose",
+                f"{self.format} takes no pose, which goes with {list_formats(*WHOLE_MACHINE)}",
+            )
         if self.travel and self.balanced:
-            yield "a balanced state space is that of one pose; leave out balanced or travel"
+            yield (
+                "balanced",
+                "a balanced state space is that of one pose; leave out balanced or travel",
+            )
         if self.travel and self.motors != "locked":
-            yield "motors are locked where axes travel; leave out motors or travel"
+            yield "motors", "motors are locked where axes travel; leave out motors or travel"
         if self.error and not self.travel:
-            yield "error goes with travel, the axes whose positions may change"
+            yield "error", "error goes with travel, the axes whose positions may change"
         named = Path(self.file or f"x{kind.endings[0]}")
         if kind.of in ("mesh", "test") and named.suffix.lower() not in kind.endings:
-            yield f"file {self.file!r}: files of {self.format} end in {', '.join(kind.endings)}"
+            yield (
+                "file",
+                f"file {self.file!r}: files of {self.format} end in {', '.join(kind.endings)}",
+            )

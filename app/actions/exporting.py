@@ -13,7 +13,7 @@ from headstock.app.terminal.console import warn_of_unused_accuracy
 from headstock.app.terminal.guard import DONE
 from headstock.pipeline.exports import export
 from headstock.scene.building.loader import load_scene
-from headstock.scene.exports import EXPORT_FORMATS, MOTORS, Export
+from headstock.scene.exports import EXPORT_FORMATS, MOTORS, Export, find_share_fault
 from headstock.scene.reading.units import (
     FREQUENCY,
     RATIO,
@@ -82,7 +82,10 @@ def read_export(options: ExportOptions) -> Export:
         _read_positive("error", options.error, RATIO),
         None if file is None else str(file),
     )
-    for fault in wanted.find_faults():
+    for name, share in (("balanced", wanted.balanced), ("error", wanted.error)):
+        if share is not None and (fault := find_share_fault(share)):
+            raise click.UsageError(f"--{name} {fault}")
+    for _, fault in wanted.find_faults():
         raise click.UsageError(fault)
     return wanted
 

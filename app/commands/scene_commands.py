@@ -157,7 +157,7 @@ class ExportOptions(SceneOptions):
         option(
             "--step",
             "TIME",
-            "Of a state space whose inputs are held over it [1 ms of an FMU, else continuous].",
+            "Of a state space whose inputs are held over it [of an FMU 1 ms or less, else continuous].",
         ),
     ] = None
     balanced: Annotated[

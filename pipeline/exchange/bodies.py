@@ -86,12 +86,14 @@ def _list_placed_nodes(body: BodyMatrices) -> list[int]:
     numbers = sorted({int(node) for node, dof in body.nodes if dof > 0})
     if not numbers:
         raise ExchangeError(
-            f"{body.name}: no row is the dof of a node, so nothing could be attached; add the list of dofs NAME.dof, or cards GRID"
+            f"{body.name}: no row is the dof of a node, so nothing could be attached; add the list of dofs NAME.dof, "
+            'or write points = "NAME.bdf", bulk data with cards GRID'
         )
     for number in numbers:
         if number not in body.points:
             raise ExchangeError(
-                f"{body.name}: node {number} has dofs but no place; name a file with its GRID card, or a deck with its line below *NODE"
+                f'{body.name}: node {number} has dofs but no place; write points = "NAME.bdf", '
+                "bulk data with its GRID card, or a deck (.inp) with its line below *NODE"
             )
         if not np.isfinite(body.points[number]).all():
             raise ExchangeError(f"{body.name}: the place of node {number} is no number")

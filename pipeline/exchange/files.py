@@ -77,6 +77,10 @@ def read_body(file: SuperelementFile) -> Superelement:
     own = path if points is None and path.suffix in BULK_DATA else points
     places, named = ({}, np.zeros((0, 2), np.int64)) if own is None else read_points(own)
     matrices, nodes = _read_matrices(path, named)
+    if own is None and not len(nodes):
+        raise ExchangeError(
+            f'{path.name} does not say of which nodes its rows are; write points = "{path.stem}_points.bdf", bulk data with their GRID cards'
+        )
     sizes = {letter: len(matrix) for letter, matrix in matrices.items()}
     if len(set(sizes.values())) > 1 or len(nodes) != sizes["K"]:
         listed = ", ".join(f"{letter} has {size} rows" for letter, size in sizes.items())

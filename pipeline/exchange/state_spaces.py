@@ -77,6 +77,11 @@ class MachineStateSpace:
         }
 
 
+def find_fastest_hz(space: StateSpace) -> float:
+    """Return the highest frequency of a mode, continuous in time [Hz]."""
+    return float(np.abs(np.linalg.eigvals(space.a).imag).max(initial=0.0)) / (2.0 * np.pi)
+
+
 def describe_space(
     space: StateSpace,
     *,
@@ -98,8 +103,8 @@ def describe_space(
         ModelError: No state can be left out.
     """
     units = list_units((space.inputs, space.outputs), rotary)
-    highest = float(np.abs(np.linalg.eigvals(space.a).imag).max(initial=0.0)) / (2.0 * np.pi)
-    bounds, bound = np.zeros_like(space.d), 0.0
+    bounds, highest = np.zeros_like(space.d), find_fastest_hz(space)
+    bound = 0.0
     if balanced is not None:
         smaller = truncate_balanced(space, balanced, *units)
         space, bounds, bound = smaller.space, smaller.bounds, smaller.share

@@ -2,9 +2,11 @@
 hold.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from numbers import Real
+from typing import Any, cast
 
 import numpy as np
 
@@ -12,6 +14,7 @@ from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.machine import Pose, find_limit_fault
 from headstock.pipeline.exchange.state_spaces import MachineStateSpace, describe_space, list_units
 from headstock.scene.reading.findings import Problem, SceneError
+from headstock.scene.reading.units import ANGLE, LENGTH, UnitError, parse_quantity
 from headstock.solvers.second_order import Channel, name_channel
 from headstock.solvers.state_spaces.state_space import StateSpace
 from headstock.solvers.state_spaces.varying_matrices import PosedMatrices, VaryingMatrices
@@ -73,25 +76,48 @@ class VaryingStateSpace:
         """Units of the outputs."""
         return list_units(self.channels)[1]
 
-    def at(self, **positions: float) -> MachineStateSpace:
-        """Return the state space at positions of axes [m, rad]; the others stay where they start.
+    def at(self, **positions: float | str) -> MachineStateSpace:
+        """Return the state space at positions of axes; the others stay where they start.
+
+        Args:
+            positions: By axis, as ``"-100 mm"`` or a number [m, rad].
 
         Raises:
-            SceneError: There is no such axis, or it does not move so far.
+            SceneError: There is no such axis, it does not move so far, or that is no position.
         """
-        for name, position in positions.items():
-            fault = f"there is no axis {name}; axes: {', '.join(self.axes)}"
-            if name in self.axes:
-                knots = self.matrices.knots[0][name].positions
-                unit = self.axis_units[self.axes.index(name)]
+        read = {name: self._read_position(name, given) for name, given in positions.items()}
+        place = {**self.positions, **read}
+        space = to_first_order(self.matrices.at(place), self.rate, self.channels)
+        return describe_space(space, pose=Pose("", place), step_s=self.step)
+
+    def _read_position(self, name: str, given: object) -> float:
+        """Return where an axis shall stand [m, rad].
+
+        Raises:
+            SceneError: There is no such axis, it does not move so far, or that is no position.
+        """
+        fault, position = f"there is no axis {name}; axes: {', '.join(self.axes)}", 0.0
+        if name in self.axes:
+            knots = self.matrices.knots[0][name].positions
+            unit = self.axis_units[self.axes.index(name)]
+            try:
+                is_number = isinstance(given, Real) and not isinstance(given, bool)
+                dimension = LENGTH if unit == "m" else ANGLE
+                position = (
+                    float(cast(Real, given))
+                    if is_number
+                    else parse_quantity(given, dimension).value
+                )
                 fault = find_limit_fault(
                     name, position, low=float(knots[0]), high=float(knots[-1]), unit=unit
                 )
-            if fault:
-                raise SceneError([Problem("VaryingStateSpace.at", name, "", fault)])
-        place = {**self.positions, **positions}
-        space = to_first_order(self.matrices.at(place), self.rate, self.channels)
-        return describe_space(space, pose=Pose("", place), step_s=self.step)
+            except UnitError as error:
+                fault = str(error)
+        if fault or not math.isfinite(position):
+            raise SceneError(
+                [Problem("VaryingStateSpace.at", name, "", fault or f"{position} is no position")]
+            )
+        return position
 
     @property
     def contents(self) -> dict[str, Any]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import FloatArray, Frame
+from headstock.geometry.loading import load_library
 from headstock.geometry.machine.carriages import find_travel_faults
 from headstock.geometry.machine.joints import Joint, JointEnd
 from headstock.geometry.machine.machine import Machine, Pose, place_components
@@ -31,6 +32,7 @@ from headstock.scene.analyses.static import StaticRequest
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Scene, choose_poses
 
+PARTS_MODULE = "headstock.pipeline.exchange.scene_parts"
 COUPLING_MODULE = "headstock.pipeline.preview.free_motions"
 MOST_DEFLECTION = 1e-3  # of a support or joint under the weight that it carries [m]
 SLIDING = ("linear_guide", "ball_screw", "prismatic")
@@ -346,11 +348,15 @@ def check_scene(scene: Scene) -> list[str]:
     request lacks.
 
     Raises:
-        SceneError: Patches without facets, rails too coarse, watched numbers that no run finds.
+        SceneError: Patches without facets, rails too coarse, watched numbers that no run finds, files
+            of reduced bodies that are none.
     """
     problems, remarks = find_missing_patches(scene)
     coarse, perhaps = find_coarse_rails(scene)
-    if problems := problems + coarse + find_unknown_numbers(scene):
+    problems += coarse + find_unknown_numbers(scene)
+    if any(isinstance(one.solid, SuperelementFile) for one in scene.machine.components.values()):
+        problems += load_library(PARTS_MODULE).find_part_problems(scene)
+    if problems:
         raise SceneError(problems)
     lacking = [
         f"with --analysis {name}: {problem.place}: {problem.key}: {problem.message}"

@@ -19,7 +19,7 @@ from headstock.meshing.component_mesh import ComponentMesh
 from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.skins import mesh_skin, unmeshed_skin
 from headstock.meshing.errors import MeshError
-from headstock.pipeline.exchange.files import read_body
+from headstock.pipeline.exchange.scene_parts import read_part
 from headstock.pipeline.planning.plan import Stage
 from headstock.pipeline.planning.reductions import choose_solver
 from headstock.pipeline.stages.run_state import (
@@ -47,7 +47,7 @@ from headstock.reduction.requests import (
 )
 from headstock.reduction.scaled_material import scale_material
 from headstock.reduction.superelement import Superelement
-from headstock.reduction.superelement_checks import FILE_ROUNDING, check_superelement
+from headstock.reduction.superelement_checks import check_superelement
 from headstock.scene.scene import Scene
 from headstock.solvers.ranks import make_on_root
 
@@ -311,10 +311,9 @@ def _run_polynomial_stage(state: RunState, stage: Stage) -> Outcome:
 
 
 def _load_file(state: RunState, component: Component) -> str:
-    """Read an imported superelement and check it like one of our own."""
-    read = read_body(cast(SuperelementFile, component.solid))
+    """Read an imported superelement."""
+    read = read_part(state.scene, component, cast(SuperelementFile, component.solid))
     superelement = dataclasses.replace(read, name=component.name, probes={}, sensors={})
-    check_superelement(superelement, rounding=FILE_ROUNDING)
     state.reduced[component.name] = _as_asked(component, ReducedComponent(superelement))
     return _describe(superelement)
 

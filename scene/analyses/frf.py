@@ -144,7 +144,7 @@ def _check(table: _FrfTable, draft: Draft) -> None:
             elif key == "outputs":
                 draft.check_output(place, name, direction)
             else:
-                draft.check_channel(place, name, direction)
+                draft.check_channel(place, name, direction, "loads")
 
 
 def _check_drive_channel(

@@ -69,10 +69,11 @@ class Draft:
 
         Args:
             section: Of the scene: ``joints``, say.
-            kind: Word for an entry; that of the section without its last letter when empty.
+            kind: Word for an entry; that of the section in the singular when empty.
         """
+        word = "axis" if section == "axes" else section.removesuffix("s")
         names = self.sections.get(section, frozenset())
-        self.findings.check_name(key, name, names, kind or section.removesuffix("s"), section)
+        self.findings.check_name(key, name, names, kind or word, section)
 
     def check_end(self, key: KeyPath, end: JointEnd) -> None:
         """Report an end that means neither ground nor an interface of a component."""
@@ -98,9 +99,14 @@ class Draft:
                 f"component {component!r} has no interface {interface[:80]!r}; {hint}{'' if given else remedy}",
             )
 
-    def check_channel(self, key: KeyPath, name: str, direction: str = "") -> None:
+    def check_channel(
+        self, key: KeyPath, name: str, direction: str = "", section: str = ""
+    ) -> None:
         """Report a channel that is at neither a point nor a sensor nor ``component.interface``, and a
         direction that a sensor does not measure.
+
+        Args:
+            section: Another one of the scene whose entries could be meant.
         """
         component, dot, interface = name.partition(".")
         if direction in DRIVE_CHANNELS:
@@ -114,8 +120,10 @@ class Draft:
             self.check_end(key, JointEnd(component, interface))
         else:
             more = "; or a sensor" if self.sensors else ""
-            names = [*self.sections.get("points", ()), *self.sections.get("sensors", ())]
-            self.findings.check_name(key, name, names, "point", "points", more)
+            others = self.sections.get(section, ())
+            names = [*self.sections.get("points", ()), *self.sections.get("sensors", ()), *others]
+            what = f"points and {section}" if others else "points"
+            self.findings.check_name(key, name, names, "point", what, more)
 
     def check_point(self, key: KeyPath, name: str) -> None:
         """Report what is neither a point nor a sensor that measures x, y and z."""

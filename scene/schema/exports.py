@@ -1,9 +1,8 @@
 """Schema of what a run writes for other programs."""
 
-from collections.abc import Iterator
 from typing import Annotated
 
-from headstock.scene.exports import EXPORT_FORMATS, Export, ExportMotors
+from headstock.scene.exports import EXPORT_FORMATS, ExportMotors, find_share_fault
 from headstock.scene.schema import types
 
 
@@ -18,11 +17,7 @@ def _find_file_fault(name: str) -> str:
 
 ErrorShare = Annotated[
     types.Ratio,
-    types.without_fault(
-        lambda share: (
-            "" if 0.0 < share < 1.0 else f'is {share:g}; write a share of 1, such as "1 %"'
-        )
-    ),
+    types.without_fault(find_share_fault),
     types.describe_ratio(
         "ratio above 0, below 1", (0.01, "1 %"), exclusiveMinimum=0.0, exclusiveMaximum=1.0
     ),
@@ -41,7 +36,7 @@ class ExportTable(types.StrictTable):
     hz: types.PositiveFrequency | None = None
     """modes up to here become states of `fmu3, fmu2, mat, npz`, the others act statically"""
     step: types.PositiveTime | None = None
-    """step of `fmu3, fmu2, mat, npz`, over which inputs are constant; default: 1 ms of an FMU, else continuous time"""
+    """step of `fmu3, fmu2, mat, npz`, over which inputs are constant; default: 1 ms of an FMU, less for fast modes, else continuous time"""
     balanced: ErrorShare | None = None
     """leaves out states up to this error, as a share of the largest response: `"1 %"`"""
     motors: ExportMotors = "locked"
@@ -53,6 +48,3 @@ class ExportTable(types.StrictTable):
     """error of the frequency response anywhere along the travel; default: 1 %"""
     file: Annotated[types.Text, types.without_fault(_find_file_fault)] | None = None
     """name of the file, of several files what their names begin with; default: the name of the export"""
-
-    def _faults(self) -> Iterator[str]:
-        yield from self.fill(Export).find_faults()

@@ -3,6 +3,8 @@
 import ctypes
 import dataclasses
 import math
+import shutil
+import subprocess
 import zipfile
 from pathlib import Path
 from typing import Any, cast
@@ -18,6 +20,7 @@ import scipy.signal
 import headstock as hs
 from common import Shell, approx, read_json
 
+ROOT = Path(__file__).parents[2]
 STEP, STEPS = 1e-3, 200
 STEEL = """
 [materials.steel]
@@ -143,6 +146,31 @@ def test_an_fmu_moves_as_the_discrete_state_space(shell: Shell, tmp_path: Path, 
     assert not fmu.instantiate(b"another machine")
 
 
+def test_the_c_program_of_the_document_drives_an_fmu(shell: Shell, tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "exchange.md").read_text()
+    Path("driver.c").write_text(text.split("```c\n")[1].split("```")[0])
+    scene = shell.write(HEAD)
+    shell(f"export {scene} --to fmu3 --hz 2kHz -o head.fmu")
+    fmu = Library(Path("head.fmu"), tmp_path / "fmu")
+    names = {
+        "INPUT": fmu.variables("input")["force.tcp.x"],
+        "OUTPUT": fmu.variables("output")["motion.tcp.x"],
+    }
+    flags = [f"-D{name}={number}" for name, number in names.items()]
+    subprocess.run(
+        ["cc", "-Wall", "-Werror", *flags, "driver.c", "-o", "driver", "-ldl"], check=True
+    )
+    (library,) = (tmp_path / "fmu").glob("binaries/*/headstock.so")
+    token = fmu.description.attrib["instantiationToken"]
+    words = ["./driver", str(library), token, str(STEP)]
+    done = subprocess.run(words, check=True, capture_output=True, text=True)
+    space = hs.state_space(scene, hz="2 kHz", inputs=[("tcp", "x")], step=STEP)
+    moved = scipy.signal.dlsim(
+        (space.A, space.B, space.C[:1], space.D[:1], STEP), np.ones((STEPS + 1, 1))
+    )[1]
+    assert np.array(done.stdout.split(), float) == approx(moved[1:, 0], rel=1e-6)
+
+
 def respond(space: hs.MachineStateSpace, hz: Any) -> Any:
     """Frequency response ``(n, p, k)``, by hand."""
     step = space.step or 0.0
@@ -190,7 +218,8 @@ def test_a_balanced_state_space_is_as_close_as_it_says(shell: Shell) -> None:
     [
         ({"hz": 0.0}, "hs.state_space: hz"),
         ({"hz": None}, 'write hz, such as "500 Hz"'),
-        ({"inputs": ["tpc"]}, "tcp"),
+        ({"inputs": ["tpc"]}, r"hs.state_space: inputs\[0\]\s+unknown point 'tpc'"),
+        ({"inputs": ["tcp"], "hz": None}, 'write hz, such as "500 Hz"'),
         ({"pose": "far"}, "unknown pose 'far'"),
         ({"step": "9 ms"}, "9 ms is too long for a mode at"),
     ],
@@ -230,6 +259,60 @@ def test_matrices_of_other_programs_are_a_part(shell: Shell, form: str, solid: s
         read_json(Path(name))["modal"][0]["frequencies_hz"] for name in ("own.json", "taken.json")
     )
     assert found == approx(given, rel=1e-7 if form == "dmig" else 1e-9)
+
+
+@pytest.fixture(scope="module")
+def matrices(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The beam as files of other programs."""
+    folder = tmp_path_factory.mktemp("matrices")
+    (folder / "scene.toml").write_text(BEAM)
+    for form, name in (("op4", "beam.op4"), ("mtx", "beam.mtx"), ("h5", "beam.h5")):
+        hs.export(folder / "scene.toml", form, component="beam", output=folder / name)
+    return folder
+
+
+POINTS = 'points = "beam_points.bdf"'
+
+
+@pytest.mark.parametrize(
+    ("solid", "foot", "cut", "key", "message"),
+    [
+        (
+            f'"beam.op4", {POINTS}',
+            "node_99",
+            "",
+            "joints.foot.between[0]",
+            "interfaces of beam: node_1",
+        ),
+        ('"beam.h5"', "node_1", "", "joints.foot.between[0]", "interfaces of beam: foot, tip"),
+        ('"beam.op4"', "node_1", "", "solid.superelement", 'write points = "beam_points.bdf"'),
+        (f'"beam.op4", {POINTS}', "node_1", "beam.op4", "solid.superelement", "beam.op4"),
+        (f'"beam.op4", {POINTS}', "node_1", "beam_points.bdf", "solid.points", "beam_points.bdf"),
+        (f'"beam_K.mtx", {POINTS}', "node_1", "beam_M.mtx", "solid.superelement", "beam_M.mtx"),
+        (f'"junk.mtx", {POINTS}', "node_1", "", "solid.superelement", "junk.mtx"),
+    ],
+)
+def test_what_is_wrong_with_matrices_is_said_by_check_and_run(
+    shell: Shell, matrices: Path, solid: str, foot: str, cut: str, key: str, message: str
+) -> None:
+    """With file, line and key of the scene; ``run`` says the same and leaves nothing behind."""
+    for file in matrices.iterdir():
+        shutil.copy(file, file.name)
+    Path("junk.mtx").write_text("junk\n")
+    if cut:
+        Path(cut).write_bytes(Path(cut).read_bytes()[:-100])
+    scene = shell.write(
+        BEAM,
+        ('{ box = ["30 mm", "20 mm", "300 mm"] }', f"{{ superelement = {solid} }}"),
+        ('material = "steel"\nfidelity = "polynomial"\n', ""),
+        ('interfaces = { foot = { face = "z-" }, tip = { face = "z+" } }\n', ""),
+        ("beam.foot", f"beam.{foot}"),
+        ("beam.tip", "beam.tip" if ".h5" in solid else "beam.node_2"),
+        name="taken",
+    )
+    for words in (f"check {scene}", f"run {scene} -o out --no-figures"):
+        refused = shell.refuses(words)
+        assert "taken.toml:" in refused and key in refused and message in refused
 
 
 def test_sensors_stand_on_the_nodes_of_a_foreign_part(shell: Shell) -> None:
@@ -272,6 +355,8 @@ def test_sensors_stand_on_the_nodes_of_a_foreign_part(shell: Shell) -> None:
         ("--hz 500Hz --step 9ms", "9 ms is too long for a mode at"),
         ("--hz 500Hz --balanced 1m", '--balanced "1m" is a length, not a ratio'),
         ("--hz 500Hz --balanced 0%", "--balanced 0% must be above zero"),
+        ("--hz 500Hz --balanced 100%", "--balanced is 1; write a share of 1"),
+        ("--hz 500Hz --travel X --error 150%", "--error is 1.5; write a share of 1"),
         ("--to uff -o head.txt", "files of uff end in .uff, .unv, .uf"),
         ("--mesh head.stl", "mesh files end in .msh"),
         ("head --mesh head.msh --to msh", "go without each other, --to and -o"),
@@ -329,6 +414,9 @@ def test_an_export_that_cannot_be_written_costs_nothing_else(shell: Shell) -> No
     ("line", "key", "message"),
     [
         ('format = "fmu"', "exports.x", "format 'fmu' is unknown"),
+        ('format = "op4"\ncomponent = "beam"\nhz = "1 kHz"', "exports.x.hz", "op4 takes no hz"),
+        ('format = "uff"\nhz = "1 kHz"', "exports.x.hz", "uff takes no hz"),
+        ('format = "mat"\nhz = "1 kHz"\ntravel = ["Q"]', "exports.x.travel[0]", "unknown axis 'Q'"),
         ('format = "op4"\ncomponent = "bean"', "exports.x.component", "unknown component 'bean'"),
         ('format = "mat"\nhz = "1 kHz"\npose = "far"', "exports.x.pose", "far"),
         ('format = "mat"\nhz = "1 kHz"\nfile = "../x.mat"', "exports.x.file", "without folders"),
@@ -346,6 +434,13 @@ def test_wrong_exports_are_named_with_their_key(
 ) -> None:
     refused = shell.refuses(f"check {shell.write(BEAM + '[exports.x]' + chr(10) + line)}")
     assert key in refused and message in refused
+
+
+def test_a_wrong_format_is_reported_where_it_was_set(shell: Shell) -> None:
+    words = "--set exports.plant.format=fmux"
+    assert "--set exports.plant.format" in shell.refuses(
+        f"check {shell.write(BEAM + EXPORTS)} {words}"
+    )
 
 
 def read_simscape(name: str) -> dict[str, Any]:
@@ -470,6 +565,7 @@ def test_one_basis_covers_the_travel_to_the_error_it_states(
     sliding: hs.VaryingStateSpace, shell: Shell
 ) -> None:
     assert sliding.frozen_pose_error <= sliding.target == 0.01 and sliding.held_out >= 2
+    assert np.array_equal(sliding.at(X="-100 mm").A, sliding.at(X=-0.1).A)
     hz = np.linspace(5.0, 400.0, 100)
     continuous = dataclasses.replace(sliding, step=None)
     for place in (-0.25, -0.1, 0.03, 0.2501):
@@ -482,6 +578,24 @@ def test_one_basis_covers_the_travel_to_the_error_it_states(
         wanted = respond(exact, hz)
         error = np.linalg.norm(respond(continuous.at(X=place), hz) - wanted, axis=(1, 2))
         assert (error / np.linalg.norm(wanted, axis=(1, 2))).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("position", "message"),
+    [
+        ("-100", "is a plain number, not a length"),
+        ("3 deg", "is an angle"),
+        ("300 mm", "outside the limits of axis X"),
+        (None, "VaryingStateSpace.at: X"),
+        (True, "VaryingStateSpace.at: X"),
+        (float("nan"), "VaryingStateSpace.at: X"),
+    ],
+)
+def test_what_is_no_position_is_refused(
+    sliding: hs.VaryingStateSpace, position: Any, message: str
+) -> None:
+    with pytest.raises(hs.SceneError, match=message):
+        sliding.at(X=position)
 
 
 @pytest.mark.parametrize("form", ["fmu2", "fmu3"])
