@@ -81,11 +81,11 @@ _ELASTIC = _Start(
 _STARTS = {
     "mpi4py.MPI": _Start(("mpi4py.MPI",), MPI_FILES),
     "basix": _Start(("basix.ufl",)),
+    "scipy": _Start(("scipy",)),
     # Debian's is built with MPI
     "h5py": _Start(("h5py",), MPI_FILES),
     "matplotlib": _Start(("matplotlib.figure", "matplotlib"), ("matplotlibrc",)),
     "pyvista": _Start(("matplotlib.figure", "pyvista"), ("matplotlibrc",)),
-    "control": _Start(("matplotlib.figure", "control"), ("matplotlibrc",)),
 } | dict.fromkeys((*_ELASTIC.modules[1:], "dolfinx.fem", "dolfinx.la", "ufl"), _ELASTIC)
 
 _lock = threading.Lock()

@@ -165,7 +165,6 @@ PYTHON_PACKAGES = (
     _Package("markupsafe"),
     _Package("meshio"),
     _Package("pandas", without="results as pandas tables; ./headstock python has it"),
-    _Package("control", without="state spaces as objects of python-control: pip install control"),
 )
 
 

@@ -101,5 +101,5 @@ def test_an_unknown_ending_is_answered_with_the_known_ones(
 ) -> None:
     path = write_scene(tmp_path / "own.toml", LINEAR, "z-", "z+")
     assert main(["export", str(path), "--mesh", str(tmp_path / "part.stl")]) == 2
-    assert ".xdmf .xmf (XDMF), .med (MED)" in capsys.readouterr().err
+    assert ".xdmf, .xmf, .med" in capsys.readouterr().err
     assert main(["export", str(path), "column", "--mesh", "a.med", "-o", "b.h5"]) == 2

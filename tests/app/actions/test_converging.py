@@ -85,7 +85,7 @@ def test_a_first_mesh_above_the_most_dofs_is_refused_before_anything_is_computed
     shell: Shell,
 ) -> None:
     said = shell.refuses(f"converge {SUPPORT} -o out --most-dofs 5000")
-    assert "(part 5.14 mm) would have about 37 000 dofs" in said
+    assert "(part 5.14 mm) would have about 40 000 dofs" in said
     assert "--most-dofs is 5000" in said and "write larger sizes" in said
     assert not (shell.folder / "out" / POINTS_FILE).exists()
 
