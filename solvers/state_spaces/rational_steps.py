@@ -31,9 +31,10 @@ def rational_exponential(pairs: int = PAIRS) -> tuple[ComplexArray, ComplexArray
         )
         for degree, sign in ((order - 1, 1.0), (order, -1.0))
     )
-    poles = below.roots()
-    poles = poles[poles.imag > 0.0]
-    return poles, above(poles) / below.deriv()(poles)
+    roots: ComplexArray = np.asarray(below.roots(), dtype=np.complex128)
+    poles = roots[roots.imag > 0.0]
+    residues: ComplexArray = above(poles) / below.deriv()(poles)
+    return poles, residues
 
 
 def find_step_error(angle: float) -> float:
