@@ -35,7 +35,7 @@ def test_every_mode_of_the_aeroplane_is_predicted_from_the_others(shell: Shell) 
     rows = shell.json("fit/identification.json")["left_out_each"]
     assert len(rows) == 14
     mean = sum(row["deviation"] ** 2 for row in rows) / len(rows)
-    assert mean**0.5 < 0.025  # 0.015 was asked; docs/measured_structures.md says what is missing
+    assert mean**0.5 < 0.018  # 0.015 was asked; docs/measured_structures.md says what is missing
 
 
 @pytest.mark.trials
