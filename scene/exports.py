@@ -112,45 +112,67 @@ class Export:
             )
             return
         kind = self.kind
-        if kind.of in WHOLE_MACHINE and self.component is not None:
-            yield "component", f"{self.format} is of the whole machine; leave out the component"
-        if kind.of == "body" and self.component is None:
-            yield "", f"{self.format} is of one component; name it"
-        if kind.of == "space" and self.hz is None:
-            yield (
+        whole, space = kind.of in WHOLE_MACHINE, kind.of == "space"
+        spaces = list_formats("space")
+        named = Path(self.file or f"x{kind.endings[0]}")
+        rules = (
+            (
+                whole and self.component is not None,
+                "component",
+                f"{self.format} is of the whole machine; leave out the component",
+            ),
+            (
+                kind.of == "body" and self.component is None,
+                "",
+                f"{self.format} is of one component; name it",
+            ),
+            (
+                space and self.hz is None,
                 "",
                 f'{self.format} is a state space with modes up to a frequency; write hz, such as "500 Hz"',
-            )
-        for name in ("hz", "step", "balanced", "travel", "error"):
-            if kind.of != "space" and getattr(self, name):
-                yield (
+            ),
+            *(
+                (
+                    not space and bool(getattr(self, name)),
                     name,
-                    f"{self.format} takes no {name}, which goes with {list_formats('space')}",
+                    f"{self.format} takes no {name}, which goes with {spaces}",
                 )
-        if kind.of != "space" and self.motors != "locked":
-            yield "motors", f"{self.format} takes no motors, which go with {list_formats('space')}"
-        if self.motors == "free" and self.balanced is not None:
-            yield (
+                for name in ("hz", "step", "balanced", "travel", "error")
+            ),
+            (
+                not space and self.motors != "locked",
+                "motors",
+                f"{self.format} takes no motors, which go with {spaces}",
+            ),
+            (
+                self.motors == "free" and self.balanced is not None,
                 "balanced",
                 "free motors have no steady response, which balanced truncation needs; leave out balanced",
-            )
-        if kind.of not in WHOLE_MACHINE and self.pose is not None:
-            yield (
+            ),
+            (
+                not whole and self.pose is not None,
                 "pose",
                 f"{self.format} takes no pose, which goes with {list_formats(*WHOLE_MACHINE)}",
-            )
-        if self.travel and self.balanced:
-            yield (
+            ),
+            (
+                bool(self.travel and self.balanced),
                 "balanced",
                 "a balanced state space is that of one pose; leave out balanced or travel",
-            )
-        if self.travel and self.motors != "locked":
-            yield "motors", "motors are locked where axes travel; leave out motors or travel"
-        if self.error and not self.travel:
-            yield "error", "error goes with travel, the axes whose positions may change"
-        named = Path(self.file or f"x{kind.endings[0]}")
-        if kind.of in ("mesh", "test") and named.suffix.lower() not in kind.endings:
-            yield (
+            ),
+            (
+                bool(self.travel) and self.motors != "locked",
+                "motors",
+                "motors are locked where axes travel; leave out motors or travel",
+            ),
+            (
+                bool(self.error) and not self.travel,
+                "error",
+                "error goes with travel, the axes whose positions may change",
+            ),
+            (
+                kind.of in ("mesh", "test") and named.suffix.lower() not in kind.endings,
                 "file",
                 f"file {self.file!r}: files of {self.format} end in {', '.join(kind.endings)}",
-            )
+            ),
+        )
+        yield from ((key, text) for wrong, key, text in rules if wrong)

@@ -108,7 +108,7 @@ def fill_matrix(
 
     Args:
         places: Row and column ``(k, 2)`` of each.
-        symmetric: An entry stands for its mirror image, too, where that is not written.
+        symmetric: An entry is its mirror image, too, where that is not written.
     """
     rows, columns = places.T
     matrix, written = np.zeros((size, size)), np.zeros((size, size), dtype=bool)

@@ -67,7 +67,7 @@ class MachineStateSpace:
 
     @property
     def contents(self) -> dict[str, Any]:
-        """Return what files hold; a step of 0 stands for continuous time."""
+        """Return what files hold; a step of 0 means continuous time."""
         return {
             **{name: getattr(self, name) for name in ("A", "B", "C", "D", "bounds", "pose")},
             **{name: list(getattr(self, name)) for name in NAMES},

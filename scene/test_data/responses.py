@@ -14,7 +14,7 @@ from headstock.solvers.modal_fitting.noise import noise_from_neighbours
 MOST_VALUES = 50_000_000
 SAME_LINE = 1e-5  # of a frequency: what six digits of an increment leave open
 LEAST_COHERENCE = 1e-6
-UNTOLD = 1e-9  # noise over signal that rounding makes
+LEAST_NOISE = 1e-9  # noise over signal that rounding makes
 LEAST_LINES = 8  # fewer do not show how they scatter
 KINDS = ("displacement", "velocity", "acceleration")
 # units of motions: how often differentiated, and what one is in SI
@@ -145,13 +145,13 @@ def _find_deviations(
         coherence = np.clip(np.asarray(response.coherence, dtype=float), LEAST_COHERENCE, 1.0)
         shares[:, *place] = 1.0 / coherence - 1.0
     single = shares * np.abs(values) ** 2
-    told = shares > UNTOLD
-    if len(values) < LEAST_LINES or not told.any():
+    noisy = shares > LEAST_NOISE
+    if len(values) < LEAST_LINES or not noisy.any():
         return (
             None,
             "coherence is one throughout, as of one measurement, or has few lines: not used",
         )
-    averages = max(1.0, float(np.median((single / noise_from_neighbours(values))[told])))
+    averages = max(1.0, float(np.median((single / noise_from_neighbours(values))[noisy])))
     text = (
         f"± of responses from coherence; lines scatter as {averages:.3g} averages would make them"
     )

@@ -119,7 +119,7 @@ class Correlation(Displayed):
             the channels do not suffice.
         responses: Measured and computed frequency responses; None without.
         distances: Point to its distance from the surface that carries it [m].
-        sensors: Measured point to the sensor that stands for it.
+        sensors: Measured point to its sensor in the model.
         rotation: ``(3, 3)`` from the axes of the test to those of the machine.
         names: Of the measured modes, from a test before the machine was modified; empty ones of new
             modes, and none without such a test.

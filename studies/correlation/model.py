@@ -54,7 +54,7 @@ class ObservedMachine(PreparedMachine):
 
     Attributes:
         modes: Up to ``REACH`` times the highest measured frequency.
-        sensors: Measured point to the sensor that stands for it.
+        sensors: Measured point to its sensor in the model.
         rotation: ``(3, 3)`` from the axes of the test to those of the machine.
     """
 

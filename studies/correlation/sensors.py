@@ -46,7 +46,7 @@ def locate_channels(
     """Return sensor and direction of each channel, and with which sign; None where no sensor sees it.
 
     Args:
-        sensors: Measured point to the sensor that stands for it.
+        sensors: Measured point to its sensor in the model.
         rotation: ``(3, 3)`` from the axes of the test to those of the machine.
     """
     places: list[tuple[SensorDof, float] | None] = []

@@ -213,7 +213,7 @@ class Identification(FitEnds, Displayed):
 
     @property
     def correlated(self) -> list[tuple[str, str, float]]:
-        """Pairs of parameters that the data can hardly tell apart, and their correlation."""
+        """Pairs of parameters that the data hardly separate, and their correlation."""
         names, table = list(self.values), self.statistics.correlations
         return [
             (names[i], names[j], float(table[i, j]))

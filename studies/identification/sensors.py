@@ -1,4 +1,4 @@
-"""What one further sensor would show of the measured modes: what it tells of the parameters, and
+"""What one further sensor would show of the measured modes: what it adds to the parameters, and
 which of several models it speaks for.
 
 A sensor is read along with a reference point, in whose three directions the modes are measured too:

@@ -128,7 +128,7 @@ class FitStatistics:
         return (vectors[:, kept] * np.sqrt(values[kept])).T * scale * reach
 
     def weigh(self, rows: FloatArray) -> tuple[float, float]:
-        """Return what a further measurement would tell: the expected gain of information on all
+        """Return what a further measurement would add: the expected gain of information on all
         parameters in bits, and the standard deviation of the weakest combination with it over that
         without it.
 
