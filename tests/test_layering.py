@@ -38,13 +38,19 @@ GROUNDS = {"geometry", "meshing", "solvers", "reduction", "scene", "studies"}
 BELOW_THE_GROUND = {("scene", "reading")}  # the nouns of a scene know where they were written
 # Which rooms of its own layer a room may import from.
 ROOMS: dict[str, dict[str, set[str]]] = {
-    "geometry": {"parts": set(), "mechanisms": set(), "machine": {"parts", "mechanisms"}},
+    "geometry": {
+        "parts": set(),
+        "mechanisms": set(),
+        "machine": {"parts", "mechanisms"},
+        "assemblies": {"parts"},
+    },
     "meshing": {
         "process": set(),
         "elements": {"process"},
         "files": {"process", "elements"},
         "cad": {"process", "elements", "files"},
         "components": {"process", "elements", "files"},
+        "assemblies": {"process", "elements", "files", "cad"},
     },
     "solvers": {
         "recovery": set(),
@@ -116,7 +122,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
 }
 MOST_MODULES = 20  # in a folder: what is longer is no longer seen at a glance
 ADAPTERS = {
-    "gmsh": {"meshing/cad", "meshing/files", "validation/coverage"},
+    "gmsh": {"meshing/cad", "meshing/files", "meshing/assemblies", "validation/coverage"},
     "meshio": {"meshing/files"},
     "netCDF4": {"meshing/files"},
     "basix": {"solvers/elastic", "solvers/recovery"},
