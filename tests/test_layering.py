@@ -50,7 +50,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "files": {"process", "elements"},
         "cad": {"process", "elements", "files"},
         "components": {"process", "elements", "files"},
-        "assemblies": {"process", "elements", "files", "cad"},
+        "assemblies": {"process", "elements", "files", "cad", "components"},
     },
     "solvers": {
         "recovery": set(),
