@@ -124,6 +124,27 @@ def add_prism(corners: FloatArray, sweep: FloatArray) -> int:
 
 def _import_step(solid: StepFile) -> int:
     path = Path(solid.path)
+    imported = import_step(path)
+    volumes = [tag for dim, tag in imported if dim == 3]
+    chosen = _choose_solid(solid.solid, volumes, path.name)
+    gmsh.model.occ.remove(
+        [(dim, tag) for dim, tag in imported if (dim, tag) != (3, chosen)], recursive=True
+    )
+    box = gmsh.model.occ.getBoundingBox(3, chosen)
+    extent = STEP_UNIT * max(box[axis + 3] - box[axis] for axis in range(3))
+    if not SHORTEST <= extent <= LONGEST:
+        raise MeshError(
+            f"{doubt_size(path, extent)}; parts of {SHORTEST:g} to {LONGEST:g} m can be meshed and drawn"
+        )
+    return chosen
+
+
+def import_step(path: Path) -> DimTags:
+    """Import a STEP file into the open model and return its shapes, one of them a solid at least.
+
+    Raises:
+        MeshError: The file is missing, is no STEP file, refers to other files or holds no solid.
+    """
     if not path.is_file():
         raise MeshError(f"there is no file {path}")
     with path.open("rb") as file:
@@ -137,26 +158,15 @@ def _import_step(solid: StepFile) -> int:
     _refuse_odd_numbers(text, path.name)
     _refuse_other_files(text, path.name)
     try:
-        imported = gmsh.model.occ.importShapes(str(path), highestDimOnly=True)
+        imported: DimTags = gmsh.model.occ.importShapes(str(path), highestDimOnly=True)
     except Exception as error:  # gmsh raises the bare class
         raise MeshError(f"{path.name} cannot be read as STEP: {error}") from error
     gmsh.model.occ.synchronize()
-    volumes = [tag for dim, tag in imported if dim == 3]
-    if not volumes:
+    if not any(dim == 3 for dim, _ in imported):
         raise PartFileError(
             f"{path.name} holds no solid, only {len(imported)} surfaces or curves; export it as a solid body"
         )
-    chosen = _choose_solid(solid.solid, volumes, path.name)
-    gmsh.model.occ.remove(
-        [(dim, tag) for dim, tag in imported if (dim, tag) != (3, chosen)], recursive=True
-    )
-    box = gmsh.model.occ.getBoundingBox(3, chosen)
-    extent = STEP_UNIT * max(box[axis + 3] - box[axis] for axis in range(3))
-    if not SHORTEST <= extent <= LONGEST:
-        raise MeshError(
-            f"{doubt_size(path, extent)}; parts of {SHORTEST:g} to {LONGEST:g} m can be meshed and drawn"
-        )
-    return chosen
+    return imported
 
 
 def _refuse_odd_numbers(text: bytes, file: str) -> None:

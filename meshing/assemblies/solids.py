@@ -1,0 +1,86 @@
+"""Measures the solids of an assembly file with gmsh (runs in the worker process)."""
+
+from pathlib import Path
+
+import gmsh
+import numpy as np
+
+from headstock.geometry.frames import FloatArray
+from headstock.meshing.cad.meshing import open_kernel
+from headstock.meshing.cad.shapes import boundary_faces, import_step
+from headstock.meshing.errors import PartFileError
+from headstock.meshing.process.worker import Arrays
+
+MOST_SOLIDS = 1000
+
+
+def measure_solids(path: str) -> Arrays:
+    """Measure the solids of a file; lengths in millimetres.
+
+    Returns:
+        Per solid ``labels``, ``volumes``, ``areas``, ``centers``, ``boxes`` ``(n, 6)`` and
+        ``colours`` ``(n, 3)`` (NaN for none); of all solids one after the other ``points``,
+        ``dimensions`` and ``sizes``, with ``counts`` ``(n,)``.
+    """
+    with open_kernel():
+        volumes = open_assembly(Path(path))
+        occ = gmsh.model.occ
+        points = [_label_points(volume) for volume in volumes]
+        colours = [_read_colour(volume) for volume in volumes]
+        return {
+            "labels": np.array([gmsh.model.getEntityName(3, volume) for volume in volumes]),
+            "volumes": np.array([occ.getMass(3, volume) for volume in volumes]),
+            "centers": np.array([occ.getCenterOfMass(3, volume) for volume in volumes]),
+            "areas": np.array([one[one[:, 3] == 2.0, 4].sum() for one in points]),
+            "boxes": np.array([occ.getBoundingBox(3, volume) for volume in volumes]),
+            "colours": np.array(colours),
+            "counts": np.array([len(one) for one in points]),
+            "points": np.concatenate(points)[:, :3],
+            "dimensions": np.concatenate(points)[:, 3].astype(np.int64),
+            "sizes": np.concatenate(points)[:, 4],
+        }
+
+
+def open_assembly(path: Path) -> list[int]:
+    """Import a STEP file with its labels and colours into the open model and return its volumes in
+    the order of their numbers.
+
+    Raises:
+        MeshError: It is no STEP file, or holds no solids or too many.
+    """
+    gmsh.option.setNumber("Geometry.OCCImportLabels", 1)
+    volumes = [tag for dim, tag in import_step(path) if dim == 3]
+    if len(volumes) > MOST_SOLIDS:
+        raise PartFileError(
+            f"{path.name} holds {len(volumes)} solids, at most {MOST_SOLIDS} can be read; export a part of the assembly"
+        )
+    return volumes
+
+
+def _label_points(volume: int) -> FloatArray:
+    """Return the corners and the centroids of edges and faces ``(n, 3)``, without those of seams,
+    which copies may have elsewhere, with their dimension and size ``(n, 5)`` altogether.
+    """
+    occ, rows, corners = gmsh.model.occ, [], set()
+    faces = boundary_faces(volume)
+    edges: dict[int, int] = {}
+    for face in faces:
+        rows.append((*occ.getCenterOfMass(2, face), 2.0, occ.getMass(2, face)))
+        for _, edge in gmsh.model.getBoundary([(2, face)], oriented=False):
+            edges[abs(edge)] = edges.get(abs(edge), 0) + 1
+    for edge, uses in edges.items():
+        if uses < 2:
+            continue
+        rows.append((*occ.getCenterOfMass(1, edge), 1.0, occ.getMass(1, edge)))
+        ends = [tag for _, tag in gmsh.model.getBoundary([(1, edge)], oriented=False)]
+        corners.update(ends if len(set(ends)) > 1 else ())
+    rows += [(*gmsh.model.getValue(0, corner, []), 0.0, 0.0) for corner in corners]
+    return np.array(rows)
+
+
+def _read_colour(volume: int) -> tuple[float, float, float]:
+    """Return the colour of a solid, 0 to 1; NaN for none."""
+    red, green, blue, alpha = gmsh.model.getColor(3, volume)
+    if alpha == 0:
+        return np.nan, np.nan, np.nan
+    return red / 255.0, green / 255.0, blue / 255.0
