@@ -152,6 +152,7 @@ class Sections(TypedDict, total=False):
     model_errors: bool
     interface_errors: bool
     free: bool
+    accept_defaults: bool
 
 
 class Machine(Noun, schema=SceneTable):

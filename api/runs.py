@@ -141,4 +141,4 @@ def _trace(machine: Machine, analyses: Sequence[str], ranks: int) -> Provenance:
     else:
         content = scene_content(path)
     named = dataclasses.replace(choice, analyses=tuple(analyses))
-    return trace_content(named, content, ranks=ranks)
+    return trace_content(named, content, ranks=ranks, accepted=machine.scene.questions)

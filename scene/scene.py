@@ -18,6 +18,7 @@ from headstock.scene.exports import Export
 from headstock.scene.reading.files import TomlTable, TomlValue
 from headstock.scene.reading.findings import Findings, Problem, SceneError, suggest_names
 from headstock.scene.reading.names import NAMES
+from headstock.scene.reading.open_values import OpenValue
 from headstock.scene.studies import Study, Sweep
 
 LOAD = "load"  # direction of an input that is a load of the scene
@@ -235,6 +236,7 @@ class Scene:
             others; empty for none.
         findings: Where each key comes from, for what only the files of parts can tell.
         exports: What a run writes for other programs, by name.
+        questions: Values that are open, whose defaults are used.
         fit: What the fits whose variants are applied leave open; None without any.
     """
 
@@ -265,6 +267,7 @@ class Scene:
     written: TomlTable = field(default_factory=dict)
     fit: FitSpread | None = None
     exports: dict[str, Export] = field(default_factory=dict)
+    questions: tuple[OpenValue, ...] = ()
 
     @property
     def is_lumped(self) -> bool:

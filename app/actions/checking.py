@@ -5,11 +5,13 @@ from collections.abc import Sequence
 
 import click
 
+from headstock.app.commands.options import ACCEPT_DEFAULTS
 from headstock.app.commands.scene_commands import CheckOptions
 from headstock.app.terminal.console import (
     counted,
     make_console,
     print_assumptions,
+    print_open,
     print_remarks,
 )
 from headstock.app.terminal.guard import DONE
@@ -29,7 +31,7 @@ def check_command(options: CheckOptions) -> int:
         SceneError: It has problems; they are in the JSON file too.
     """
     try:
-        scene = load_chosen(options.chosen)
+        scene = load_chosen(use_defaults(options.chosen))
         warnings = check_scene(scene)
     except SceneError as error:
         _write(options, problems=[dataclasses.asdict(problem) for problem in error.problems])
@@ -44,7 +46,14 @@ def check_command(options: CheckOptions) -> int:
     console.say(f"{options.scene}: ok: {scene.name}: {', '.join(parts)}")
     print_remarks(warnings)
     print_assumptions(scene.assumptions)
-    _write(options, warnings=warnings, assumptions=scene.assumptions)
+    if scene.questions:
+        count = counted(sum(len(question.keys) for question in scene.questions), "value")
+        print_open(f"{count} open; to answer write another value, or set one:", scene.questions)
+    lists = {
+        "assumptions": scene.assumptions,
+        "open": [question.as_table() for question in scene.questions],
+    }
+    _write(options, warnings=warnings, **lists)
     return DONE
 
 
@@ -53,16 +62,21 @@ def _write(
     *,
     problems: Sequence[object] = (),
     warnings: Sequence[str] = (),
-    assumptions: Sequence[str] = (),
+    **lists: Sequence[object],
 ) -> None:
     content = {
         "scene": str(options.scene),
         "ok": not problems,
         "problems": list(problems),
         "warnings": list(warnings),
-        **({"assumptions": list(assumptions)} if assumptions else {}),
+        **{key: list(entries) for key, entries in lists.items() if entries},
     }
     options.write_json(dump_summary(content))
+
+
+def use_defaults(chosen: SceneChoice) -> SceneChoice:
+    """Return what was chosen, for a command that computes nothing: open values have their defaults."""
+    return dataclasses.replace(chosen, overrides=(*chosen.overrides, ACCEPT_DEFAULTS))
 
 
 def load_chosen(chosen: SceneChoice, accuracy: str | None = None) -> Scene:

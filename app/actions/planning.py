@@ -3,7 +3,7 @@
 import dataclasses
 import importlib
 
-from headstock.app.actions.checking import choose_fidelity, load_chosen
+from headstock.app.actions.checking import choose_fidelity, load_chosen, use_defaults
 from headstock.app.commands.scene_commands import PlanOptions
 from headstock.app.terminal.console import (
     add_row,
@@ -27,7 +27,7 @@ SEARCH_MODULE = "headstock.pipeline.accuracy.search"  # loads the solvers
 
 def plan_command(options: PlanOptions) -> int:
     """Print the stages of a run."""
-    chosen = options.chosen
+    chosen = use_defaults(options.chosen)
     if options.fidelity is not None:
         chosen, kept = choose_fidelity(chosen, options.fidelity)
         print_remarks(kept)

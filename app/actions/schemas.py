@@ -17,6 +17,7 @@ from headstock.geometry.frames import DOF_NAMES
 from headstock.pipeline.storage.json_texts import JsonTable, JsonValue, dump_json
 from headstock.scene.building.joints import KINDS
 from headstock.scene.expansion.catalogue import BEARINGS, CATALOGUE, FROM, read_catalogue
+from headstock.scene.reading.open_values import OPEN, REASON
 from headstock.scene.reading.units import (
     DIMENSIONS,
     EDGE_FORCE,
@@ -32,6 +33,13 @@ from headstock.studies.identification.targets import TargetsTable
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 LONG_PATTERN = 200
+# what is not decided yet
+OPEN_VALUE: JsonTable = {
+    "type": "object",
+    "properties": {OPEN: {}, REASON: {"type": "string"}},
+    "required": [OPEN, REASON],
+    "additionalProperties": False,
+}
 # what is calculated from parameters, or filled in at each place of an entry
 EXPRESSION: JsonTable = {"type": "string", "pattern": r"^\s*=|\{(n|rail)\}"}
 INTRODUCTION = """\
@@ -46,6 +54,8 @@ yours to choose, of letters, digits, `_` and `-`. Files that a scene names lie i
   leads to its [units](units.md). What has no dimension is a plain number. Whole numbers go up to 10 million.
 - <span id="direction"></span>A **direction** is `"x"`, `"y"`, `"z"`, one of these with a sign, such as `"-x"`, or three numbers.
 - <span id="end"></span>An **end** is `"component.interface"` or `"ground"`.
+- <span id="open"></span>Any value may be **open**: `{ open = "20 mm", reason = "why it is not sure" }`. `check` lists open values. A run
+  needs other values in their places, or `--accept-defaults`, and then names those that it used.
 - **Default**: what holds where a key is left out. A **required** key cannot be. Of the keys marked **one of these** a table has exactly
   one. *none*: nothing is there.
 - Every table opens with an example, which a test completes to a scene and loads.
@@ -102,7 +112,8 @@ def scene_schema() -> JsonTable:
         _allow_expressions(rule)
     # their conditions are no values: an expression says nothing of the kind
     definitions["JointTable"]["allOf"] = [*_joint_rules()]
-    return schema | {"$defs": {**definitions, "expression": EXPRESSION}}
+    added = {"expression": EXPRESSION, OPEN: OPEN_VALUE}
+    return schema | {"$defs": {**definitions, **added}}
 
 
 def _targets_schema() -> JsonTable:
@@ -183,7 +194,7 @@ def _finish(table: type[StrictTable], name: str, title: str) -> JsonTable:
 
 
 def _allow_expressions(rule: JsonTable) -> None:
-    """Let any value of a table or a list be an expression, too."""
+    """Let any value of a table or a list be an expression or open, too."""
     below = [rule.get(key) for key in ("items", "additionalProperties")]
     values = [inner for inner in below if isinstance(inner, dict)]
     for inner in [*rules_in(rule, "properties").values(), *values]:
@@ -192,7 +203,7 @@ def _allow_expressions(rule: JsonTable) -> None:
             for key in list(inner)
             if key not in ("description", "default", "examples")
         }
-        inner["anyOf"] = [known, {"$ref": "#/$defs/expression"}]
+        inner["anyOf"] = [known, {"$ref": "#/$defs/expression"}, {"$ref": f"#/$defs/{OPEN}"}]
 
 
 def _describe(rule: JsonTable) -> None:
@@ -229,7 +240,7 @@ def _joint_rules() -> Iterator[JsonTable]:
         "then": {"properties": {"screw": {"anyOf": [{"required": ["diameter"]}, named]}}},
     }
     for kind, rule in KINDS.items():
-        keys: JsonTable = {"propertyNames": {"enum": [*rule.keys]}}
+        keys: JsonTable = {"propertyNames": {"enum": [*rule.keys, OPEN, REASON]}}
         written: JsonTable = {"properties": {"kind": {"const": kind}}, "required": ["kind"]}
         elements: JsonTable = {"properties": {FROM: {"enum": _elements(kind)}}, **named}
         needs = {"axis": rule.needs_axis, "normal": rule.needs_normal}
@@ -240,7 +251,10 @@ def _joint_rules() -> Iterator[JsonTable]:
         }
         yield {"if": {"anyOf": [written, elements]}, "then": then}
         if rule.required:
-            stiffness: JsonTable = {"stiffness": {"required": [*rule.required]}}
+            written_out: JsonTable = {
+                "anyOf": [{"required": [*rule.required]}, {"required": [OPEN]}]
+            }
+            stiffness: JsonTable = {"stiffness": written_out}
             yield {
                 "if": {**written, "not": {"anyOf": [named, {"required": ["stiffness_per_area"]}]}},
                 "then": {"properties": stiffness, "required": ["stiffness"]},

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from headstock.app.actions.checking import load_chosen
+from headstock.app.actions.checking import load_chosen, use_defaults
 from headstock.app.commands.tool_commands import ShowOptions
 from headstock.app.pictures.machine_sketch import label_machine
 from headstock.app.pictures.numbered import LabelledSurface, draw_numbered, show_numbered
@@ -59,7 +59,7 @@ def show_command(options: ShowOptions) -> int:
         check_output(options.output)
     if options.scene.suffix.lower() in PART_SUFFIXES:
         return _show_part_file(options)
-    scene = load_chosen(options.chosen)
+    scene = load_chosen(use_defaults(options.chosen))
     if options.component is None:
         return _show_machine(scene, options)
     if options.pose is not None or options.window:

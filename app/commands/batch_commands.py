@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import click
 
 from headstock.app.commands.options import (
+    AcceptDefaults,
     ClusterOptions,
     Debug,
     JsonFile,
@@ -46,6 +47,7 @@ class StudyOptions(SceneOptions):
     output: _Folder = None
     variant: Variant = None
     set_: Overrides = None
+    accept_defaults: AcceptDefaults = False
     ranks: Ranks = None
     cold: Annotated[
         bool,
@@ -102,6 +104,7 @@ class ConvergeOptions(SceneOptions, PartOptions):
     ] = None
     variant: Variant = None
     set_: Overrides = None
+    accept_defaults: AcceptDefaults = False
     ranks: Ranks = None
     retry: Annotated[bool, flag("--retry", "Compute failed meshes again.")] = False
     no_host: NoHost = False
@@ -124,6 +127,7 @@ class SweepOptions(SceneOptions, ClusterOptions):
     output: _Folder = None
     variant: Variant = None
     set_: Overrides = None
+    accept_defaults: AcceptDefaults = False
     ranks: Ranks = None
     retry: Annotated[bool, flag("--retry", "Compute failed poses again.")] = False
     on: On = None
@@ -196,6 +200,7 @@ class CompareOptions(SceneOptions):
         ),
     ] = None
     set_: Overrides = None
+    accept_defaults: AcceptDefaults = False
     ranks: Ranks = None
     no_host: NoHost = False
     json: JsonFile = None
@@ -242,6 +247,7 @@ class CorrelateOptions(SceneOptions):
     ] = "serep"
     variant: Variant = None
     set_: Overrides = None
+    accept_defaults: AcceptDefaults = False
     ranks: Ranks = None
     no_host: NoHost = False
     json: JsonFile = None
@@ -302,6 +308,7 @@ class IdentifyOptions(SceneOptions):
         option("--write", "NAME", "Also write variant NAME beside the scene, as SCENE.NAME.toml."),
     ] = None
     set_: Overrides = None
+    accept_defaults: AcceptDefaults = False
     ranks: Ranks = None
     no_host: NoHost = False
     json: JsonFile = None

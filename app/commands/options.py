@@ -16,9 +16,12 @@ from headstock.geometry.loading import without_collecting
 
 if TYPE_CHECKING:
     from headstock.pipeline.storage.provenance import Provenance, SceneChoice
+    from headstock.scene.reading.open_values import OpenValue
     from headstock.solvers.mpi import MPI
     from headstock.studies.sweeps.slurm import SlurmOptions
 
+ACCEPT = "accept_defaults"  # a key of every scene
+ACCEPT_DEFAULTS = f"{ACCEPT}=true"
 SUBMIT = "cluster_jobs:command_on_slurm"
 
 
@@ -56,6 +59,9 @@ Variant = Annotated[
 ]
 Overrides = Annotated[
     list[str] | None, option("--set", "KEY=VALUE", "Override a key of the scene; repeatable.")
+]
+AcceptDefaults = Annotated[
+    bool, flag("--accept-defaults", "Use the defaults of open values; results list them.")
 ]
 JsonFile = Annotated[
     Path | None,
@@ -143,6 +149,7 @@ class SceneOptions(CommandOptions):
     set_: list[str] | None
     variant: str | None = None
     analysis: list[str] | None = None
+    accept_defaults: bool = False
     no_host: bool = False
 
     @property
@@ -151,6 +158,8 @@ class SceneOptions(CommandOptions):
         from headstock.pipeline.storage.provenance import SceneChoice
 
         overrides, analyses = tuple(self.set_ or ()), tuple(self.analysis or ())
+        if self.accept_defaults:
+            overrides += (ACCEPT_DEFAULTS,)
         return SceneChoice(self.scene, self.variant, overrides, analyses)
 
     def trace(self, ranks: int = 1) -> "Provenance | None":
@@ -223,7 +232,10 @@ def make_command(kind: type[CommandOptions]) -> Callable[..., int]:
 
         def act(*comm: "MPI.Comm") -> int:
             if job.on is None:
-                return load_action(kind.action)(options, *comm)
+                code = load_action(kind.action)(options, *comm)
+                if isinstance(options, SceneOptions) and not (comm and comm[0].rank):
+                    _print_accepted(options.chosen)
+                return code
             described, words = job.describe_job(1, options.ranks), _command_words()
             return load_action(SUBMIT)(words, described, comm[0].size, wait=not job.no_wait)
 
@@ -300,8 +312,39 @@ def trace_command(choice: "SceneChoice", *, ranks: int = 1, with_host: bool) -> 
     except (OSError, SceneError):
         return None
     return trace_content(
-        choice, content, ranks=ranks, command=_command_words(), with_host=with_host
+        choice,
+        content,
+        ranks=ranks,
+        accepted=_list_accepted(choice, content),
+        command=_command_words(),
+        with_host=with_host,
     )
+
+
+def _print_accepted(choice: "SceneChoice") -> None:
+    """Name the open values whose defaults a command has used."""
+    origin = trace_command(choice, with_host=False)
+    if origin is not None and origin.accepted_defaults:
+        from headstock.app.terminal.console import print_open
+
+        print_open("accepted defaults of open values:", origin.accepted_defaults)
+
+
+def _list_accepted(choice: "SceneChoice", content: bytes) -> "tuple[OpenValue, ...]":
+    """Return the open values of a scene whose defaults are used.
+
+    Args:
+        content: Of the scene file with what it includes.
+    """
+    if ACCEPT_DEFAULTS not in choice.overrides and ACCEPT.encode() not in content:
+        return ()
+    from headstock.scene.building.loader import read_tables
+    from headstock.scene.reading.findings import Findings
+    from headstock.scene.reading.open_values import close_values
+
+    findings = Findings(str(choice.path))
+    raw = read_tables(choice.path, findings, variant=choice.variant, overrides=choice.overrides)
+    return close_values(raw, findings)[1] if raw.get(ACCEPT) is True else ()
 
 
 def read_percent(text: str) -> float:

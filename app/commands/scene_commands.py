@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from headstock.app.commands.options import (
+    AcceptDefaults,
     Accuracy,
     Debug,
     Fidelities,
@@ -62,6 +63,7 @@ class RunOptions(SceneOptions):
     variant: Variant = None
     analysis: Names = None
     set_: Overrides = None
+    accept_defaults: AcceptDefaults = False
     ranks: Ranks = None
     no_figures: Annotated[
         bool, flag("--no-figures", "Draw no pictures of the machine: saves about a second.")
@@ -90,6 +92,7 @@ class EffectsOptions(SceneOptions):
     variant: Variant = None
     analysis: Names = None
     set_: Overrides = None
+    accept_defaults: AcceptDefaults = False
     only: Annotated[
         list[str] | None,
         option(
@@ -192,6 +195,7 @@ class ExportOptions(SceneOptions):
     ] = None
     variant: Variant = None
     set_: Overrides = None
+    accept_defaults: AcceptDefaults = False
     ranks: Ranks = None
     no_host: NoHost = False
     debug: Debug = False

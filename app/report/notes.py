@@ -68,6 +68,9 @@ def list_notes(run: Results) -> list[Note]:
             "Taken from the scene as written: no result is better than these values.",
         )
     )
+    if run.provenance is not None and run.provenance.accepted_defaults:
+        accepted = "; ".join(run.provenance.accepted_defaults)
+        notes.append(Note("Open values", f"Not decided, computed with their defaults: {accepted}."))
     if run.assumptions:
         notes.append(Note("From the catalogue", "; ".join(run.assumptions) + "."))
     return notes

@@ -95,6 +95,14 @@ def print_assumptions(assumptions: Sequence[str]) -> None:
     make_console().say(f"assumed: {text}")
 
 
+def print_open(title: str, questions: Iterable[object]) -> None:
+    """Print open values, a line for those that are alike, under a title."""
+    console = make_console()
+    console.say(title)
+    for question in questions:
+        console.say(f"  {question}", soft_wrap=True)
+
+
 def warn_of_unused_accuracy(scene: Scene) -> None:
     """Say that a command takes meshes and modes as they are written although the scene asks for an
     accuracy.

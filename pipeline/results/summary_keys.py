@@ -16,7 +16,7 @@ RUN_KEYS = """
     totals(mass_kg full_dofs reduced_dofs seconds peak_rss_mb)
     components.*(fidelity full_dofs reduced_dofs mass_kg cutoff_hz residual mesh_quality.* mesh_corrected)
     provenance(scene_file scene_sha256 scene_text variant overrides[] analyses[] version commit date
-    ranks threads command[] host)"""
+    ranks threads accepted_defaults[] command[] host)"""
 # what a value holds: tables by key, what entries of a list or of a table with any keys hold, or nothing
 type Shape = dict[str, Shape] | tuple[str, Shape] | None
 

@@ -17,6 +17,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NotRequired, TypedDict, cast
 
+from headstock.scene.reading.open_values import OpenValue
+
 DISTRIBUTION = "headstock"
 UNKNOWN = "unknown"
 COMMIT = re.compile(r"[0-9a-f]{40}([0-9a-f]{24})?")
@@ -60,6 +62,7 @@ class ProvenanceSummary(TypedDict):
     date: str
     ranks: int
     threads: int
+    accepted_defaults: NotRequired[list[str]]
     command: NotRequired[list[str]]
     host: NotRequired[str]
 
@@ -74,6 +77,7 @@ class Provenance:
         variant: That was applied; None for none.
         overrides: ``KEY=VALUE`` of each ``--set``, in their order.
         analyses: Named on the command line; empty for all that the scene asks for.
+        accepted_defaults: Open values of the scene whose defaults were used.
         date: When the command began, UTC, ISO 8601.
         command: Words of the command line, without the program; None where they are left out or
             there was none.
@@ -91,6 +95,7 @@ class Provenance:
     date: str
     ranks: int
     threads: int
+    accepted_defaults: tuple[str, ...] | None = None
     command: tuple[str, ...] | None = None
     host: str | None = None
 
@@ -103,7 +108,8 @@ class Provenance:
         text, which may tell more than the model.
         """
         fields = dataclasses.asdict(self)
-        left_out = {"scene_text", *(name for name in ("command", "host") if fields[name] is None)}
+        left_out = {"scene_text", *(name for name, value in fields.items() if value is None)}
+        left_out.discard("variant")
         summary = {
             name: list(value) if isinstance(value, tuple) else value
             for name, value in fields.items()
@@ -117,6 +123,7 @@ def trace_content(
     content: bytes,
     *,
     ranks: int,
+    accepted: Sequence[OpenValue] = (),
     command: Sequence[str] | None = None,
     with_host: bool = True,
 ) -> Provenance:
@@ -125,6 +132,7 @@ def trace_content(
     Args:
         choice: Name of the file, and what is changed of its content.
         content: Of the scene file with what it includes, or of what would be one.
+        accepted: Its open values, whose defaults are used.
         command: Words of the command line; None without one.
         with_host: State host and command line.
     """
@@ -141,6 +149,7 @@ def trace_content(
         date=datetime.now(UTC).isoformat(timespec="seconds"),
         ranks=ranks,
         threads=int(os.environ.get("OMP_NUM_THREADS", os.cpu_count() or 1)),
+        accepted_defaults=tuple(map(str, accepted)) or None,
         command=tuple(command) if with_host and command is not None else None,
         host=socket.gethostname() if with_host else None,
     )

@@ -37,6 +37,7 @@ from headstock.scene.expansion.overrides import (
 from headstock.scene.reading.files import MAX_DEPTH, TomlTable, TomlValue, nesting_depth
 from headstock.scene.reading.findings import Findings
 from headstock.scene.reading.keys import find_keys, split_key
+from headstock.scene.reading.open_values import close_values, refuse_open
 from headstock.scene.scene import (
     AccuracyGoal,
     Analyses,
@@ -192,7 +193,8 @@ def build_scene(
             f"holds values nested more than {MAX_DEPTH} deep; a scene needs no more than ten levels",
             key=(section,),
         )
-    written, raw = raw, expand_scene(raw, findings)
+    written, questions = close_values(raw, findings)
+    raw = expand_scene(written, findings)
     table = validate_tables(raw, findings)
     if table is None:
         findings.raise_if_any()
@@ -217,7 +219,9 @@ def build_scene(
         check(draft)
     _check_analyses(draft, complete=complete)
     findings.raise_if_any()
-    scene = _build_scene(draft, path, variant)
+    if questions and not table.accept_defaults:
+        refuse_open(questions, findings)
+    scene = dataclasses.replace(_build_scene(draft, path, variant), questions=questions)
     # these need the machine in its poses
     rails.check_carriages(scene, findings)
     requests = list_analyses(scene)

@@ -24,6 +24,7 @@ from headstock.scene.reading.files import (
     count_entries,
 )
 from headstock.scene.reading.findings import Findings, KeyPath, show_key, suggest_names
+from headstock.scene.reading.open_values import default_of
 from headstock.scene.schema.joints import CarriagesTable, ChainTable
 from headstock.scene.schema.validation import validate_part
 
@@ -76,7 +77,7 @@ def place_names(entry: TomlValue | None) -> list[str]:
     if CARRIAGES in entry:
         rails, per_rail = _carriage_counts(entry) or (0, 0)
         return [str(number + 1) for number in range(rails * per_rail)]
-    places = entry.get(PLACES)
+    places = default_of(entry.get(PLACES))
     if isinstance(places, dict):
         return list(places)
     return [str(number + 1) for number in range(len(places) if isinstance(places, list) else 0)]

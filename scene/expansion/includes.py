@@ -18,6 +18,7 @@ from headstock.scene.reading.files import (
     write_toml,
 )
 from headstock.scene.reading.findings import Findings, KeyPath, Origin
+from headstock.scene.reading.open_values import OPEN, is_open
 from headstock.scene.reading.units import quote_value
 from headstock.scene.schema.scene import MAX_INCLUDED, IncludeTable
 from headstock.scene.schema.validation import validate_tables
@@ -237,6 +238,8 @@ class _Names:
     def _renamed(self, value: TomlValue, path: tuple[str, ...]) -> TomlValue:
         if isinstance(value, list):
             return [self._renamed(item, path) for item in value]
+        if is_open(value):
+            return value | {OPEN: self._renamed(value[OPEN], path)}
         if isinstance(value, dict):
             return {
                 key: self._renamed_exceptions(item, path)

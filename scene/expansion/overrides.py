@@ -25,6 +25,7 @@ from headstock.scene.reading.findings import (
     show_key,
     suggest_names,
 )
+from headstock.scene.reading.open_values import default_of, enter_open, is_open
 from headstock.scene.schema.validation import is_list, known_keys, unknown_key
 
 ENTRY_SECTIONS = frozenset({*MACHINE_SECTIONS, "poses", "sweeps", "studies", "exports", "variants"})
@@ -153,7 +154,8 @@ def _flatten(table: TomlTable, prefix: KeyPath) -> list[tuple[KeyPath, TomlValue
     """
     result: list[tuple[KeyPath, TomlValue, KeyPath]] = []
     for key, value in table.items():
-        if isinstance(value, dict) and value and "." not in key and len(prefix) < 8:
+        table_inside = isinstance(value, dict) and value and not is_open(value)
+        if isinstance(value, dict) and table_inside and "." not in key and len(prefix) < 8:
             result.extend(_flatten(value, (*prefix, key)))
         else:
             path = (*(part for step in prefix for part in _split_key(str(step))), *_split_key(key))
@@ -177,7 +179,7 @@ def _override(
         findings.problems.extend(label.problems)
         return
     section, written = str(path[0]), _written_path(raw, path)
-    raw[section] = replaced(raw.get(section, {}), written[1:], value)
+    raw[section] = replaced(raw.get(section, {}), enter_open(raw, written)[1:], value)
     if written == path:
         _forget_exceptions(raw, path)
     if record:
@@ -255,6 +257,7 @@ def _find_obstacle(raw: TomlTable, path: KeyPath) -> str:
     fault = "" if path[0] in sections else suggest_names(path[0], sections, what="sections")
     table: TomlValue = raw
     for depth, part in enumerate(path):
+        table = default_of(table)
         if fault:
             return f"cannot set {show_key(path)}: {fault}"
         if isinstance(table, list):

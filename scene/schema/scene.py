@@ -320,6 +320,8 @@ class SceneTable(types.StrictTable):
     the ± of frequencies, compliances and frequency responses, see [errors](errors.md#rigid-joints)"""
     free: types.Flag = False
     """accept that the whole machine is not connected to ground"""
+    accept_defaults: types.Flag = False
+    """compute with the defaults of [open values](#open), which results list; `--accept-defaults` sets it"""
 
     def interface_at(self, end: JointEnd) -> tuple[ComponentTable, InterfaceTable] | None:
         """Component and interface of an end; None for ground, and for what did not pass the schema."""
