@@ -14,7 +14,8 @@ class Contact:
     Attributes:
         solids: Numbers of the solids, the smaller first.
         kind: Surface on which they touch.
-        faces: Numbers of the faces of each solid, as ``face:N`` counts them.
+        faces: Numbers of the faces of each solid, as ``face:N`` counts those of its part's first
+            solid, which is the one that is meshed.
         gap: Distance of the surfaces [m]; of a cylinder the difference of the radii. Negative: they
             overlap by as much.
         area: Of the overlap [m^2]; of cylinders on the first solid's.
@@ -25,6 +26,8 @@ class Contact:
         outlines: Closed outlines ``(n, 3)`` of the overlap on a plane [m], outer ones and holes; none
             for a cylinder.
         wide: Farther apart than solids that touch: the air of a guide.
+        covered: Share of each of these faces that lies in the overlap.
+        solid_holes: Indices of the outlines of holes where a solid itself has none, or a smaller one.
     """
 
     solids: tuple[int, int]
@@ -38,3 +41,5 @@ class Contact:
     length: float | None = None
     outlines: tuple[FloatArray, ...] = ()
     wide: bool = False
+    covered: tuple[tuple[float, ...], tuple[float, ...]] = ((), ())
+    solid_holes: tuple[tuple[int, ...], tuple[int, ...]] = ((), ())

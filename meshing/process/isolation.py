@@ -17,7 +17,8 @@ import signal
 import site
 import subprocess
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from importlib.machinery import PathFinder
 from pathlib import Path
@@ -35,6 +36,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_
 CODE = {"headstock", "numpy", "scipy", "gmsh", "meshio", "h5py", "netCDF4"}
 CODE |= {"basix", "matplotlib", "PIL", "pyuff", "pyvista", "vtkmodules"}
 GRACE_SECONDS = 2
+PROGRESS_SECONDS = 0.5
 SCRATCH_BYTES = 64 << 20
 # what shared libraries and Python are made of; of /etc only what the loader reads
 SYSTEM = (
@@ -149,6 +151,7 @@ def run_isolated(
     readable: Sequence[Path] = (),
     stdin: bytes = b"",
     result: BinaryIO | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> WorkerEnd:
     """Run a module that calls `accept_limits` in a worker process.
 
@@ -157,6 +160,7 @@ def run_isolated(
         readable: Files it may read; of its own code and the system's libraries it sees what it
             needs.
         result: Open file it may write; its number is the last argument.
+        progress: Called now and then with the last line the worker wrote on standard error.
     """
     wanted, limits = limits, limits.within_shell()
     settings = {
@@ -178,7 +182,7 @@ def run_isolated(
         pass_fds=passed,
     ) as worker:
         try:
-            _, errors = worker.communicate(stdin, timeout=limits.wall_seconds)
+            errors = _wait(worker, stdin, limits.wall_seconds, progress)
             code = worker.returncode
         except subprocess.TimeoutExpired:
             worker.kill()
@@ -188,6 +192,33 @@ def run_isolated(
             worker.kill()
             raise
     return WorkerEnd(code, errors.decode(errors="replace"), limits, wanted)
+
+
+def _wait(
+    worker: "subprocess.Popen[bytes]",
+    stdin: bytes,
+    seconds: float,
+    progress: Callable[[str], None] | None,
+) -> bytes:
+    """Wait for a worker's end and return what it wrote on standard error.
+
+    Raises:
+        TimeoutExpired: It takes longer than a time [s].
+    """
+    end = time.monotonic() + seconds
+    step = seconds if progress is None else PROGRESS_SECONDS
+    content: bytes | None = stdin
+    while True:
+        left = end - time.monotonic()
+        try:
+            return worker.communicate(content, timeout=min(step, left))[1]
+        except subprocess.TimeoutExpired as expired:
+            if progress is None or left <= step:
+                raise
+            content = None
+            lines = (expired.stderr or b"").decode(errors="replace").rpartition("\n")[0]
+            if lines:
+                progress(lines.rpartition("\n")[2])
 
 
 def child_environment(module: str) -> dict[str, str]:

@@ -8,7 +8,7 @@ import math
 import os
 import stat
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from headstock.geometry.errors import HeadstockError
 from headstock.meshing.errors import MeshError
 from headstock.meshing.formats import find_format, list_array_files
 from headstock.meshing.process.isolation import WorkerEnd, WorkerLimits
-from headstock.meshing.process.worker import REFUSED, Arrays, call_apart, read_arrays
+from headstock.meshing.process.worker import BAD_FILE, REFUSED, Arrays, call_apart, read_arrays
 
 type Reader = Callable[..., Arrays]
 
@@ -139,21 +139,42 @@ def _read_in_worker(
         math.ceil(seconds),
         WALL_FACTOR * seconds,
     )
-    with tempfile.TemporaryFile() as result:
-        end = call_apart(
-            [READ_PATH, f"{reader.__module__}:{reader.__qualname__}"],
-            str(path.absolute()),
-            *arguments,
-            limits=limits,
-            readable=[path.absolute()],
-            result=result,
-        )
-        if end.code != 0:
-            raise error(_explain(path.name, end))
-        arrays = read_arrays(result)
+    functions = [READ_PATH, f"{reader.__module__}:{reader.__qualname__}"]
+    arrays = run_apart(functions, path, *arguments, limits=limits, error=error)
     for array in arrays.values():
         array.setflags(write=False)
     return arrays
+
+
+def run_apart(
+    functions: Sequence[str],
+    path: Path,
+    *arguments: str,
+    limits: WorkerLimits,
+    error: type[HeadstockError],
+    content: bytes = b"",
+    progress: Callable[[str], None] | None = None,
+) -> Arrays:
+    """Call a function on a file in a worker process; arguments as in `call_apart`.
+
+    Raises:
+        HeadstockError: As ``error``, where the function refuses the file or meets a limit.
+    """
+    path = path.absolute()
+    with tempfile.TemporaryFile() as result:
+        end = call_apart(
+            functions,
+            str(path),
+            *arguments,
+            limits=limits,
+            readable=[path],
+            content=content,
+            result=result,
+            progress=progress,
+        )
+        if end.code != 0:
+            raise error(_explain(path.name, end))
+        return read_arrays(result)
 
 
 def serve_reader(reader: Reader, path: str, *arguments: str) -> Arrays:
@@ -162,7 +183,7 @@ def serve_reader(reader: Reader, path: str, *arguments: str) -> Arrays:
 
 
 def _explain(name: str, end: WorkerEnd) -> str:
-    if end.code == REFUSED:
+    if end.code in (REFUSED, BAD_FILE):
         return end.last_line
     remedy = "check the file, which may be damaged"
     if end.out_of_time:

@@ -43,6 +43,7 @@ def call_apart(
     readable: Sequence[Path] = (),
     content: bytes = b"",
     result: BinaryIO | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> WorkerEnd:
     """Call a function in a worker process.
 
@@ -53,10 +54,17 @@ def call_apart(
         limits: What the process may use at most.
         readable: Files it may read.
         result: Open file that takes the arrays (npz).
+        progress: Called now and then with the last line that the function wrote on standard error.
     """
     arguments = [json.dumps(functions), json.dumps(words)]
     return run_isolated(
-        MODULE, arguments, limits=limits, readable=readable, stdin=content, result=result
+        MODULE,
+        arguments,
+        limits=limits,
+        readable=readable,
+        stdin=content,
+        result=result,
+        progress=progress,
     )
 
 
