@@ -127,7 +127,9 @@ def free_motions(
 
     Source: Ohwovoriole and Roth (1981), An extension of screw theory.
     """
-    points, normals = (np.concatenate(arrays) for arrays in zip(*map(_sample, contacts), strict=True))
+    points, normals = (
+        np.concatenate(arrays) for arrays in zip(*map(_sample, contacts), strict=True)
+    )
     origin = np.average(
         [contact.center for contact in contacts], axis=0, weights=[one.area for one in contacts]
     )
@@ -237,7 +239,9 @@ def _share_axis(one: Contact, other: Contact) -> bool:
     along = float(offset @ axis)
     reach = 0.5 * ((one.length or 0.0) + (other.length or 0.0))
     parallel = abs(float(axis @ np.array(other.axis))) > 1.0 - OPPOSITE
-    return parallel and float(np.linalg.norm(offset - along * axis)) <= COAXIAL and abs(along) < reach
+    return (
+        parallel and float(np.linalg.norm(offset - along * axis)) <= COAXIAL and abs(along) < reach
+    )
 
 
 def _share_of_rail(
@@ -272,7 +276,11 @@ def _guess_joint(pair: _Pair) -> tuple[JointGuess, str]:
     """
     named = {kind: re.search(words, pair.words) for kind, words in WORDS.items()}
     if pair.fasteners:
-        several = f"{pair.fasteners} screws or pins hold" if pair.fasteners > 1 else "a screw or pin holds"
+        several = (
+            f"{pair.fasteners} screws or pins hold"
+            if pair.fasteners > 1
+            else "a screw or pin holds"
+        )
         return "bonded", f"{several} on to both"
     if len(pair.slides) == 2:
         return "bonded", "they touch on one plane"
