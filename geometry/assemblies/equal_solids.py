@@ -3,7 +3,7 @@ every copy of a shape has: its corners, and the centroids of its edges and faces
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,8 @@ class SolidPoints:
         points: ``(n, 3)`` [m].
         dimensions: ``(n,)`` 0 a corner, 1 an edge, 2 a face.
         sizes: ``(n,)`` length of the edge [m], area of the face [m^2]; 0 of corners.
+        product: Number of its product in the file; None where it has none.
+        rotation: From its product to the file ``(3, 3)``, NaN where it is not known.
     """
 
     volume: float
@@ -40,6 +42,8 @@ class SolidPoints:
     points: FloatArray
     dimensions: IntArray
     sizes: FloatArray
+    product: int | None = None
+    rotation: FloatArray = field(default_factory=lambda: np.full((3, 3), np.nan))
 
     @cached_property
     def arms(self) -> FloatArray:
@@ -90,8 +94,9 @@ def group_equal(solids: Sequence[SolidPoints]) -> list[list[tuple[int, Motion]]]
 
 
 def find_motion(first: SolidPoints, second: SolidPoints) -> Motion | None:
-    """Find the rigid motion that moves one solid to another, of several the one that rotates least;
-    None where their shapes differ. A mirrored solid differs unless it is its own mirror image.
+    """Find the rigid motion that moves one solid to another: that of their product's tree where it
+    fits, else of those that do the one that rotates least; None where their shapes differ. A mirrored
+    solid differs unless it is its own mirror image.
     """
     if first.counts != second.counts:
         return None
@@ -100,21 +105,16 @@ def find_motion(first: SolidPoints, second: SolidPoints) -> Motion | None:
     labels = _label_together(first, second)
     if labels is None:
         return None
+    stated = second.rotation @ first.rotation.T
+    if first.product == second.product and np.isfinite(stated).all():
+        motion = _fit_motion(first, second, labels, stated)
+        if motion is not None:
+            return motion
     motions = (
         _fit_motion(first, second, labels, rotation) for rotation in _propose(first, second, labels)
     )
     fitting = [motion for motion in motions if motion is not None]
     return max(fitting, key=lambda motion: round(float(np.trace(motion.rotation)), 6), default=None)
-
-
-def measure_residual(first: SolidPoints, second: SolidPoints, rotation: FloatArray) -> float:
-    """Return the largest distance of labelled points [m] after a rotation ``(3, 3)`` about the
-    centres of mass; inf where the solids differ in sizes.
-    """
-    labels = _label_together(first, second) if first.counts == second.counts else None
-    if labels is None:
-        return np.inf
-    return _match(first.arms @ rotation.T, second.arms, labels)[1]
 
 
 def _label_together(first: SolidPoints, second: SolidPoints) -> tuple[IntArray, IntArray] | None:

@@ -1,34 +1,44 @@
 """Measures the solids of an assembly file with gmsh (runs in the worker process)."""
 
+import json
+import time
 from pathlib import Path
 
 import gmsh
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
-from headstock.meshing.cad.meshing import open_kernel
+from headstock.meshing.assemblies.step_tree import read_tree
+from headstock.meshing.cad.faces import LENGTH_PRECISION
+from headstock.meshing.cad.features import quote_faces
+from headstock.meshing.cad.meshing import TRIANGLE, open_kernel, shape_bounds
 from headstock.meshing.cad.shapes import boundary_faces, import_step
 from headstock.meshing.errors import PartFileError
 from headstock.meshing.process.worker import Arrays
 
 MOST_SOLIDS = 1000
+TRIAL_ELEMENTS = 8  # along the longest side of a part
 
 
 def measure_solids(path: str) -> Arrays:
-    """Measure the solids of a file; lengths in millimetres.
+    """Read the tree of a file and measure its solids; lengths in millimetres.
 
     Returns:
-        Per solid ``labels``, ``volumes``, ``areas``, ``centers``, ``boxes`` ``(n, 6)`` and
-        ``colours`` ``(n, 3)`` (NaN for none); of all solids one after the other ``points``,
-        ``dimensions`` and ``sizes``, with ``counts`` ``(n,)``.
+        Of the tree what `Occurrences.arrays` holds; per solid ``paths`` (of gmsh's labels),
+        ``volumes``, ``areas``, ``centers``, ``boxes`` ``(n, 6)`` and ``colours`` ``(n, 3)`` (NaN for
+        none); of all solids one after the other ``points``, ``dimensions`` and ``sizes``, with
+        ``counts`` ``(n,)``.
     """
+    file = Path(path)
+    tree = read_tree(file.read_bytes(), file.name)
     with open_kernel():
-        volumes = open_assembly(Path(path))
+        volumes = open_assembly(file)
         occ = gmsh.model.occ
         points = [_label_points(volume) for volume in volumes]
         colours = [_read_colour(volume) for volume in volumes]
         return {
-            "labels": np.array([gmsh.model.getEntityName(3, volume) for volume in volumes]),
+            **tree.arrays(),
+            "paths": np.array([gmsh.model.getEntityName(3, volume) for volume in volumes]),
             "volumes": np.array([occ.getMass(3, volume) for volume in volumes]),
             "centers": np.array([occ.getCenterOfMass(3, volume) for volume in volumes]),
             "areas": np.array([one[one[:, 3] == 2.0, 4].sum() for one in points]),
@@ -76,6 +86,48 @@ def _label_points(volume: int) -> FloatArray:
         corners.update(ends if len(set(ends)) > 1 else ())
     rows += [(*gmsh.model.getValue(0, corner, []), 0.0, 0.0) for corner in corners]
     return np.array(rows)
+
+
+def try_surfaces(path: str, content: bytes) -> Arrays:
+    """Mesh the surfaces of solids coarsely, one after the other.
+
+    Args:
+        content: Numbers of the solids, and the processor time [s] after which no further is tried.
+
+    Returns:
+        ``faults``: why each cannot be meshed, empty where it can; of as many as were tried.
+    """
+    job = json.loads(content)
+    faults: list[str] = []
+    with open_kernel():
+        volumes = open_assembly(Path(path))
+        gmsh.option.setNumber("Mesh.MeshOnlyVisible", 1)
+        gmsh.option.setNumber("Mesh.Smoothing", 0)
+        gmsh.option.setNumber("Mesh.LcIntegrationPrecision", LENGTH_PRECISION)
+        for number in job["solids"]:
+            if time.process_time() > job["seconds"]:
+                break
+            faults.append(_try_surface(volumes[number - 1]))
+    return {"faults": np.array(faults, dtype=np.str_)}
+
+
+def _try_surface(volume: int) -> str:
+    """Return why the surface of a solid cannot be meshed; empty where it can."""
+    low, high = shape_bounds(volume)
+    gmsh.option.setNumber("Mesh.MeshSizeMax", float((high - low).max()) / TRIAL_ELEMENTS)
+    gmsh.model.setVisibility(gmsh.model.getEntities(), 0)
+    gmsh.model.setVisibility([(3, volume)], 1, recursive=True)
+    reason = ""
+    try:
+        gmsh.model.mesh.generate(2)
+    except Exception as error:  # gmsh raises the bare class
+        reason = f": {error}"
+    bare = [
+        number
+        for number, tag in enumerate(boundary_faces(volume), 1)
+        if not len(gmsh.model.mesh.getElementsByType(TRIANGLE[1], tag)[0])
+    ]
+    return f"no triangles on some of its faces{quote_faces(bare)}{reason}" if bare else ""
 
 
 def _read_colour(volume: int) -> tuple[float, float, float]:

@@ -4,6 +4,7 @@ Part 21 of ISO 10303 writes an assembly as product definitions, which next-assem
 place in one another; how each is rotated there stands between two axis placements.
 """
 
+import contextlib
 import math
 import re
 from collections import defaultdict
@@ -27,8 +28,7 @@ END = b"END-ISO-10303-21"
 # number, type and arguments of an entity; a quote inside a string is doubled
 ENTITY = rb"#(\d{1,9})\s*=\s*(?:\(\s*)?(%s)\s*\(((?:[^';]++|'[^']*+')*+);"
 TREE = re.compile(
-    ENTITY
-    % b"PRODUCT|PRODUCT_DEFINITION|PRODUCT_DEFINITION_FORMATION(?:_WITH_SPECIFIED_SOURCE)?"
+    ENTITY % b"PRODUCT|PRODUCT_DEFINITION|PRODUCT_DEFINITION_FORMATION(?:_WITH_SPECIFIED_SOURCE)?"
     b"|PRODUCT_DEFINITION_SHAPE|NEXT_ASSEMBLY_USAGE_OCCURRENCE|SHAPE_DEFINITION_REPRESENTATION"
     b"|CONTEXT_DEPENDENT_SHAPE_REPRESENTATION|REPRESENTATION_RELATIONSHIP"
     b"|ITEM_DEFINED_TRANSFORMATION"
@@ -50,7 +50,7 @@ class Occurrences:
 
     Attributes:
         parents: Row of the parent, -1 for roots.
-        names: Of the occurrence, or of its product where it has none.
+        labels: Name of the occurrence, or its identifier; of roots their product.
         definitions: Number of the product's definition in the file.
         rotations: From the product to the root ``(3, 3)``; NaN where the file does not give it in
             axis placements.
@@ -58,7 +58,7 @@ class Occurrences:
     """
 
     parents: list[int] = field(default_factory=list)
-    names: list[str] = field(default_factory=list)
+    labels: list[str] = field(default_factory=list)
     products: list[str] = field(default_factory=list)
     definitions: list[int] = field(default_factory=list)
     rotations: list[FloatArray] = field(default_factory=list)
@@ -68,7 +68,7 @@ class Occurrences:
         """Return an array for each attribute."""
         return {
             "parents": np.array(self.parents, dtype=np.int64),
-            "names": np.array(self.names, dtype=np.str_),
+            "labels": np.array(self.labels, dtype=np.str_),
             "products": np.array(self.products, dtype=np.str_),
             "definitions": np.array(self.definitions, dtype=np.int64),
             "rotations": np.array(self.rotations, dtype=float).reshape(-1, 3, 3),
@@ -77,10 +77,10 @@ class Occurrences:
 
 
 class _Use(NamedTuple):
-    """A product in another: its definition, its name there, its rotation ``(3, 3)``."""
+    """A product in another: its definition, its label there, its rotation ``(3, 3)``."""
 
     child: int
-    name: str
+    label: str
     rotation: FloatArray
 
 
@@ -102,17 +102,21 @@ def read_tree(text: bytes, file: str) -> Occurrences:
     used = {use.child for below in uses.values() for use in below}
     tree = Occurrences(broken=broken)
     # of each occurrence: use, row of its parent, depth
-    waiting = [(_Use(root, "", np.eye(3)), -1, 0) for root in reversed([*names]) if root not in used]
+    waiting = [
+        (_Use(root, name, np.eye(3)), -1, 0)
+        for root, name in reversed(names.items())
+        if root not in used
+    ]
     while waiting:
         use, parent, depth = waiting.pop()
-        row = len(tree.names)
+        row = len(tree.labels)
         if depth > DEEPEST or row >= MOST_OCCURRENCES:
             raise PartFileError(
                 f"{file} has more than {MOST_OCCURRENCES} occurrences of products, or nests them more than {DEEPEST} deep;"
                 " export a part of the assembly"
             )
         tree.parents.append(parent)
-        tree.names.append(use.name or names[use.child])
+        tree.labels.append(use.label)
         tree.products.append(names[use.child])
         tree.definitions.append(use.child)
         tree.rotations.append(use.rotation)
@@ -200,7 +204,8 @@ def _find_uses(
         parent, child = _reference(arguments, 3), _reference(arguments, 4)
         if parent in names and child in names:
             rotation = rotations.get(number, UNKNOWN)
-            uses[parent].append(_Use(child, _string(arguments, 1), rotation))
+            label = _string(arguments, 1) or _string(arguments, 0)
+            uses[parent].append(_Use(child, label, rotation))
         else:
             broken += 1
     return uses, broken
@@ -258,11 +263,9 @@ def _read_frames(entities: dict[bytes, Entities], text: bytes) -> dict[int, Floa
     frames = {}
     for number, arguments in placements.items():
         z = directions.get(_reference(arguments, 2), np.array([0.0, 0.0, 1.0]))
-        x = directions.get(_reference(arguments, 3))
-        try:  # x follows from z where it is left out, or where both are parallel
+        x = directions.get(_reference(arguments, 3), np.array([1.0, 0.0, 0.0]))
+        with contextlib.suppress(ValueError):  # parallel, or without length
             frames[number] = frame_axes(z, x)[:, [2, 1, 0]] * [1.0, -1.0, 1.0]
-        except ValueError:
-            continue
     return frames
 
 
