@@ -4,7 +4,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -145,6 +145,7 @@ def varying_state_space(
     outputs: Channels | None = None,
     pose: str | None = None,
     step: Quantity | None = None,
+    motors: Literal["locked", "free"] = "locked",
     error: Quantity | None = None,
     comm: MPI.Comm | None = None,
 ) -> VaryingStateSpace:
@@ -159,6 +160,7 @@ def varying_state_space(
         outputs: Where motion is wanted.
         pose: Where the other axes stand.
         step: Time over which inputs are constant [s].
+        motors: Locked; or free, their forces go in.
         error: Of the frequency response in poses along the travel, as a share of it; default: 1 %.
         comm: Ranks that compute together; all that were started where None.
 
@@ -171,6 +173,7 @@ def varying_state_space(
         "pose": pose,
         "hz": hz,
         "step": step,
+        "motors": motors,
         "travel": travel,
         "error": error,
     }

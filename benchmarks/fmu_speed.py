@@ -77,7 +77,18 @@ def make_varying(modes: int) -> VaryingStateSpace:
     matrices.stiffness[-1, -1] = (2.0 * np.pi * FASTEST * HIGHEST_HZ) ** 2
     rate = 1.1 * 2.0 * np.pi * FASTEST * HIGHEST_HZ
     return VaryingStateSpace(
-        varying, (CHANNELS, CHANNELS), ("m",), {"X": 0.0}, rate, STEP, 0.0, HIGHEST_HZ, 0.01, 0, 0
+        varying,
+        (CHANNELS, CHANNELS),
+        (),
+        ("m",),
+        {"X": 0.0},
+        rate,
+        STEP,
+        0.0,
+        HIGHEST_HZ,
+        0.01,
+        0,
+        0,
     )
 
 

@@ -11,6 +11,7 @@ from headstock.geometry.parts.components import Component
 from headstock.geometry.parts.solids import PointMass, SuperelementFile
 from headstock.meshing.formats import find_format
 from headstock.pipeline.exchange.files import encode_body
+from headstock.pipeline.exchange.matrices import eliminate_constraints
 from headstock.pipeline.planning.planner import plan_scene
 from headstock.pipeline.stages.components import load_or_make_mesh
 from headstock.pipeline.stages.run_state import RunState
@@ -114,7 +115,8 @@ def export_superelement(
     made = make_superelements(state, only=[component])
 
     def write() -> str:
-        superelement = made[component]
+        reduced = made[component]
+        superelement = reduced if form == "h5" else eliminate_constraints(reduced)
         files = encode_body(superelement, form, origin)
         # a single file is called what it was asked to be
         single = len(files) == 1

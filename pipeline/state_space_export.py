@@ -2,10 +2,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
 from pathlib import Path
-
-import numpy as np
 
 from headstock.geometry.machine.machine import Pose
 from headstock.pipeline.exchange.fmu_numbers import fixed_model, varying_model
@@ -27,16 +24,15 @@ from headstock.pipeline.storage.provenance import Provenance
 from headstock.pipeline.storage.store import Store
 from headstock.pipeline.varying_state_space import find_varying_state_space
 from headstock.scene.analyses.frf import FrfRequest
-from headstock.scene.exports import DEFAULT_STEP_S, Export
-from headstock.scene.reading.findings import Findings
+from headstock.scene.building.exports import require_space
+from headstock.scene.exports import DEFAULT_STEP_S, SAMPLES, Export, find_step_fault
+from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Analyses, Scene, require_name
-from headstock.solvers.errors import ModelError
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.second_order import Channel
 
 FMUS = {"fmu3": 3, "fmu2": 2}
-SAMPLES = 0.5  # periods of the highest mode that a step may last: below, it is seen as it vibrates
 
 
 def find_state_space(
@@ -50,12 +46,12 @@ def find_state_space(
         store: Where superelements are kept; by default the user's.
 
     Raises:
-        SceneError: There is no such pose, or a mode vibrates faster than half the sampling rate.
-        ModelError: There is no point.
+        SceneError: The machine cannot have it, there is no such pose, or a mode vibrates faster than
+            half the sampling rate.
         HeadstockError: A computation failed.
     """
+    require_space(scene, wanted)
     pose, (inputs, outputs) = _find_pose(scene, wanted), _channels(scene)
-    _require_drives(scene, wanted)
     state = _reduce(scene, wanted, comm, store)
 
     def find() -> MachineStateSpace:
@@ -81,21 +77,6 @@ def find_state_space(
     return make_on_root(comm, find)
 
 
-def _require_drives(scene: Scene, wanted: Export) -> None:
-    """Refuse free or controlled motors of a scene without drives.
-
-    Raises:
-        SceneError: It has none.
-    """
-    if wanted.motors != "locked" and not scene.drives:
-        findings = Findings(str(scene.path))
-        findings.add(
-            ("effects", "drive_control"),
-            f"no drive has a motor that is {wanted.motors}; describe one in [drives.NAME] and write drive_control = true",
-        )
-        findings.raise_if_any()
-
-
 def _list_rotary(scene: Scene) -> set[str]:
     """Return the rotary axes and their drives."""
     axes = {name for name, axis in scene.machine.axes.items() if axis.kind == "rotary"}
@@ -108,15 +89,16 @@ def find_varying(
     """Return the state space along the travel of some axes; see ``find_state_space``.
 
     Raises:
-        SceneError: There is no such axis, it has no limits, or the step is too long.
-        ModelError: More than rows of joints changes along the travel.
+        SceneError: The machine cannot have it, or the step is too long.
     """
+    require_space(scene, wanted)
     pose, channels = _find_pose(scene, wanted), _channels(scene)
-    _require_travel(scene, wanted.travel)
-    _require_short(scene, wanted, wanted.hz or 0.0)
     wanted = dataclasses.replace(wanted, step=_choose_step(wanted, wanted.hz or 0.0))
     state = _reduce(scene, wanted, comm, store)
-    return make_on_root(comm, lambda: find_varying_state_space(state, wanted, channels, pose))
+    return make_on_root(
+        comm,
+        lambda: find_varying_state_space(state, wanted, channels, pose, _list_rotary(scene)),
+    )
 
 
 def _find_pose(scene: Scene, wanted: Export) -> Pose:
@@ -126,36 +108,12 @@ def _find_pose(scene: Scene, wanted: Export) -> Pose:
 
 
 def _reduce(scene: Scene, wanted: Export, comm: MPI.Comm, store: Store | None) -> RunState:
-    """Reduce the components of a machine for responses up to a frequency; collective.
-
-    Raises:
-        ModelError: It is a lumped mechanism.
-    """
-    if scene.is_lumped:
-        raise ModelError(
-            "a state space is exported for machines of coupled components only, not for a lumped mechanism"
-        )
+    """Reduce the components of a machine for responses up to a frequency; collective."""
     pose, (inputs, outputs) = _find_pose(scene, wanted), _channels(scene)
     request = FrfRequest(inputs, outputs, wanted.hz or 0.0, poses=(pose.name,))
     state = start_run(dataclasses.replace(scene, analyses=Analyses(request)), comm, store)
     make_superelements(state)
     return state
-
-
-def _require_travel(scene: Scene, axes: Sequence[str]) -> None:
-    """Refuse axes that there are not, and those without limits.
-
-    Raises:
-        SceneError: An axis is one of them.
-    """
-    for name in axes:
-        require_name(scene, "axes", name, scene.machine.axes)
-        if not np.isfinite(scene.machine.axes[name].limits).all():
-            findings = Findings(str(scene.path))
-            findings.add(
-                ("axes", name), "has no limits, between which it could travel; write `limits`"
-            )
-            findings.raise_if_any()
 
 
 def _choose_step(wanted: Export, fastest_hz: float) -> float | None:
@@ -178,16 +136,10 @@ def _require_short(scene: Scene, wanted: Export, highest_hz: float) -> None:
     Raises:
         SceneError: It does.
     """
-    if wanted.step is not None and wanted.step * highest_hz >= SAMPLES:
-        # those of control loops are as fast whatever the frequency up to which modes count
+    if fault := find_step_fault(wanted.step or 0.0, highest_hz):
+        # modes of control loops are as fast whatever the frequency up to which modes count
         other = ", or a lower highest frequency" if highest_hz <= (wanted.hz or 0.0) else ""
-        findings = Findings(str(scene.path))
-        findings.add(
-            ("step",),
-            f"{1e3 * wanted.step:g} ms is too long for a mode at {highest_hz:.4g} Hz; "
-            f"write a step below {1e3 * SAMPLES / highest_hz:.3g} ms{other}",
-        )
-        findings.raise_if_any()
+        raise SceneError([scene.findings.describe(("step",), fault + other)])
 
 
 def export_state_space(
@@ -246,11 +198,11 @@ def _summarise(
         parts.append(error)
     else:
         states, where = len(record.A), f"pose {record.pose}"
-        parts += [f"motors {wanted.motors}"] if has_drives else []
         if wanted.balanced is not None:
             parts.append(
                 f"balanced: error at most {100.0 * record.bound:.2g} % of the largest response"
             )
+    parts += [f"motors {wanted.motors}"] if has_drives else []
     if record.step is not None:
         parts.append(
             f"inputs held over {1e3 * record.step:g} ms, a delay of {180.0 * record.step:.3g} deg per Hz"
@@ -263,8 +215,4 @@ def _channels(scene: Scene) -> tuple[tuple[Channel, ...], tuple[Channel, ...]]:
     if FrfRequest in scene.analyses:
         return scene.analyses[FrfRequest].inputs, scene.analyses[FrfRequest].outputs
     channels = tuple((point, direction) for point in scene.machine.points for direction in "xyz")
-    if not channels:
-        raise ModelError(
-            "there is no point whose motion could be an output; write [points], or [analyses.frf] with inputs"
-        )
     return channels, channels

@@ -4,18 +4,19 @@ interpolated between knots, and the error in poses between them.
 
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.machine.drives import Drive
 from headstock.geometry.machine.machine import Pose, position_units
 from headstock.pipeline.exchange.state_spaces import list_units
 from headstock.pipeline.exchange.varying_spaces import VaryingStateSpace
 from headstock.pipeline.stages.frf import add_load_inputs
-from headstock.pipeline.stages.machine import couple_pose, damp_system
+from headstock.pipeline.stages.machine import CoupledPose, couple_pose, damp_system
 from headstock.pipeline.stages.run_state import RunState
 from headstock.reduction.coupling.coupling import CoupledMachine
 from headstock.reduction.coupling.elimination import CouplingMemo
@@ -23,9 +24,10 @@ from headstock.reduction.coupling.joint_springs import PlacedJoint
 from headstock.reduction.coupling.travel import PlacedRows, TravelCoordinates, find_travel
 from headstock.scene.exports import Export
 from headstock.scene.scene import LOAD
+from headstock.solvers.control.drive_trains import FORCE, MOTOR, SCALE
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.damping import add_modal_damping, equivalent_viscous
-from headstock.solvers.linear.modal_analysis import keep_lowest
+from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import (
     count_modes,
     elastic_displacements,
@@ -83,12 +85,14 @@ class _Solved:
             channel that they lack.
         omega: ``(n_freq,)`` [rad/s].
         response: ``(n_freq, p, k)`` at these.
+        rigid_count: How many of its modes are rigid-body modes.
     """
 
     coupled: CoupledMachine
     motions: FloatArray
     omega: FloatArray
     response: ComplexArray
+    rigid_count: int
 
 
 @dataclass(eq=False)
@@ -97,6 +101,8 @@ class _Travel:
 
     state: RunState
     channels: tuple[tuple[Channel, ...], tuple[Channel, ...]]
+    drives: tuple[Drive, ...]
+    rotary: Collection[str]
     up_to_hz: float
     axes: dict[str, tuple[float, float]]
     start: Mapping[str, float]
@@ -129,24 +135,54 @@ class _Travel:
     def coordinates(self) -> TravelCoordinates:
         """Return the coordinates that are the same in every pose."""
         names = {name for name, dof in itertools.chain(*self.channels) if dof != LOAD}
-        coupled = couple_pose(self.state.parts, self.pose(self.middle), memo=self.memo).coupled
         return find_travel(
             self.state.scene.machine,
-            coupled,
+            self.couple(self.middle).coupled,
             gravity=self.state.plan.gravity,
             channels=names,
+            drives=self.drives,
         )
 
-    def damp(self, system: SecondOrderSystem) -> SecondOrderSystem:
-        """Return a system with the damping of the scene, all of it viscous."""
-        return equivalent_viscous(damp_system(self.state.scene, system))
+    def couple(self, place: Place) -> CoupledPose:
+        """Return the machine coupled at a place, with free motors where there are drives."""
+        model = couple_pose(self.state.parts, self.pose(place), memo=self.memo)
+        return model.release(self.drives).model if self.drives else model
+
+    def damp(
+        self, system: SecondOrderSystem, modes: ModalResult | None = None
+    ) -> SecondOrderSystem:
+        """Return a system with the damping of the scene, all of it viscous.
+
+        Args:
+            modes: All undamped modes, where they are already known.
+        """
+        return equivalent_viscous(damp_system(self.state.scene, system, modes), modes)
+
+    def find_modes(self, stiffness: FloatArray) -> ModalResult:
+        """Return the modes in coordinates ``m`` of unit mass, in which as many as in the whole machine
+        are rigid, though for it only nearly so.
+        """
+        squares, shapes = np.linalg.eigh(stiffness)
+        rigid = self.solve(self.middle).rigid_count
+        squares[:rigid] = 0.0
+        hz = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+        return ModalResult(hz, shapes, rigid, 0, np.zeros(len(hz)))
+
+    def damp_somewhat(self, matrices: PosedMatrices) -> PosedMatrices:
+        """Return matrices with some damping where they have none."""
+        if matrices.damping.any():
+            return matrices
+        unit = np.eye(len(matrices.stiffness))
+        system = SecondOrderSystem(unit, None, matrices.stiffness, {}, {}, ())
+        damped = _damp_a_little(system, self.find_modes(matrices.stiffness)).damping
+        return matrices._replace(damping=matrices.damping if damped is None else damped)
 
     def _solve(self, place: Place) -> _Solved:
         inputs, outputs = self.channels
         coordinates = self.coordinates
-        model = couple_pose(self.state.parts, self.pose(place), memo=self.memo)
+        model = self.couple(place)
         modes = model.all_modes
-        system = _damp_a_little(self.damp(model.system))
+        system = _damp_a_little(self.damp(model.system, modes), modes)
         system = add_load_inputs(system, model.loads, inputs)
         whole = to_modal_coordinates(system, inputs, outputs, modes)
         if whole is None:
@@ -167,9 +203,8 @@ class _Travel:
         shapes = lowest.shapes[:, elastic]
         rest = elastic_displacements(system, modes, loads) - (shapes / squares) @ (shapes.T @ loads)
         motions = np.hstack([lowest.shapes, rest[:, np.linalg.norm(rest, axis=0) > 0.0]])
-        return _Solved(
-            model.coupled, coordinates.bring_home(model.coupled, motions), omega, response
-        )
+        motions = coordinates.bring_home(model.coupled, motions)
+        return _Solved(model.coupled, motions, omega, response, modes.rigid_count)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +220,10 @@ class _Reduced:
         matrices = coordinates.matrices
         parts = {"mass": matrices.masses, "damping": matrices.dampings}
         weights = coordinates.loss_factors if kind == "loss" else {}
-        return coordinates.sum_bodies(self.basis, parts.get(kind, matrices.stiffnesses), weights)
+        total = coordinates.sum_bodies(self.basis, parts.get(kind, matrices.stiffnesses), weights)
+        if kind == "mass":
+            total += coordinates.sum_rotors(self.place(self.travel.middle))
+        return total
 
     @cached_property
     def bodies(self) -> dict[str, FloatArray]:
@@ -201,12 +239,13 @@ class _Reduced:
         bodies ``(m, m)``.
         """
         rows, factors = self.place(place), self.travel.coordinates.loss_factors
+        losses = [(s, factors.get(s.name, 0.0)) for s in rows.springs]  # none of couplings
         stiffness = add_springs(
             self.bodies["stiffness"], ((s.rows, s.stiffness) for s in rows.springs)
         )
         viscous = add_springs(self.bodies["damping"], ((s.rows, s.damping) for s in rows.springs))
         loss = add_springs(
-            self.bodies["loss"], ((s.rows, factors[s.name] * s.stiffness) for s in rows.springs)
+            self.bodies["loss"], ((s.rows, factor * s.stiffness) for s, factor in losses)
         )
         system = SecondOrderSystem(
             np.eye(len(stiffness)),
@@ -217,7 +256,7 @@ class _Reduced:
             (),
             loss if any(factors.values()) else None,
         )
-        damped = self.travel.damp(system).damping
+        damped = self.travel.damp(system, self.travel.find_modes(system.stiffness)).damping
         total = np.zeros_like(viscous) if damped is None else damped
         inputs, outputs = self.travel.channels
         loads = [
@@ -303,7 +342,7 @@ class _Reduced:
 def _differs(one: PlacedJoint, other: PlacedJoint) -> bool:
     """Return whether a joint is another one in another pose, by more than roundoff."""
     return any(
-        np.abs(here - there).max(initial=0.0) > CONSTANT * np.abs(there).max(initial=0.0)
+        _changes(here, there, CONSTANT)
         for here, there in (
             (one.rows, other.rows),
             (one.stiffness, other.stiffness),
@@ -312,11 +351,16 @@ def _differs(one: PlacedJoint, other: PlacedJoint) -> bool:
     )
 
 
+def _changes(here: FloatArray, there: FloatArray, share: float = 1e-9) -> bool:
+    return bool(np.abs(here - there).max(initial=0.0) > share * np.abs(there).max(initial=0.0))
+
+
 def find_varying_state_space(
     state: RunState,
     wanted: Export,
     channels: tuple[tuple[Channel, ...], tuple[Channel, ...]],
     pose: Pose,
+    rotary: Collection[str],
 ) -> VaryingStateSpace:
     """Return the state space over the travel of some axes, in one basis that covers it.
 
@@ -331,14 +375,21 @@ def find_varying_state_space(
     machine = state.scene.machine
     axes = {name: machine.axes[name].limits for name in wanted.travel}
     start = {name: pose.positions.get(name, 0.0) for name in machine.axes}
-    travel = _Travel(state, channels, wanted.hz or 0.0, axes, start)
+    drives = () if wanted.motors == "locked" else tuple(state.scene.drives.values())
+    if drives:
+        names = [drive.name for drive in drives]
+        channels = (
+            (*((name, FORCE) for name in names), *channels[0]),
+            (*channels[1], *((name, MOTOR) for name in names), *((name, SCALE) for name in names)),
+        )
+    travel = _Travel(state, channels, drives, rotary, wanted.hz or 0.0, axes, start)
     target = wanted.error or DEFAULT_ERROR
     matrices, error, held_out = _refine(travel, target)
     rate = 1.1 * max(_find_rate(matrices.at(place)) for place in matrices.grid)
     units = position_units(machine)
     return VaryingStateSpace(
-        matrices, channels, tuple(units[name] for name in axes), start, rate, wanted.step,
-        error, travel.up_to_hz, target, held_out, len(travel.solved),
+        matrices, channels, tuple(rotary), tuple(units[name] for name in axes), start, rate,
+        wanted.step, error, travel.up_to_hz, target, held_out, len(travel.solved),
     )  # fmt: skip
 
 
@@ -380,7 +431,7 @@ def _fit_knots(
             natural = np.sqrt(np.maximum(np.linalg.eigvalsh(exact.stiffness), 0.0))
             omega = _list_lines(travel.up_to_hz, natural / (2.0 * np.pi), FEW_LINES)
             wanted, found = (
-                respond_posed(_damp_somewhat(one), omega)
+                respond_posed(travel.damp_somewhat(one), omega)
                 for one in (exact, matrices.at(_name(travel, place)))
             )
             errors[place] = find_largest_error(wanted, found, _find_sizes(travel, wanted))
@@ -407,6 +458,12 @@ def _span(travel: _Travel, serving: Sequence[Place]) -> _Reduced:
         stiffness += np.mean(shares, axis=0)
         if all(np.array_equal(share, shares[0]) for share in shares):
             least += shares[0]
+    rotors = [travel.coordinates.sum_rotors(reduced.place(place)) for place in serving]
+    if any(_changes(rotor, rotors[0]) for rotor in rotors):
+        raise ModelError(
+            "the inertia of a motor that drives its axis rigidly moves other bodies wherever the axes stand; "
+            "give the joint of its drive a stiffness along the axis"
+        )
     turn = span_motions(stiffness, least, reduced.sum("mass"), travel.up_to_hz)
     basis = motions @ turn
     for place in serving:
@@ -442,7 +499,7 @@ def _name(travel: _Travel, place: Place) -> dict[str, float]:
 def _find_error(travel: _Travel, place: Place, matrices: PosedMatrices) -> float:
     """Find the error of the frequency response at a place."""
     exact = travel.solve(place)
-    response = respond_posed(_damp_somewhat(matrices), exact.omega)
+    response = respond_posed(travel.damp_somewhat(matrices), exact.omega)
     return find_largest_error(exact.response, response, _find_sizes(travel, exact.response))
 
 
@@ -457,7 +514,7 @@ def _list_lines(up_to_hz: float, natural_hz: FloatArray, count: int = LINES) -> 
 def _find_sizes(travel: _Travel, response: ComplexArray) -> FloatArray:
     """Find the size ``(p, k)`` of responses of each pair of units."""
     largest = np.abs(response).max(axis=0)
-    inputs, outputs = (np.array(units) for units in list_units(travel.channels))
+    inputs, outputs = map(np.array, list_units(travel.channels, travel.rotary))
     sizes = np.ones_like(largest)
     for given, moved in itertools.product(set(inputs), set(outputs)):
         block = np.ix_(outputs == moved, inputs == given)
@@ -465,19 +522,11 @@ def _find_sizes(travel: _Travel, response: ComplexArray) -> FloatArray:
     return sizes
 
 
-def _damp_somewhat(matrices: PosedMatrices) -> PosedMatrices:
-    """Return matrices with some damping where they have none."""
-    if matrices.damping.any():
-        return matrices
-    unit = np.eye(len(matrices.stiffness))
-    damped = _damp_a_little(SecondOrderSystem(unit, None, matrices.stiffness, {}, {}, ()))
-    return matrices._replace(damping=unit if damped.damping is None else damped.damping)
-
-
-def _damp_a_little(system: SecondOrderSystem) -> SecondOrderSystem:
+def _damp_a_little(system: SecondOrderSystem, modes: ModalResult) -> SecondOrderSystem:
     """Return a system with some damping where it has none, so that its responses can be compared."""
     if system.damping is None or not system.damping.any():
-        return add_modal_damping(dataclasses.replace(system, damping=None), [DAMPING_OF_UNDAMPED])
+        bare = dataclasses.replace(system, damping=None)
+        return add_modal_damping(bare, [DAMPING_OF_UNDAMPED], modes)
     return system
 
 

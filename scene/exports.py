@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 DEFAULT_STEP_S = 1e-3
+SAMPLES = 0.5  # periods of the highest mode that a step may last: below, it is seen as it vibrates
 ExportMotors = Literal["locked", "free", "controlled"]
 MOTORS: dict[str, ExportMotors] = {"locked": "locked", "free": "free", "controlled": "controlled"}
 WHOLE_MACHINE = ("space", "test")
@@ -49,6 +50,14 @@ EXPORT_FORMATS = {
 def find_share_fault(share: float) -> str:
     """Say why an error is no share of a response; empty where it is one."""
     return "" if 0.0 < share < 1.0 else f'is {share:g}; write a share of 1, such as "1 %"'
+
+
+def find_step_fault(step: float, highest_hz: float) -> str:
+    """Say why a step [s] samples a mode less than twice in a period; empty where it does not."""
+    if step * highest_hz < SAMPLES:
+        return ""
+    shortest = f"write a step below {1e3 * SAMPLES / highest_hz:.3g} ms"
+    return f"{1e3 * step:g} ms is too long for a mode at {highest_hz:.4g} Hz; {shortest}"
 
 
 def list_formats(*kinds: str) -> str:
@@ -114,6 +123,7 @@ class Export:
         kind = self.kind
         whole, space = kind.of in WHOLE_MACHINE, kind.of == "space"
         spaces = list_formats("space")
+        step_fault = find_step_fault(self.step or 0.0, self.hz or 0.0)
         named = Path(self.file or f"x{kind.endings[0]}")
         rules = (
             (
@@ -160,9 +170,14 @@ class Export:
                 "a balanced state space is that of one pose; leave out balanced or travel",
             ),
             (
-                bool(self.travel) and self.motors != "locked",
+                bool(self.travel) and self.motors == "controlled",
                 "motors",
-                "motors are locked where axes travel; leave out motors or travel",
+                "controllers are not exported where axes travel; write free motors, and close the loops around them",
+            ),
+            (
+                bool(self.travel and step_fault),
+                "step",
+                f"{step_fault}, or a lower hz",
             ),
             (
                 bool(self.error) and not self.travel,

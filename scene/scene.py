@@ -287,10 +287,9 @@ def require_name(scene: Scene, section: str, name: str, known: Iterable[str]) ->
     """
     names = list(known)
     if name not in names:
-        findings = Findings(str(scene.path))
         hint = suggest_names(name, names, what=section)
-        findings.add((section, name), f"there is none of this name; {hint}")
-        findings.raise_if_any()
+        text = f"there is none of this name; {hint}"
+        raise SceneError([scene.findings.describe((section, name), text)])
 
 
 def deforming_parts(scene: Scene) -> list[str]:

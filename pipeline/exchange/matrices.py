@@ -3,17 +3,21 @@ place.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from headstock.geometry.errors import HeadstockError
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.meshing.component_mesh import IntArray
-from headstock.reduction.superelement import Superelement
+from headstock.meshing.scipy_library import scipy
+from headstock.reduction.superelement import CONTROL_POINT_DOFS, Superelement
+from headstock.reduction.superelement_checks import rigid_motions
+from headstock.solvers.linear.symmetric_matrices import symmetrise
 
 MOST_DOFS = 20_000  # of dense matrices from files of strangers: 3.2 GB each
+DEPENDENT = 1e-9  # of the largest pivot of constraints
 MOST_ENTRIES = 50_000_000  # of sparse ones
 
 
@@ -58,9 +62,9 @@ def list_matrices(superelement: Superelement) -> BodyMatrices:
     rails, which have one rotation each; all other dofs are scalar.
 
     Raises:
-        ExchangeError: It has constraints, which no other format keeps apart from its matrices.
+        ExchangeError: Its interfaces are tied to each other.
     """
-    require_no_constraints(superelement)
+    superelement = eliminate_constraints(superelement)
     places: list[tuple[FloatArray, Sequence[int]]] = [
         (frame.origin, range(1, 7)) for frame in superelement.frames
     ]
@@ -83,14 +87,62 @@ def list_matrices(superelement: Superelement) -> BodyMatrices:
     )
 
 
-def require_no_constraints(superelement: Superelement) -> None:
-    """Refuse a body with constraints, which no other format keeps apart from its matrices."""
-    if len(superelement.constraints):
+def eliminate_constraints(superelement: Superelement) -> Superelement:
+    """Return the same body without constraints, which no other format keeps apart from its matrices.
+
+    Dofs of nodes that no interface stands on follow the others, such as those of segments below an
+    interface that averages. What is left of such nodes becomes a scalar dof, relative to the rigid
+    motion of the first node.
+
+    Raises:
+        ExchangeError: Interfaces are tied to each other.
+    """
+    rows = superelement.constraints
+    if not len(rows):
+        return superelement
+    dofs = np.arange(superelement.node_size).reshape(-1, len(DOF_NAMES))
+    named = [entry.node for entry in superelement.interface_maps.values()]
+    behind = superelement.node_size + CONTROL_POINT_DOFS * len(superelement.control_points)
+    fixed = np.concatenate([dofs[named].ravel(), np.arange(superelement.node_size, behind)])
+    free = np.setdiff1d(np.arange(rows.shape[1]), fixed)
+    levels, order = scipy.linalg.qr(rows[:, free], mode="r", pivoting=True)
+    pivots = np.abs(levels.diagonal())
+    if len(free) < len(rows) or pivots.min() <= DEPENDENT * pivots.max():
         raise ExchangeError(
-            f"component {superelement.name!r}: some of its dofs are tied, which matrices cannot say: its interfaces share nodes, or "
-            "it is segmented and an interface averages or covers a length of it; leave a gap between patches that touch, and export "
-            'a segmented component with fidelity = "elastic"'
+            f"component {superelement.name!r}: its interfaces share nodes with each other or with a support, "
+            "which matrices cannot say; leave a gap between patches that touch"
         )
+    dependent = free[order[: len(rows)]]
+    whole = np.flatnonzero(~np.isin(dofs, dependent).any(axis=1))
+    first = np.concatenate([dofs[whole].ravel(), np.arange(superelement.node_size, behind)])
+    others = np.setdiff1d(free, [*dependent, *first])
+    kept = np.concatenate([first, others])
+    basis = np.zeros((rows.shape[1], len(kept)))
+    basis[kept, np.arange(len(kept))] = 1.0
+    # scalar dofs rest where the body moves rigidly
+    origin = superelement.frames[whole[0]].origin
+    basis[others, : len(DOF_NAMES)] = rigid_motions(superelement, origin)[others]
+    basis[dependent] = -np.linalg.solve(rows[:, dependent], rows[:, kept] @ basis[kept])
+    stiffness, mass, damping = (
+        None if matrix is None else symmetrise(basis.T @ matrix @ basis)
+        for matrix in (superelement.stiffness, superelement.mass, superelement.damping)
+    )
+    return replace(
+        superelement,
+        labels=(
+            *(superelement.labels[row] for row in first),
+            *(("mode", str(number)) for number in range(1, len(others) + 1)),
+        ),
+        frames=tuple(superelement.frames[node] for node in whole),
+        interface_maps={
+            name: replace(entry, node=int(np.searchsorted(whole, entry.node)), shapes=None)
+            for name, entry in superelement.interface_maps.items()
+        },
+        stiffness=stiffness,
+        mass=mass,
+        damping=damping,
+        constraints=np.zeros((0, len(kept))),
+    )
 
 
 def require_last_line(path: Path) -> None:

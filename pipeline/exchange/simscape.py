@@ -11,9 +11,10 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.scipy_library import scipy
-from headstock.pipeline.exchange.matrices import ExchangeError, require_no_constraints
+from headstock.pipeline.exchange.matrices import ExchangeError, eliminate_constraints
 from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
+from headstock.solvers.linear.symmetric_matrices import symmetrise
 
 _SCRIPT = """% {name}: {nodes} interfaces and {others} further dofs; m, kg, s
 body = load([mfilename('fullpath') '.mat']);
@@ -30,16 +31,16 @@ def encode_simscape(superelement: Superelement) -> dict[str, bytes]:
     """Return the files of a body, by what they end in.
 
     Raises:
-        ExchangeError: It is rigid, has no interface with six dofs, or has constraints.
+        ExchangeError: It is rigid, has no interface with six dofs, or interfaces that are tied.
     """
-    require_no_constraints(superelement)
+    superelement = eliminate_constraints(superelement)
     if not superelement.frames or not superelement.stiffness.any():
         raise ExchangeError(
             f"component {superelement.name!r} is rigid or has rails alone; Reduced Order Flexible Solid takes elastic bodies with interfaces"
         )
     basis = _relative_basis(superelement)
     stiffness, mass = (
-        _symmetric(basis.T @ matrix @ basis)
+        symmetrise(basis.T @ matrix @ basis)
         for matrix in (superelement.stiffness, superelement.mass)
     )
     damping = superelement.damping
@@ -58,7 +59,7 @@ def encode_simscape(superelement: Superelement) -> dict[str, bytes]:
         ),
         "K": stiffness,
         "M": mass,
-        "C": np.zeros_like(mass) if damping is None else _symmetric(basis.T @ damping @ basis),
+        "C": np.zeros_like(mass) if damping is None else symmetrise(basis.T @ damping @ basis),
         "interfaces": np.array([" ".join(group) for group in names], dtype=object),
     }
     image = io.BytesIO()
@@ -81,7 +82,3 @@ def _relative_basis(superelement: Superelement) -> FloatArray:
     motions = rigid_motions(superelement, superelement.frames[0].origin)
     basis[superelement.node_size :, :6] = motions[superelement.node_size :]
     return basis
-
-
-def _symmetric(matrix: FloatArray) -> FloatArray:
-    return 0.5 * (matrix + matrix.T)

@@ -27,6 +27,7 @@ class VaryingStateSpace:
 
     Attributes:
         channels: ``k`` inputs, then ``p`` outputs.
+        rotary: Axes and drives that turn.
         axis_units: ``m`` or ``rad`` of each axis.
         positions: Where the axes stand at the start [m, rad].
         rate: ``r`` [rad/s], above all natural frequencies and decay rates.
@@ -41,6 +42,7 @@ class VaryingStateSpace:
 
     matrices: VaryingMatrices
     channels: tuple[tuple[Channel, ...], tuple[Channel, ...]]
+    rotary: tuple[str, ...]
     axis_units: tuple[str, ...]
     positions: Mapping[str, float]
     rate: float
@@ -69,12 +71,12 @@ class VaryingStateSpace:
     @property
     def input_units(self) -> tuple[str, ...]:
         """Units of the inputs."""
-        return list_units(self.channels)[0]
+        return list_units(self.channels, self.rotary)[0]
 
     @property
     def output_units(self) -> tuple[str, ...]:
         """Units of the outputs."""
-        return list_units(self.channels)[1]
+        return list_units(self.channels, self.rotary)[1]
 
     def at(self, **positions: float | str) -> MachineStateSpace:
         """Return the state space at positions of axes; the others stay where they start.
@@ -88,7 +90,7 @@ class VaryingStateSpace:
         read = {name: self._read_position(name, given) for name, given in positions.items()}
         place = {**self.positions, **read}
         space = to_first_order(self.matrices.at(place), self.rate, self.channels)
-        return describe_space(space, pose=Pose("", place), step_s=self.step)
+        return describe_space(space, pose=Pose("", place), step_s=self.step, rotary=self.rotary)
 
     def _read_position(self, name: str, given: object) -> float:
         """Return where an axis shall stand [m, rad].

@@ -4,8 +4,9 @@ machine with free motors.
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from headstock.geometry.machine.machine import Machine
 from headstock.geometry.mechanisms.exechon import LENGTHS, ToolMechanism
 from headstock.reduction.coupling.channels import point_rows
 from headstock.reduction.coupling.coupling import CoupledMachine
-from headstock.reduction.coupling.dof_layout import motion_rows
+from headstock.reduction.coupling.dof_layout import DofLayout, motion_rows
 from headstock.reduction.coupling.joint_springs import PlacedJoint
 from headstock.solvers.control.drive_trains import (
     MOTOR,
@@ -31,6 +32,19 @@ from headstock.solvers.second_order import SecondOrderSystem
 
 ANCHOR = 100.0  # stiffness of anchored motors over the weight of the machine [1/m]
 ALONG = 1e-9  # how far an axis of a joint may be off its leg
+
+
+class StackedJoints(NamedTuple):
+    """Where the bodies and joints of a machine stand in a pose, rows those of the ``n_all`` stacked
+    dofs.
+    """
+
+    layout: DofLayout
+    springs: Mapping[str, PlacedJoint]
+
+
+def _stack(coupled: CoupledMachine) -> StackedJoints:
+    return StackedJoints(coupled.layout, {spring.name: spring for spring in coupled.fixed.springs})
 
 
 def place_drives(
@@ -48,9 +62,9 @@ def place_drives(
         ModelError: A drive's joint holds or frees its axial motion, so that no screw is there to
             drive.
     """
-    springs = {spring.name: spring for spring in coupled.joint_springs}
+    springs, placed = {spring.name: spring for spring in coupled.joint_springs}, _stack(coupled)
     drives = tuple(drives)
-    stacked = [_find_slide(coupled, machine, drive) for drive in drives]
+    stacked = [_find_slide(placed, machine, drive) for drive in drives]
     slides = [
         dataclasses.replace(
             slide, motion=slide.motion @ coupled.basis, scale=slide.scale @ coupled.basis
@@ -59,8 +73,35 @@ def place_drives(
     ]
     masses = _moved_masses(coupled, machine, drives, slides)
     return tuple(
-        _place_drive(coupled, machine, drive, springs[drive.joint], slide=slide, moved_mass=mass)
+        _place_drive(
+            machine,
+            drive,
+            springs[drive.joint],
+            slide=slide,
+            stator=_stator_row(placed, slide, drive) @ coupled.basis,
+            moved_mass=mass,
+        )
         for drive, slide, mass in zip(drives, slides, masses, strict=True)
+    )
+
+
+def stack_drives(
+    placed: StackedJoints, machine: Machine, drives: Iterable[Drive]
+) -> tuple[DriveTrain, ...]:
+    """Return every drive in a pose, its rows those of the ``n_all`` stacked dofs; without what its
+    motor accelerates. See ``place_drives``.
+    """
+    slides = ((drive, _find_slide(placed, machine, drive)) for drive in drives)
+    return tuple(
+        _place_drive(
+            machine,
+            drive,
+            placed.springs[drive.joint],
+            slide=slide,
+            stator=_stator_row(placed, slide, drive),
+            moved_mass=0.0,
+        )
+        for drive, slide in slides
     )
 
 
@@ -73,7 +114,8 @@ def find_linear_scales(
 
 def scale_rows(coupled: CoupledMachine, machine: Machine, drives: Iterable[Drive]) -> FloatArray:
     """Return the same as rows ``(d, n_all)`` of the stacked dofs."""
-    rows = [_find_slide(coupled, machine, drive).scale for drive in drives]
+    placed = _stack(coupled)
+    rows = [_find_slide(placed, machine, drive).scale for drive in drives]
     return np.array(rows).reshape(len(rows), coupled.layout.size)
 
 
@@ -84,11 +126,10 @@ def housing_rows(coupled: CoupledMachine, machine: Machine, drives: Iterable[Dri
     Args:
         drives: ``d`` of axes.
     """
-    stacked = {spring.name: spring for spring in coupled.fixed.springs}
-    rows = []
+    placed, rows = _stack(coupled), []
     for drive in drives:
-        joint, spring = machine.joints[drive.joint], stacked[drive.joint]
-        axis, slide = machine.axes[drive.axis], _find_slide(coupled, machine, drive)
+        joint, spring = machine.joints[drive.joint], placed.springs[drive.joint]
+        axis, slide = machine.axes[drive.axis], _find_slide(placed, machine, drive)
         along = spring.frame.rotation[:, slide.row % 3]
         sign = _travel_sign(joint, axis.moves, float(along @ axis.direction))
         turned = motion_rows(coupled.layout, joint.ends[1], spring.frame.origin)[3:]
@@ -108,7 +149,7 @@ def free_driven(coupled: CoupledMachine, machine: Machine, drives: Iterable[Driv
         joint = joints[drive.joint]
         if joint.kind == "ball_screw":
             continue
-        slide = _find_slide(coupled, machine, drive)
+        slide = _find_slide(_stack(coupled), machine, drive)
         if slide.row not in joint.fixed:
             if drive.axis in machine.axes:
                 continue
@@ -127,40 +168,48 @@ def release_motors(coupled: CoupledMachine, trains: tuple[DriveTrain, ...]) -> C
     motion less the motor's, or the screw's where that turns by itself, and is as stiff as the
     thread.
     """
-    size = len(coupled.system.mass)
-    counts = [count_coordinates(train) for train in trains]
-    added = sum(counts)
-    springs = {
-        spring.name: dataclasses.replace(spring, rows=np.pad(spring.rows, ((0, 0), (0, added))))
-        for spring in coupled.joint_springs
-    }
-    ends = np.cumsum(counts) - 1
-    for train, last in zip(trains, ends, strict=True):
-        if is_rigid(train):
-            continue
-        spring = springs[train.joint]
-        rows = spring.rows.copy()
-        row = train.row
-        rows[row, size + last] = -np.sign(_thread_row(spring, row)[:size] @ train.stretch)
-        thread = spring.stiffness[row] / spring.stiffness[row, row]
-        stiffer = (thread_stiffness(train) - train.stiffness) * np.outer(thread, thread)
-        springs[train.joint] = dataclasses.replace(
-            spring,
-            rows=rows,
-            stiffness=spring.stiffness + stiffer,
-            damping=spring.damping + train.beta * stiffer,
-        )
+    springs = {spring.name: spring for spring in coupled.joint_springs}
+    added = sum(map(count_coordinates, trains))
     return dataclasses.replace(
         coupled,
         system=free_motors(coupled.system, trains),
         basis=np.hstack([coupled.basis, np.zeros((len(coupled.basis), added))]),
-        joint_springs=tuple(springs.values()),
+        joint_springs=tuple(release_springs(springs, trains).values()),
         loads={
             name: np.concatenate([load, np.zeros(added)]) for name, load in coupled.loads.items()
         },
         errors=None,
         displaced=None,
     )
+
+
+def release_springs(
+    springs: Mapping[str, PlacedJoint], trains: Sequence[DriveTrain]
+) -> dict[str, PlacedJoint]:
+    """Return joints whose rows have the coordinates of unlocked motors behind their own; see
+    ``release_motors``.
+    """
+    counts = [count_coordinates(train) for train in trains]
+    released = {
+        name: dataclasses.replace(spring, rows=np.pad(spring.rows, ((0, 0), (0, sum(counts)))))
+        for name, spring in springs.items()
+    }
+    ends = np.cumsum(counts) - 1
+    for train, last in zip(trains, ends, strict=True):
+        if is_rigid(train):
+            continue
+        spring, size = springs[train.joint], len(train.stretch)
+        rows, row = released[train.joint].rows.copy(), train.row
+        rows[row, size + last] = -np.sign(_thread_row(spring, row) @ train.stretch)
+        thread = spring.stiffness[row] / spring.stiffness[row, row]
+        stiffer = (thread_stiffness(train) - train.stiffness) * np.outer(thread, thread)
+        released[train.joint] = dataclasses.replace(
+            spring,
+            rows=rows,
+            stiffness=spring.stiffness + stiffer,
+            damping=spring.damping + train.beta * stiffer,
+        )
+    return released
 
 
 def make_rigid_train(
@@ -302,20 +351,25 @@ def _moved_masses(
     ]
 
 
+def _stator_row(placed: StackedJoints, slide: _Slide, drive: Drive) -> FloatArray:
+    """Return the turn ``(n_all,)`` of a motor's housing as travel."""
+    frame = placed.springs[drive.joint].frame
+    turned = motion_rows(placed.layout, slide.housing, frame.origin)[3:]
+    pitch = drive.lead / (2.0 * math.pi)
+    return slide.thread * pitch * (frame.rotation[:, slide.row % 3] @ turned)
+
+
 def _place_drive(
-    coupled: CoupledMachine,
     machine: Machine,
     drive: Drive,
     spring: PlacedJoint,
     *,
     slide: _Slide,
+    stator: FloatArray,
     moved_mass: float,
 ) -> DriveTrain:
     joint = machine.joints[drive.joint]
     pitch = drive.lead / (2.0 * math.pi)
-    turned = motion_rows(coupled.layout, slide.housing, spring.frame.origin)[3:]
-    along = spring.frame.rotation[:, slide.row % 3]
-    stator = slide.thread * pitch * (along @ turned @ coupled.basis)
     rigid = make_rigid_train(
         drive,
         slide=slide.motion,
@@ -348,12 +402,11 @@ def _place_drive(
     )
 
 
-def _find_slide(coupled: CoupledMachine, machine: Machine, drive: Drive) -> _Slide:
+def _find_slide(placed: StackedJoints, machine: Machine, drive: Drive) -> _Slide:
     """Find what a drive moves, in the stacked dofs."""
-    joint = machine.joints[drive.joint]
-    spring = next(entry for entry in coupled.fixed.springs if entry.name == drive.joint)
+    joint, spring = machine.joints[drive.joint], placed.springs[drive.joint]
     if machine.mechanism is not None and drive.axis not in machine.axes:
-        return _find_leg_slide(coupled, machine, machine.mechanism, drive, spring)
+        return _find_leg_slide(placed, machine, machine.mechanism, drive, spring)
     axis = machine.axes[drive.axis]
     shares = spring.frame.rotation.T @ axis.direction
     row = 3 + int(np.argmax(np.abs(shares))) if axis.kind == "rotary" else 0
@@ -369,14 +422,14 @@ def _find_slide(coupled: CoupledMachine, machine: Machine, drive: Drive) -> _Sli
         motion=motion,
         scale=motion
         if drive.scale is None
-        else _scale_row(coupled, machine, drive.scale, drive.axis),
+        else _scale_row(placed.layout, machine, drive.scale, drive.axis),
         housing=joint.ends[1],
         thread=sign,
     )
 
 
 def _find_leg_slide(
-    coupled: CoupledMachine,
+    placed: StackedJoints,
     machine: Machine,
     mechanism: ToolMechanism,
     drive: Drive,
@@ -391,7 +444,9 @@ def _find_leg_slide(
         for marker in (f"leg_{leg}", f"tip_{leg}")
     )
     name = standing.component or ""
-    carrier = coupled.placements[name].rotation @ machine.components[name].placement.rotation.T
+    carrier = (
+        placed.layout.placements[name].rotation @ machine.components[name].placement.rotation.T
+    )
     along = carrier[:, 2]
     shares = spring.frame.rotation.T @ along
     row = int(np.argmax(np.abs(shares)))
@@ -405,7 +460,7 @@ def _find_leg_slide(
         row=row,
         sign=sign,
         motion=motion,
-        scale=_length_row(coupled, machine, mechanism, leg, standing, spring.frame.origin) @ along,
+        scale=_length_row(placed, machine, mechanism, leg, standing, spring.frame.origin) @ along,
         housing=standing,
         # a right-hand screw that turns with its housing pulls the nut back
         thread=-float(np.sign(shares[row])),
@@ -413,7 +468,7 @@ def _find_leg_slide(
 
 
 def _length_row(
-    coupled: CoupledMachine,
+    placed: StackedJoints,
     machine: Machine,
     mechanism: ToolMechanism,
     leg: int,
@@ -421,13 +476,12 @@ def _length_row(
     base: FloatArray,
 ) -> FloatArray:
     """Return the motion ``(n_all, 3)`` of a leg's joint at the platform against the leg's base."""
-    frames = {spring.name: spring.frame for spring in coupled.joint_springs}
     for joint in machine.joints.values():
         carried = {mechanism.carries.get(end.component or ""): end for end in joint.ends}
         if f"tip_{leg}" in carried and "platform" in carried:
-            tip = frames[joint.name].origin
-            rows = motion_rows(coupled.layout, carried["platform"], tip)[:3]
-            rows = rows - motion_rows(coupled.layout, standing, base)[:3]
+            tip = placed.springs[joint.name].frame.origin
+            rows = motion_rows(placed.layout, carried["platform"], tip)[:3]
+            rows = rows - motion_rows(placed.layout, standing, base)[:3]
             return rows.T
     raise ModelError(
         f"leg {leg}: no joint between its tip and the platform, so a scale has no length to read; join them"
@@ -460,11 +514,11 @@ def _feed_inertia(drive: Drive, moved_mass: float) -> AxisControl:
     )
 
 
-def _scale_row(coupled: CoupledMachine, machine: Machine, point: str, axis: str) -> FloatArray:
+def _scale_row(layout: DofLayout, machine: Machine, point: str, axis: str) -> FloatArray:
     """Return the motion along an axis at a point; where the axis carries the work, its travel is
     that of work against tool.
     """
     carrier = machine.axes[axis]
-    row = carrier.direction @ point_rows(coupled.layout, machine.points[point])[:3]
+    row = carrier.direction @ point_rows(layout, machine.points[point])[:3]
     carries_tool = machine.points[point].tool.component in carrier.moves
     return row if carries_tool else -row

@@ -224,6 +224,7 @@ def build_scene(
     scene = dataclasses.replace(_build_scene(draft, path, variant), questions=questions)
     # these need the machine in its poses
     rails.check_carriages(scene, findings)
+    exports.check_spaces(scene, findings)
     requests = list_analyses(scene)
     for record in list_records(requests):
         if record.check_scene is not None:

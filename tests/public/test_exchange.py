@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import zipfile
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 from xml.etree import ElementTree
 
 import numpy as np
@@ -19,6 +19,7 @@ import scipy.signal
 
 import headstock as hs
 from common import Shell, approx, read_json
+from fixture_machines import stored_scene
 
 ROOT = Path(__file__).parents[2]
 STEP, STEPS = 1e-3, 200
@@ -398,16 +399,27 @@ def test_a_run_writes_the_exports_of_its_scene(shell: Shell) -> None:
 
 
 def test_an_export_that_cannot_be_written_costs_nothing_else(shell: Shell) -> None:
+    """The export of segments below an interface that averages is exact: dofs that are tied follow."""
     side = '{ face = "x+", rect = { center = ["0 mm", "250 mm"], size = ["10 mm", "100 mm"] } }'
     scene = shell.write(
-        BEAM + EXPORTS, ('"polynomial"', '"segmented"'), ('tip = { face = "z+" }', f"tip = {side}")
+        BEAM + EXPORTS,
+        ('"polynomial"', '"segmented"'),
+        ('tip = { face = "z+" }', f"tip = {side}"),
+        ('hz = "2 kHz"', 'hz = "2 kHz"\nstep = "9 ms"'),
     )
     shell(f"run {scene} -o results", code=1)
     (failure,) = shell.json("results/summary.json")["failures"]
-    assert failure.startswith("scene.toml: exports.tip: component 'beam'")
-    assert 'fidelity = "elastic"' in failure
-    assert "scene.toml: exports.tip: component" in shell.text("results/report.html")
-    assert {"plant.mat", "beam.xdmf", "tables"} <= shell.files("results")
+    assert failure.startswith("scene.toml: exports.plant: ")
+    assert "9 ms is too long for a mode" in failure
+    assert "scene.toml: exports.plant: " in shell.text("results/report.html")
+    assert {"tip.mat", "beam.xdmf", "tables"} <= shell.files("results")
+    body = read_simscape("results/tip.mat")
+    (foot,) = (k for k, name in enumerate(body["interfaces"].ravel()) if "foot" in str(name))
+    free = np.delete(np.arange(len(body["K"])), np.arange(6 * foot, 6 * foot + 6))
+    matrices = (body[letter][np.ix_(free, free)] for letter in "KM")
+    found = np.sqrt(scipy.linalg.eigvalsh(*matrices)[:6]) / (2.0 * np.pi)
+    modes = shell.json("results/summary.json")["modal"][0]["frequencies_hz"]
+    assert found == approx(modes[:6], rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -598,22 +610,69 @@ def test_what_is_no_position_is_refused(
         sliding.at(X=position)
 
 
-@pytest.mark.parametrize("form", ["fmu2", "fmu3"])
-def test_an_fmu_of_moving_axes_follows_their_positions(
-    sliding: hs.VaryingStateSpace, shell: Shell, tmp_path: Path, form: str
+@pytest.fixture(scope="module")
+def travelling(tmp_path_factory: pytest.TempPathFactory) -> hs.VaryingStateSpace:
+    """A table that turns on a slide on rails, its motors free."""
+    scene = tmp_path_factory.mktemp("travel") / "travelling.toml"
+    scene.write_text(stored_scene("travelling"))
+    return hs.varying_state_space(scene, ["X", "C"], hz="150 Hz", motors="free")
+
+
+def test_free_motors_along_rails_and_a_rotary_axis_are_those_of_each_pose(
+    travelling: hs.VaryingStateSpace, shell: Shell
 ) -> None:
-    scene = shell.write(SLIDE)
-    printed = shell.prints(f"export {scene} --to {form} --hz 400Hz --travel X -o slide.fmu")
+    """A screw that turns by itself, and a motor that turns a table through a gear."""
+    assert 0.0 < travelling.frozen_pose_error <= 0.01 and travelling.held_out >= 2
+    scene, hz = shell.write(stored_scene("travelling")), np.linspace(4.0, 150.0, 60)
+    positions = {"middle": {}, "left": {"X": "-130 mm", "C": "50 deg"}}
+    positions["right"] = {"X": "171 mm", "C": "-83 deg"}
+    for pose, where in positions.items():
+        exact = hs.state_space(scene, hz="1.2 kHz", pose=pose, motors="free")
+        space = travelling.at(**where)
+        for names in ("inputs", "outputs", "input_units", "output_units"):
+            assert getattr(space, names) == getattr(exact, names)
+        assert space.output_units == ("m", "m", "m", "m", "rad", "m", "rad")
+        wanted = respond(exact, hz)
+        error = np.linalg.norm(respond(space, hz) - wanted, axis=(1, 2))
+        assert (error / np.linalg.norm(wanted, axis=(1, 2))).max() <= travelling.frozen_pose_error
+
+
+DRIVE = """[drives.X]
+lead = "10 mm"
+inertia = "2e-4 kg m^2"
+kv = "30 1/s"
+velocity_gain = "5e3 N s/m"
+integral_time = "20 ms"
+[effects]
+drive_control = true
+"""
+
+
+@pytest.mark.parametrize(("form", "motors"), [("fmu2", "free"), ("fmu3", "locked")])
+def test_an_fmu_of_moving_axes_follows_their_positions(
+    sliding: hs.VaryingStateSpace,
+    shell: Shell,
+    tmp_path: Path,
+    form: str,
+    motors: Literal["free", "locked"],
+) -> None:
+    scene = shell.write(SLIDE, ("[effects]\n", DRIVE))
+    if motors == "free":
+        sliding = hs.varying_state_space(scene, "X", hz="400 Hz", step=STEP, motors=motors)
+    words = f"--to {form} --hz 400Hz --travel X --motors {motors} -o slide.fmu"
+    printed = shell.prints(f"export {scene} {words}")
     assert f"frozen-pose error {100.0 * sliding.frozen_pose_error:.2g} % in" in printed
     fmu = Library(Path("slide.fmu"), tmp_path / "fmu")
     inputs, outputs = fmu.variables("input"), list(fmu.variables("output").values())
-    assert list(inputs)[-1] == "position.X" and len(outputs) == 3
+    assert list(inputs)[-1] == "position.X" and len(inputs) == len(sliding.inputs) + 1
+    assert ("drive.X.motor" in fmu.variables("output")) == (motors == "free")
+    count = len(sliding.inputs)
     calls = [f"{verb}{('Real', 'Float64')[fmu.version - 2]}" for verb in ("Set", "Get")]
     assert fmu.exchange(calls[1], [inputs["position.X"]], [9.0]) == [-0.1]
     # at rest each step is exact; along the travel it is the rational one, and nearly exact
     moving = 0.3 * np.sin(np.linspace(0.0, 1.0, 100))
     places = np.concatenate([np.full(150, -0.1), -0.1 + moving])
-    forces = np.random.default_rng(5).standard_normal((len(places), 3))
+    forces = np.random.default_rng(5).standard_normal((len(places), count))
     state = follow = np.zeros(len(sliding.at().A))
     seen, exact, stepped = [], [], []
     first, space, poles = None, sliding.at(), rational_poles(6)
@@ -621,10 +680,10 @@ def test_an_fmu_of_moving_axes_follows_their_positions(
     for number, (place, force) in enumerate(zip(places, forces, strict=True)):
         fmu.exchange(calls[0], list(inputs.values()), [*force, place])
         assert fmu.step(number * STEP, STEP) == 0
-        seen.append(fmu.exchange(calls[1], outputs, [0.0] * 3))
+        seen.append(fmu.exchange(calls[1], outputs, [0.0] * len(outputs)))
         if place != first:
             first, space = place, continuous.at(X=place)
-            whole = np.zeros((len(state) + 3,) * 2)
+            whole = np.zeros((len(state) + count,) * 2)
             whole[: len(state)] = np.hstack([space.A, space.B])
             power = scipy.linalg.expm(whole * STEP)[: len(state)]
         follow = state if number <= 151 else follow
@@ -640,7 +699,8 @@ def test_an_fmu_of_moving_axes_follows_their_positions(
         follow = np.sum(terms, axis=0).real
         stepped.append(space.C @ (state if number <= 150 else follow))
     largest = np.abs(exact).max()
-    assert np.array(seen) == approx(np.array(stepped), abs=1e-9 * largest)
+    roundoff = 1e-8 if motors == "free" else 1e-9  # a free slide sums it up
+    assert np.array(seen) == approx(np.array(stepped), abs=roundoff * largest)
     assert np.array(seen) == approx(np.array(exact), abs=2e-4 * largest)
     fmu.exchange(calls[0], [inputs["position.X"]], [0.4])
     assert fmu.step(len(places) * STEP, STEP) != 0  # beyond the travel
@@ -701,11 +761,36 @@ def test_files_of_moving_axes_hold_rows_and_matrices(shell: Shell) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("--travel Y", "axes.Y there is none of this name; axes: X"),
+        ("--travel Y", "travel[0] there is no axis 'Y'; axes: X"),
         ("--travel X --balanced 1%", "leave out balanced or travel"),
         ("--error 1%", "error goes with travel"),
         ("--travel X --step 2ms", "2 ms is too long for a mode at 400 Hz"),
+        ("--travel X --motors free", "write drive_control = true"),
     ],
 )
 def test_wrong_travels_are_refused(shell: Shell, words: str, message: str) -> None:
-    assert message in shell.refuses(f"export {shell.write(SLIDE)} --hz 400Hz {words}")
+    assert message in shell.refuses(f"export {shell.write(SLIDE)} --to npz --hz 400Hz {words}")
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "message"),
+    [
+        (('normal = "150 N/um"', 'normal = "rigid"'), "joints.guide", "give what is rigid there"),
+        ((', limits = ["-250 mm", "250 mm"]', ""), "axes.X", "write `limits`"),
+        (
+            ("[effects]", "[effects]\ngravity = true\ngravity_stiffening = true"),
+            "exports.x.travel",
+            "leave out travel",
+        ),
+        (("[effects]", "[effects]"), "exports.x.step", "2 ms is too long for a mode at 400 Hz"),
+    ],
+)
+def test_what_cannot_travel_is_named_before_anything_is_computed(
+    shell: Shell, change: tuple[str, str], key: str, message: str
+) -> None:
+    step = 'step = "2 ms"' if "step" in key else ""
+    export = f'[exports.x]\nformat = "npz"\nhz = "400 Hz"\ntravel = ["X"]\n{step}\n'
+    scene = shell.write(SLIDE + export, change)
+    for words in ("check", "plan"):
+        refused = shell.refuses(f"{words} {scene}")
+        assert f"{scene}:" in refused and key in refused and message in refused
