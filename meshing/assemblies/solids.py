@@ -12,7 +12,7 @@ from headstock.meshing.assemblies.step_tree import read_tree
 from headstock.meshing.cad.faces import LENGTH_PRECISION
 from headstock.meshing.cad.features import quote_faces
 from headstock.meshing.cad.meshing import TRIANGLE, open_kernel, shape_bounds
-from headstock.meshing.cad.shapes import boundary_faces, import_step
+from headstock.meshing.cad.shapes import boundary_faces, import_step, read_step_text
 from headstock.meshing.errors import PartFileError
 from headstock.meshing.process.worker import Arrays
 
@@ -30,7 +30,7 @@ def measure_solids(path: str) -> Arrays:
         ``counts`` ``(n,)``.
     """
     file = Path(path)
-    tree = read_tree(file.read_bytes(), file.name)
+    tree = read_tree(read_step_text(file), file.name)
     with open_kernel():
         volumes = open_assembly(file)
         occ = gmsh.model.occ

@@ -8,7 +8,7 @@ import contextlib
 import math
 import re
 from collections import defaultdict
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from graphlib import CycleError, TopologicalSorter
 from typing import NamedTuple
@@ -25,15 +25,15 @@ MOST_OCCURRENCES = 20_000
 DEEPEST = 40
 LONGEST_NAME = 200
 END = b"END-ISO-10303-21"
-# number, type and arguments of an entity; a quote inside a string is doubled
-ENTITY = rb"#(\d{1,9})\s*=\s*(?:\(\s*)?(%s)\s*\(((?:[^';]++|'[^']*+')*+);"
-TREE = re.compile(
-    ENTITY % b"PRODUCT|PRODUCT_DEFINITION|PRODUCT_DEFINITION_FORMATION(?:_WITH_SPECIFIED_SOURCE)?"
+# up to its semicolon; a quote inside a string is doubled
+STATEMENT = re.compile(rb"(?:[^';/]++|'[^']*+'|/\*(?:[^*]|\*(?!/))*+\*/|/)*+;")
+ENTITY = rb"(?:\s|/\*(?:[^*]|\*(?!/))*+\*/)*+#(\d{1,9})\s*=\s*(?:\(\s*)?(%s)\s*\("
+TREE = (
+    b"PRODUCT|PRODUCT_DEFINITION|PRODUCT_DEFINITION_FORMATION(?:_WITH_SPECIFIED_SOURCE)?"
     b"|PRODUCT_DEFINITION_SHAPE|NEXT_ASSEMBLY_USAGE_OCCURRENCE|SHAPE_DEFINITION_REPRESENTATION"
     b"|CONTEXT_DEPENDENT_SHAPE_REPRESENTATION|REPRESENTATION_RELATIONSHIP"
     b"|ITEM_DEFINED_TRANSFORMATION"
 )
-AXES = re.compile(ENTITY % b"AXIS2_PLACEMENT_3D|DIRECTION")
 TOKEN = re.compile(rb"'(?:[^']|'')*+'|[(),]|[^'(),]++")
 MOVED = re.compile(rb"REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION\s*\(\s*(#\d+)")
 CODED = re.compile(
@@ -149,14 +149,24 @@ def _decode_letters(match: re.Match[str]) -> str:
 def _find_entities(text: bytes, file: str) -> dict[bytes, Entities]:
     """Return the arguments of the tree's entities by type and number."""
     entities: dict[bytes, Entities] = defaultdict(dict)
-    for count, match in enumerate(TREE.finditer(text)):
+    for count, (number, kind, body) in enumerate(_scan(text, TREE)):
         if count >= MOST_ENTITIES:
             raise PartFileError(
                 f"{file} has more than {MOST_ENTITIES} entities in its tree of products; export a part of the assembly"
             )
-        number, kind, body = match.groups()
-        entities[kind.removesuffix(b"_WITH_SPECIFIED_SOURCE")][int(number)] = _split(body)
+        entities[kind.removesuffix(b"_WITH_SPECIFIED_SOURCE")][number] = _split(body)
     return entities
+
+
+def _scan(text: bytes, kinds: bytes) -> Iterator[tuple[int, bytes, bytes]]:
+    """Yield number, type and arguments of the entities of some types, their bracket open; one pass,
+    whatever the text holds.
+    """
+    head, position = re.compile(ENTITY % kinds), 0
+    while statement := STATEMENT.match(text, position):
+        if entity := head.match(text, position, statement.end()):
+            yield int(entity[1]), entity[2], text[entity.end() : statement.end()]
+        position = statement.end()
 
 
 def _split(body: bytes) -> list[bytes]:
@@ -273,8 +283,7 @@ def _pick(text: bytes, kind: bytes, numbers: set[int]) -> Entities:
     """Return the arguments of entities of a type with these numbers."""
     if numbers <= {-1}:
         return {}
-    matches = re.finditer(ENTITY % kind, text)
-    return {int(m[1]): _split(m[3]) for m in matches if int(m[1]) in numbers}
+    return {number: _split(body) for number, _, body in _scan(text, kind) if number in numbers}
 
 
 def _read_numbers(word: bytes) -> FloatArray:

@@ -145,15 +145,10 @@ def import_step(path: Path) -> DimTags:
     Raises:
         MeshError: The file is missing, is no STEP file, refers to other files or holds no solid.
     """
-    if not path.is_file():
-        raise MeshError(f"there is no file {path}")
-    with path.open("rb") as file:
-        if b"ISO-10303-21" not in file.read(4096):
-            raise PartFileError(f"{path.name} is not a STEP file (no ISO-10303-21 header)")
     text = re.sub(
         rb"'[^']*'",
         lambda imported: b"'" + b"\n" * imported[0].count(b"\n") + b"'",
-        path.read_bytes(),
+        read_step_text(path),
     )
     _refuse_odd_numbers(text, path.name)
     _refuse_other_files(text, path.name)
@@ -167,6 +162,20 @@ def import_step(path: Path) -> DimTags:
             f"{path.name} holds no solid, only {len(imported)} surfaces or curves; export it as a solid body"
         )
     return imported
+
+
+def read_step_text(path: Path) -> bytes:
+    """Return the text of a STEP file.
+
+    Raises:
+        MeshError: The file is missing or is none.
+    """
+    if not path.is_file():
+        raise MeshError(f"there is no file {path}")
+    text = path.read_bytes()
+    if b"ISO-10303-21" not in text[:4096]:
+        raise PartFileError(f"{path.name} is not a STEP file (no ISO-10303-21 header)")
+    return text
 
 
 def _refuse_odd_numbers(text: bytes, file: str) -> None:
