@@ -2,7 +2,11 @@
 
 import math
 
+import numpy as np
+
 from headstock.geometry.parts.components import Patch
+from headstock.geometry.parts.patches import FACE_DIRECTIONS
+from headstock.geometry.parts.plane_shapes import flatten_patch, patch_width, plane_axes
 from headstock.geometry.parts.solids import HollowColumn, ParametricSolid, Plate, Tube
 
 CELL_BUDGET = 3_000_000
@@ -114,14 +118,16 @@ def count_patch_cells(patch: Patch, solid: ParametricSolid, *, across: int, size
         solid: On which it is; strips run all along it.
         size: Element size elsewhere [m].
     """
-    if patch.shape == "whole" or not patch.size or min(patch.size) / across >= NARROW_PATCH * size:
+    if patch.shape == "whole" or patch_width(patch) / across >= NARROW_PATCH * size:
         return 0.0
-    rim = {
-        "disk": math.pi * patch.size[0],
-        "rect": 2.0 * sum(patch.size),
-        "strip": 2.0 * _length_along(solid, patch.along),
-    }[patch.shape]
-    return count_rim_cells(rim, min(patch.size) / across, growth=NARROW_GROWTH, size=size)
+    if patch.shape == "strip":
+        rim = 2.0 * _length_along(solid, patch.along)
+    elif patch.shape == "band":
+        rim = 2.0 * math.pi * largest_extent(solid)
+    else:
+        normal = FACE_DIRECTIONS[patch.face][0]
+        rim = flatten_patch(patch, plane_axes(np.eye(3)[normal])).perimeter
+    return count_rim_cells(rim, patch_width(patch) / across, growth=NARROW_GROWTH, size=size)
 
 
 def _length_along(solid: ParametricSolid, axis: str | None) -> float:

@@ -18,6 +18,7 @@ from headstock.geometry.parts.patches import (
     named_planar_face,
     patch_rects,
 )
+from headstock.geometry.parts.plane_shapes import flatten_patch
 from headstock.meshing.components.skins import find_areas
 from headstock.pipeline.preview.rigid_view import SupportView
 from headstock.pipeline.results.views import JointView, MachineView, PointView, PoseView, SensorView
@@ -37,7 +38,6 @@ MOUNT, WORK, SUPPORT = (0.10, 0.55, 0.27), (0.10, 0.35, 0.80), (0.20, 0.20, 0.20
 SENSOR, MASS = (0.80, 0.25, 0.60), (0.30, 0.30, 0.30)
 MOST_NAMED = 20  # sensors; more names would hide the machine
 AREAS: dict[str, Color] = {"area of an interface": (0.78, 0.78, 0.75), "rail": (0.25, 0.27, 0.30)}
-CIRCLE = np.linspace(0.0, 2.0 * np.pi, 32, endpoint=False)
 LIFT = 1e-3  # of an area above its face, as a share of the part's size
 FREE_KINDS = ("revolute", "universal", "spherical", "prismatic")
 BALL_SHARE, ARROW_SHARE, CONE_SHARE = 0.007, 0.06, 0.03
@@ -238,5 +238,6 @@ def _outlines(face: PlanarFace, patch: Patch) -> list[FloatArray]:
     rects = patch_rects(face, patch)
     if rects is not None:
         return [np.array([[a, c], [b, c], [b, d], [a, d]]) for a, b, c, d in rects]
-    middle = np.array([patch.center[axis] for axis in in_plane_axes(face.axis)])
-    return [middle + 0.5 * patch.size[0] * np.column_stack([np.cos(CIRCLE), np.sin(CIRCLE)])]
+    axes = list(in_plane_axes(face.axis))
+    middle = np.array(patch.center)[axes]
+    return [middle + piece for piece in flatten_patch(patch, np.eye(3)[axes]).pieces()]

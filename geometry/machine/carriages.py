@@ -18,6 +18,7 @@ from headstock.geometry.parts.patches import (
     OVERHANG_TOLERANCE,
     PlanarSolid,
     Span,
+    band_span,
     imprint_window,
     in_plane_axes,
     named_planar_face,
@@ -60,7 +61,7 @@ def rail_pieces(solid: Solid, interface: Interface) -> tuple[Span, ...] | None:
 
 def _patch_span(solid: Solid, patch: Patch, axis: int) -> Span | None:
     if isinstance(solid, Tube) and patch.face in ("outer", "inner"):
-        return (0.0, solid.length) if axis == 2 else None
+        return band_span(patch, 0.0, solid.length) if axis == 2 else None
     normal = FACE_DIRECTIONS.get(patch.face, (-1, 0.0))[0]
     if normal == axis:
         return None

@@ -15,6 +15,7 @@ from headstock.geometry.parts.solids import Solid
 Fidelity = Literal["rigid", "segmented", "polynomial", "elastic"]
 CouplingKind = Literal["rigid", "average"]
 CellShape = Literal["tet", "hex"]
+ShapeName = Literal["whole", "disk", "rect", "strip", "band", "ring", "outline"]
 
 
 @dataclass(frozen=True)
@@ -80,19 +81,29 @@ class Patch:
         face: ``x- x+ y- y+ z- z+`` (the planar face(s) at that end of the bounding box), ``face:N``
             (the N-th CAD face, counted from 1 as ``show`` numbers them), ``outer`` / ``inner``
             (curved faces of a tube) or ``set:NAME`` (a named surface set of an imported mesh).
-        shape: ``whole`` face, or a ``disk``, ``rect`` or ``strip`` imprinted on it.
+        shape: ``whole`` face, or what is imprinted on it.
         center: Centre of the imprint in component coordinates [m]; its component along the face
             normal is ignored.
-        size: ``(diameter,)`` of a disk, ``(a, b)`` of a rect along the two in-plane axes in the
-            order x y z without the normal, ``(width,)`` of a strip that crosses the face.
+        size: ``(diameter,)`` of a disk, ``(outer, inner)`` diameter of a ring, ``(a, b)`` of a rect
+            along the two in-plane axes in the order x y z without the normal, ``(width,)`` of a strip
+            that crosses the face and of a band around it; none of an outline.
         along: In-plane axis a strip runs along (``x``, ``y`` or ``z``).
+        angle: By which a rect is turned from the first in-plane axis towards the second [rad].
+        corners: Of an outline, in its order, in component coordinates [m].
     """
 
     face: str
-    shape: Literal["whole", "disk", "rect", "strip"] = "whole"
+    shape: ShapeName = "whole"
     center: tuple[float, float, float] = (0.0, 0.0, 0.0)
     size: tuple[float, ...] = ()
     along: str | None = None
+    angle: float = 0.0
+    corners: tuple[tuple[float, float, float], ...] = ()
+
+    @property
+    def is_grid_aligned(self) -> bool:
+        """Return whether it is made of rectangles along the axes on a face across one."""
+        return self.shape in ("whole", "rect", "strip") and not self.angle
 
 
 @dataclass(frozen=True)

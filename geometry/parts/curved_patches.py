@@ -1,22 +1,26 @@
-"""Patches on curved faces: how a disk, a rect or a strip lies on one, wherever the face comes from."""
+"""Patches on curved faces: how a shape lies on one, wherever the face comes from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
+from headstock.geometry.parts.plane_shapes import (
+    PlaneShape,
+    flatten_patch,
+    plane_axes,
+    strip_direction,
+)
 
 # cosine of the steepest slope of a face towards a patch that lies on it: beyond, the patch wraps
 # around it and its outline no longer says what it takes
 STEEPEST = 0.17
-IN_FACE = 0.5  # cosine between the axis a strip runs along and its direction on the face, at least
 # to which the normals of a face that is moved in itself, relative to all, stand across that motion
 MOTION_TOLERANCE = 1e-3
 ASTRAY = 0.5  # sine between a band and the axis it is said to run along, at most
 STEEPEST_PITCH = 0.15  # advance over way of a motion that counts as a rotation
 SLOWEST = 0.2  # extent over radius of a rotation: a larger circle is a straight line
-DISK_SIDES = 32  # of the polygon that is drawn for a disk
 FLATTEST = 0.1  # cosine between the width of a band and the axis it goes around, at least
 
 
@@ -24,17 +28,17 @@ FLATTEST = 0.1  # cosine between the width of a band and the axis it goes around
 class CurvedPatch:
     """A patch laid on a curved face.
 
-    A disk or a rect takes what lies under its outline, seen along the normal in its middle, on that
-    side of the face. A strip takes what lies between two parallel planes, as far as the face goes:
-    around a face of revolution, where it runs that way, a band between two parallels.
+    A disk or another closed shape takes what lies under it, seen along the normal in its middle, on
+    that side of the face. A strip takes what lies between two parallel planes, as far as the face
+    goes: around a face of revolution, where it runs that way, a band between two parallels.
 
     Attributes:
         patch: As it was written; its size is in the unit of ``origin``.
         origin: Middle on the face, ``(3,)``.
         normal: Unit normal of the face there, ``(3,)``.
-        first: Unit in-plane axis ``(3,)`` there, that of the first size of a rect.
-        second: The other one, ``(3,)``.
-        across: Unit normal ``(3,)`` of the planes beside a strip; None of a disk or a rect.
+        axes: Unit in-plane axes there, ``(2, 3)``.
+        shape: In that plane; None of a strip and a band.
+        across: Unit normal ``(3,)`` of the planes beside a strip or a band.
         half_width: Half the distance of those planes.
         axis: A point ``(3,)`` of the axis that a band goes around, and its unit direction ``(3,)``;
             None where no motion of the face in itself runs along the strip.
@@ -43,9 +47,9 @@ class CurvedPatch:
     patch: Patch
     origin: FloatArray
     normal: FloatArray
-    first: FloatArray
-    second: FloatArray
-    across: FloatArray | None = None
+    axes: FloatArray
+    shape: PlaneShape | None = None
+    across: FloatArray = field(default_factory=lambda: np.zeros(3))
     half_width: float = 0.0
     axis: tuple[FloatArray, FloatArray] | None = None
 
@@ -57,12 +61,9 @@ class CurvedPatch:
             points: Of the face, ``(n, 3)``.
         """
         offset = points - self.origin
-        if self.across is not None:
-            return self.half_width - np.abs(offset @ self.across)
-        a, b = offset @ self.first, offset @ self.second
-        if self.patch.shape == "disk":
-            return self.patch.size[0] / 2 - np.hypot(a, b)
-        return np.minimum(self.patch.size[0] / 2 - np.abs(a), self.patch.size[1] / 2 - np.abs(b))
+        if self.shape is not None:
+            return self.shape.depths(offset @ self.axes.T)
+        return self.half_width - np.abs(offset @ self.across)
 
     def clip(self, corners: FloatArray) -> FloatArray:
         """Return the parts ``(k, 3, 3)`` of triangles that lie within the outline, seen along the
@@ -71,22 +72,17 @@ class CurvedPatch:
         Args:
             corners: Of the face, ``(m, 3, 3)``.
         """
-        if self.across is not None:
-            sides = [(sign * self.across, self.half_width) for sign in (-1.0, 1.0)]
-        elif self.patch.shape == "disk":
-            angles = 2.0 * np.pi * np.arange(DISK_SIDES) / DISK_SIDES
-            around = np.column_stack([np.cos(angles), np.sin(angles)])
-            outward = around @ np.array([self.first, self.second])
-            sides = [(direction, self.patch.size[0] / 2) for direction in outward]
+        if self.shape is None:
+            planes = [[(sign * self.across, self.half_width) for sign in (-1.0, 1.0)]]
         else:
-            sides = [
-                (sign * direction, size / 2)
-                for direction, size in zip((self.first, self.second), self.patch.size, strict=True)
-                for sign in (-1.0, 1.0)
-            ]
-        for direction, reach in sides:
-            corners = _cut_triangles(corners, reach - (corners - self.origin) @ direction)
-        return corners
+            planes = [_list_sides(piece, self.axes) for piece in self.shape.pieces()]
+        parts = []
+        for sides in planes:
+            part = corners
+            for direction, reach in sides:
+                part = _cut_triangles(part, reach - (part - self.origin) @ direction)
+            parts.append(part)
+        return np.concatenate(parts)
 
     def facing(self, points: FloatArray, normals: FloatArray) -> FloatArray:
         """Return the cosines ``(n,)`` between normals and that in the middle; around a band each is
@@ -112,9 +108,21 @@ class CurvedPatch:
             points: Of the face, ``(n, 3)``.
             normals: Of the face there, ``(n, 3)``.
         """
-        if self.across is None or self.axis is not None:
+        if self.shape is not None or self.axis is not None:
             return self.facing(points, normals)
         return np.sqrt(np.clip(1.0 - (normals @ self.across) ** 2, 0.0, 1.0))
+
+
+def _list_sides(polygon: FloatArray, axes: FloatArray) -> list[tuple[FloatArray, float]]:
+    """Return the outward directions ``(3,)`` of a convex polygon's sides, and how far each lies out.
+
+    Args:
+        polygon: ``(k, 2)`` along in-plane axes ``(2, 3)``, anticlockwise.
+    """
+    edges = np.roll(polygon, -1, axis=0) - polygon
+    outward = edges[:, ::-1] / np.hypot(*edges.T)[:, None] * [1.0, -1.0]
+    reaches = np.einsum("ij,ij->i", outward, polygon)
+    return [(side @ axes, float(reach)) for side, reach in zip(outward, reaches, strict=True)]
 
 
 def _cut_triangles(corners: FloatArray, depths: FloatArray) -> FloatArray:
@@ -140,39 +148,6 @@ def _cut_triangles(corners: FloatArray, depths: FloatArray) -> FloatArray:
     return np.concatenate(parts)
 
 
-def plane_axes(normal: FloatArray) -> FloatArray:
-    """Return the two global axes that lie most in a plane, in the order x y z, made orthonormal
-    within it: ``(2, 3)``.
-
-    Args:
-        normal: Unit normal of the plane, ``(3,)``.
-    """
-    first, second = (axis for axis in range(3) if axis != int(np.argmax(np.abs(normal))))
-    a = _reject(np.eye(3)[first], normal)
-    a /= np.linalg.norm(a)
-    b = _reject(np.eye(3)[second], normal)
-    b -= (b @ a) * a
-    return np.array([a, b / np.linalg.norm(b)])
-
-
-def strip_axes(patch: Patch, normal: FloatArray) -> FloatArray:
-    """Return the unit directions along and across a strip in a plane, ``(2, 3)``.
-
-    Args:
-        normal: Unit normal of the plane, ``(3,)``.
-
-    Raises:
-        ValueError: It runs along no axis that lies in the plane.
-    """
-    axes = plane_axes(normal)
-    shares = np.abs(axes @ np.array([float(patch.along == axis) for axis in "xyz"]))
-    if shares.max() < IN_FACE:
-        raise ValueError(
-            f"a strip on face {patch.face!r} needs 'along' set to an axis in that face, not {patch.along!r}"
-        )
-    return axes if shares[0] >= shares[1] else axes[::-1]
-
-
 def lay_patch(
     patch: Patch,
     origin: FloatArray,
@@ -185,7 +160,7 @@ def lay_patch(
     """Lay a patch on a curved face.
 
     Args:
-        patch: A disk, rect or strip.
+        patch: A part of the face.
         origin: Point of the face in the patch's middle, ``(3,)``.
         normal: Unit normal there, ``(3,)``.
         points: Points all over the face, ``(n, 3)``.
@@ -193,22 +168,82 @@ def lay_patch(
         tolerance: To which the normals are those of a smooth face.
 
     Raises:
-        ValueError: A strip runs along no axis in the face.
+        ValueError: A strip runs along no axis in the face, a band goes around no axis of it.
     """
-    first, second = plane_axes(normal)
+    axes = plane_axes(normal)
+    if patch.shape == "band":
+        on_axis, direction = _find_only_axis(patch, origin, points, normals, tolerance)
+        middle = origin + ((np.array(patch.center) - origin) @ direction) * direction
+        around = (on_axis, direction)
+        return CurvedPatch(patch, middle, normal, axes, None, direction, patch.size[0] / 2, around)
     if patch.shape != "strip":
-        return CurvedPatch(patch, origin, normal, first, second)
-    along, width = strip_axes(patch, normal)
+        return CurvedPatch(patch, origin, normal, axes, flatten_patch(patch, axes))
+    run = strip_direction(patch, axes)
+    along, width = axes[run], axes[1 - run]
     axis = _find_axis(along, origin, points, normals, tolerance)
     # the meridian of a face that turns in itself, along which the width of a band is measured
     meridian = None if axis is None else np.cross(axis[1], origin - axis[0])
+    straight = CurvedPatch(patch, origin, normal, axes, None, width, patch.size[0] / 2)
     if axis is None or meridian is None:
-        return CurvedPatch(patch, origin, normal, first, second, width, patch.size[0] / 2)
+        return straight
     slope = abs(float(axis[1] @ np.cross(normal, meridian))) / float(np.linalg.norm(meridian))
     if slope < FLATTEST:
-        return CurvedPatch(patch, origin, normal, first, second, width, patch.size[0] / 2)
+        return straight
     half = slope * patch.size[0] / 2
-    return CurvedPatch(patch, origin, normal, first, second, axis[1], half, axis)
+    return CurvedPatch(patch, origin, normal, axes, None, axis[1], half, axis)
+
+
+def _find_motions(
+    origin: FloatArray, points: FloatArray, normals: FloatArray, tolerance: float
+) -> tuple[FloatArray, float]:
+    """Return the rigid motions ``(m, 6)`` that move a face in itself, and the length to which their
+    rotations refer.
+
+    A velocity ``v(p) = t + w x p`` that is tangential all over the face satisfies ``n t + (p x n) w
+    = 0``: cylinders have two such motions, spheres and planes three, other faces of revolution one.
+
+    Args:
+        origin: Point of the face, ``(3,)``, whose velocity is ``t``.
+        points: All over the face, ``(n, 3)``.
+        normals: Its unit normals there, ``(n, 3)``.
+
+    Source: Pottmann and Wallner (2001), Computational Line Geometry, section 3.4.
+    """
+    offsets = points - origin
+    scale = float(np.abs(offsets).max())
+    rows = np.hstack([normals, np.cross(offsets / scale, normals)])
+    _, sizes, shapes = np.linalg.svd(rows, full_matrices=True)
+    sizes = np.pad(sizes, (0, 6 - len(sizes)))
+    return shapes[sizes <= tolerance * sizes[0]], scale
+
+
+def _find_only_axis(
+    patch: Patch, origin: FloatArray, points: FloatArray, normals: FloatArray, tolerance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Find the point and unit direction of the one axis about which a face turns in itself.
+
+    Args:
+        patch: A band, for the message.
+        origin: Point of the face, ``(3,)``.
+        points: All over the face, ``(n, 3)``.
+        normals: Its unit normals there, ``(n, 3)``.
+
+    Raises:
+        ValueError: There is none, or several, as of planes and spheres.
+    """
+    motions, scale = _find_motions(origin, points, normals, tolerance)
+    if 1 <= len(motions) <= 2:
+        _, sizes, axes = np.linalg.svd(motions[:, 3:])
+        direction = axes[0]
+        single = len(motions) == 1 or sizes[1] <= np.sqrt(tolerance) * sizes[0]
+        shares, *_ = np.linalg.lstsq(motions[:, 3:].T, direction, rcond=np.sqrt(tolerance))
+        velocity, rotation = np.split(shares @ motions, 2)
+        screws = abs(float(velocity @ direction)) > STEEPEST_PITCH
+        if single and sizes[0] > SLOWEST and not screws:
+            return origin + scale * np.cross(rotation, velocity), direction
+    raise ValueError(
+        f"a band goes around a cylinder or cone, and face {patch.face!r} is none; write a disk, rect, ring or strip"
+    )
 
 
 def _find_axis(
@@ -221,23 +256,13 @@ def _find_axis(
     """Find the point and unit direction of the axis about which a face turns in itself, moving a
     point of it more or less in a given direction; None where there is no such rotation.
 
-    A velocity ``v(p) = t + w x p`` that is tangential all over the face satisfies ``n t + (p x n) w
-    = 0``: cylinders have two such motions, spheres three, other faces of revolution one.
-
     Args:
         along: Unit direction ``(3,)``.
         origin: Point of the face, ``(3,)``.
         points: All over the face, ``(n, 3)``.
         normals: Its unit normals there, ``(n, 3)``.
-
-    Source: Pottmann and Wallner (2001), Computational Line Geometry, section 3.4.
     """
-    offsets = points - origin
-    scale = float(np.abs(offsets).max())
-    rows = np.hstack([normals, np.cross(offsets / scale, normals)])
-    _, sizes, shapes = np.linalg.svd(rows, full_matrices=True)
-    sizes = np.pad(sizes, (0, 6 - len(sizes)))
-    motions = shapes[sizes <= tolerance * sizes[0]]
+    motions, scale = _find_motions(origin, points, normals, tolerance)
     if not len(motions):
         return None
     # offsets begin at the point, whose velocity is therefore t; the least motion does not spin there

@@ -15,6 +15,7 @@ from headstock.geometry.parts.patches import (
     PlanarFace,
     PlanarSolid,
     SignedBox,
+    band_span,
     imprint_window,
     in_plane_axes,
     named_planar_face,
@@ -22,6 +23,7 @@ from headstock.geometry.parts.patches import (
     planar_boxes,
     rect_union,
 )
+from headstock.geometry.parts.plane_shapes import flatten_patch
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, PointMass, Tube
 
 AreaMoment = tuple[float, FloatArray]
@@ -119,8 +121,8 @@ def _patch_box(solid: PlanarSolid | Tube, patch: Patch) -> FloatArray:
     if isinstance(solid, Tube) or (face := named_planar_face(solid, patch.face)) is None:
         return box
     first, second = in_plane_axes(axis)
-    disk = [imprint_window(axis, patch)] if patch.shape == "disk" else None
-    rects = np.array(disk or patch_rects(face, patch) or face.rects)
+    window = [] if patch.is_grid_aligned else [imprint_window(axis, patch)]
+    rects = np.array(window or patch_rects(face, patch) or face.rects)
     box[:, first] = rects[:, 0].min(), rects[:, 1].max()
     box[:, second] = rects[:, 2].min(), rects[:, 3].max()
     return box
@@ -184,21 +186,26 @@ def interface_moment(solid: PlanarSolid | Tube, interface: Interface) -> AreaMom
 
 
 def _tube_parts(tube: Tube, patches: tuple[Patch, ...]) -> list[AreaMoment] | None:
-    if any(patch.shape != "whole" for patch in patches):
+    if any(patch.shape not in ("whole", "band") for patch in patches):
         return None
     ring = np.pi * (tube.outer_diameter**2 - tube.inner_diameter**2) / 4
-    middle = np.array([0.0, 0.0, tube.length / 2])
     moments: dict[str, AreaMoment] = {
         "z-": (ring, np.zeros(3)),
         "z+": (ring, np.array([0.0, 0.0, tube.length])),
-        "outer": (np.pi * tube.outer_diameter * tube.length, middle),
     }
-    if tube.inner_diameter > 0.0:
-        moments["inner"] = (np.pi * tube.inner_diameter * tube.length, middle)
-    faces = dict.fromkeys(patch.face for patch in patches)  # a face named twice counts once
-    if any(face not in moments for face in faces):
-        return None
-    return [moments[face] for face in faces]
+    around = {"outer": np.pi * tube.outer_diameter, "inner": np.pi * tube.inner_diameter}
+    parts = []
+    for face in dict.fromkeys(patch.face for patch in patches):  # a face named twice counts once
+        if face in moments:
+            parts.append(moments[face])
+        elif around.get(face):
+            spans = [band_span(each, 0.0, tube.length) for each in patches if each.face == face]
+            for low, high, *_ in rect_union([(*span, 0.0, 1.0) for span in spans]):
+                middle = np.array([0.0, 0.0, 0.5 * (low + high)])
+                parts.append((around[face] * (high - low), middle))
+        else:
+            return None
+    return parts
 
 
 def _planar_parts(solid: PlanarSolid, patches: tuple[Patch, ...]) -> list[AreaMoment] | None:
@@ -217,11 +224,11 @@ def _planar_parts(solid: PlanarSolid, patches: tuple[Patch, ...]) -> list[AreaMo
 def _face_part(face: PlanarFace, patches: list[Patch]) -> AreaMoment | None:
     """Return the area and centroid of the union of patches on one face."""
     first, second = in_plane_axes(face.axis)
-    if len(patches) == 1 and patches[0].shape == "disk":
-        return _disk_part(face, patches[0])
+    if len(patches) == 1 and not patches[0].is_grid_aligned:
+        return _shape_part(face, patches[0])
     rects = [patch_rects(face, patch) for patch in patches]
     if any(r is None for r in rects):
-        return None  # disks among others: their overlap is left to the CAD kernel
+        return None  # such among others: their overlap is left to the CAD kernel
     pieces = np.array(rect_union([rect for group in rects if group is not None for rect in group]))
     if not len(pieces):
         return None
@@ -233,13 +240,16 @@ def _face_part(face: PlanarFace, patches: list[Patch]) -> AreaMoment | None:
     return float(areas.sum()), centroid
 
 
-def _disk_part(face: PlanarFace, patch: Patch) -> AreaMoment | None:
+def _shape_part(face: PlanarFace, patch: Patch) -> AreaMoment | None:
     left, right, bottom, top = imprint_window(face.axis, patch)
     if not any(
         rect[0] <= left and right <= rect[1] and rect[2] <= bottom and top <= rect[3]
         for rect in face.rects
     ):
         return None
+    axes = list(in_plane_axes(face.axis))
+    shape = flatten_patch(patch, np.eye(3)[axes])
     centroid = np.array(patch.center, dtype=float)
     centroid[face.axis] = face.position
-    return float(np.pi * (patch.size[0] / 2) ** 2), centroid
+    centroid[axes] += shape.centroid
+    return shape.area, centroid

@@ -11,6 +11,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
+from headstock.geometry.parts.plane_shapes import flatten_patch
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Tube
 
 PlanarSolid = Box | Plate | HollowColumn
@@ -176,11 +177,11 @@ def named_planar_face(solid: PlanarSolid, face: str) -> PlanarFace | None:
 
 def patch_rects(face: PlanarFace, patch: Patch) -> list[Rect] | None:
     """Return the rectangles of a whole, rect or strip patch, cut to its face (they may overlap);
-    None for a disk.
+    None for other shapes.
     """
     if patch.shape == "whole":
         return list(face.rects)
-    if patch.shape == "disk":
+    if not patch.is_grid_aligned:
         return None
     window = imprint_window(face.axis, patch)
     cut = [
@@ -196,16 +197,15 @@ def patch_outline(solid: object, patch: Patch) -> Outline | None:
     Args:
         solid: Of the component. The end of a tube is a ring, or a disk.
     """
-    if patch.shape == "rect":
+    if patch.shape == "rect" and not patch.angle:
         return Outline(0.5 * np.array(patch.size))
     on_end = isinstance(solid, Tube) and patch.face in ("z-", "z+")
     if isinstance(solid, Tube) and on_end and patch.shape == "whole":
         return _circle(solid.outer_diameter, solid.inner_diameter)
-    if patch.shape == "disk":
+    if patch.shape in ("disk", "ring"):
         on_axis = on_end and not np.any(patch.center[:2])
-        return _circle(
-            patch.size[0], solid.inner_diameter if isinstance(solid, Tube) and on_axis else 0.0
-        )
+        bore = solid.inner_diameter if isinstance(solid, Tube) and on_axis else 0.0
+        return _circle(patch.size[0], max(bore, *patch.size[1:], 0.0))
     face = named_planar_face(solid, patch.face) if isinstance(solid, PlanarSolid) else None
     rects = None if face is None else patch_rects(face, patch)
     if not rects:
@@ -219,22 +219,28 @@ def _circle(diameter: float, hole: float) -> Outline:
 
 
 def imprint_window(axis: int, patch: Patch) -> Rect:
-    """Return the in-plane extent of a disk, rect or strip on a face with the given normal axis; a strip
-    is endless along its own axis.
+    """Return the in-plane extent of a patch on a face with the given normal axis; a strip is endless
+    along its own axis.
+
+    Raises:
+        ValueError: It has no shape in a plane, see ``flatten_patch``.
     """
-    first, second = in_plane_axes(axis)
-    a, b = patch.center[first], patch.center[second]
-    if patch.shape == "strip":
-        half = patch.size[0] / 2
-        if patch.along == "xyz"[first]:
-            return (-np.inf, np.inf, b - half, b + half)
-        return (a - half, a + half, -np.inf, np.inf)
-    return (
-        a - patch.size[0] / 2,
-        a + patch.size[0] / 2,
-        b - patch.size[-1] / 2,
-        b + patch.size[-1] / 2,
-    )
+    axes = list(in_plane_axes(axis))
+    low, high = flatten_patch(patch, np.eye(3)[axes]).bounds + np.array(patch.center)[axes]
+    return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+
+def band_span(patch: Patch, low: float, high: float) -> Span:
+    """Return where a patch on the round face of a tube begins and ends along its axis [m].
+
+    Args:
+        low: Where the face begins [m].
+        high: Where it ends [m].
+    """
+    if patch.shape != "band":
+        return low, high
+    middle, half = patch.center[2], 0.5 * patch.size[0]
+    return max(middle - half, low), min(middle + half, high)
 
 
 def rect_union(rects: list[Rect]) -> list[Rect]:
@@ -292,7 +298,7 @@ def sample_patches(
     for face in dict.fromkeys(patch.face for patch in patches):
         mine = [patch for patch in patches if patch.face == face]
         parts += (
-            _round_samples(solid, face, breaks, order)
+            _round_samples(solid, face, mine, breaks, order)
             if isinstance(solid, Tube)
             else _planar_samples(solid, face, mine, axis, breaks, order)
         )
@@ -328,9 +334,9 @@ def _planar_samples(
             )
         )
     flat += [
-        _disk_points(patch, first, second, axis, breaks, order)
+        _slice_patch(patch, face.axis, axis, breaks, order)
         for patch in patches
-        if patch.shape == "disk"
+        if not patch.is_grid_aligned
     ]
     samples = []
     for a, b, areas in flat:
@@ -340,42 +346,40 @@ def _planar_samples(
     return samples
 
 
-def _disk_points(
-    patch: Patch,
-    first: int,
-    second: int,
-    axis: int,
-    breaks: Sequence[float],
-    order: Order | None,
+def _slice_patch(
+    patch: Patch, normal: int, axis: int, breaks: Sequence[float], order: Order | None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the in-plane places and areas of a disk, in slices across the bar's axis (or across
+    """Return the in-plane places and areas of a patch, in slices across the bar's axis (or across
     the first direction on its end faces).
     """
-    swap = axis == second
-    along, across = (
-        (patch.center[second], patch.center[first])
-        if swap
-        else (patch.center[first], patch.center[second])
-    )
-    radius = 0.5 * patch.size[0]
+    axes = list(in_plane_axes(normal))
+    shape, center = flatten_patch(patch, np.eye(3)[axes]), np.array(patch.center)[axes]
+    sliced = 1 if axis == axes[1] else 0
+    low, high = shape.bounds[:, sliced] + center[sliced]
+    cuts = [cut + center[sliced] for cut in shape.kinks(sliced)]
     places, weights = _gauss_points(
-        along - radius,
-        along + radius,
-        breaks if axis in (first, second) else [],
+        low,
+        high,
+        sorted([*(breaks if axis in axes else []), *cuts]),
         2 * (max(order) if order else ALONG_POINTS),
     )
-    chords = np.sqrt(np.maximum(0.0, radius**2 - (places - along) ** 2))
+    middles, halves = shape.chords(sliced, places - center[sliced])
     nodes, node_weights = np.polynomial.legendre.leggauss(max(order) if order else ACROSS_POINTS)
-    a, b = np.repeat(places, len(nodes)), (across + chords[:, None] * nodes).ravel()
-    areas = (weights * chords)[:, None] * node_weights
-    return (b, a, areas.ravel()) if swap else (a, b, areas.ravel())
+    across = center[1 - sliced] + middles[..., None] + halves[..., None] * nodes
+    along = np.broadcast_to(places[:, None, None], across.shape)
+    areas = (weights[:, None] * halves)[..., None] * node_weights
+    flat = (along.ravel(), across.ravel(), areas.ravel())
+    return (flat[1], flat[0], flat[2]) if sliced else flat
 
 
 def _round_samples(
-    tube: Tube, face: str, breaks: Sequence[float], order: Order | None
+    tube: Tube, face: str, patches: Sequence[Patch], breaks: Sequence[float], order: Order | None
 ) -> list[PatchSamples]:
     """Return the rings of points on a tube; on its end faces one ring with the second moments of
     the whole face where no order is asked for.
+
+    Args:
+        patches: Whole faces or bands on that face.
     """
     outer, inner = 0.5 * tube.outer_diameter, 0.5 * tube.inner_diameter
     count = RING_POINTS if order is None else 2 * order[1] + 1
@@ -395,7 +399,9 @@ def _round_samples(
         heights = np.full(len(radii), ends[face])
     elif face in ("outer", "inner"):
         radius = outer if face == "outer" else inner
-        heights, weights = _gauss_points(0.0, tube.length, breaks, order and order[0])
+        spans = rect_union([(*band_span(patch, 0.0, tube.length), 0.0, 1.0) for patch in patches])
+        parts = [_gauss_points(*span[:2], breaks, order and order[0]) for span in spans]
+        heights, weights = (np.concatenate(values) for values in zip(*parts, strict=True))
         areas, radii = weights * 2.0 * math.pi * radius, np.full(len(heights), radius)
     else:
         raise ValueError(f"the place of face {face!r} is not known")

@@ -9,7 +9,12 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
-from headstock.geometry.parts.patches import FACE_DIRECTIONS, imprint_window, in_plane_axes
+from headstock.geometry.parts.patches import (
+    FACE_DIRECTIONS,
+    band_span,
+    imprint_window,
+    in_plane_axes,
+)
 from headstock.geometry.parts.solids import Box, HollowColumn, Plate, Solid, Tube
 
 SERIES_TERMS = 60
@@ -99,7 +104,7 @@ def patch_span(bar: PrismaticBar, patch: Patch) -> tuple[float, float]:
         ValueError: Only a CAD kernel knows where the face lies.
     """
     if patch.face in ("outer", "inner"):
-        return bar.low, bar.high
+        return band_span(patch, bar.low, bar.high)
     if patch.face not in FACE_DIRECTIONS:
         raise ValueError(
             f"where its face {patch.face!r} lies along the bar is not known; write x- x+ y- y+ z- or z+"

@@ -1,4 +1,4 @@
-"""Disks, rects and strips cut out of a curved CAD face, and the area of the face under them."""
+"""Shapes cut out of a curved CAD face, and the area of the face under them."""
 
 import gmsh
 import numpy as np
@@ -6,7 +6,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
 from headstock.geometry.parts.curved_patches import STEEPEST, CurvedPatch, lay_patch
-from headstock.meshing.cad.shapes import add_prism, face_curves, total_area
+from headstock.meshing.cad.shapes import add_prism, add_swept, face_curves, total_area
 from headstock.meshing.errors import PartFileError
 
 SAMPLES = 12  # along each parameter of a face, to see how it bends
@@ -27,7 +27,7 @@ def cut_curved_face(face: int, patch: Patch, extent: float, unit: float) -> list
     """Cut the part of a curved face that a patch takes.
 
     Args:
-        patch: A disk, rect or strip; its size is in the unit of the model.
+        patch: A part of the face; its size is in the unit of the model.
         extent: Longest side of the solid.
         unit: Length of the model's unit [m], for messages.
 
@@ -37,13 +37,15 @@ def cut_curved_face(face: int, patch: Patch, extent: float, unit: float) -> list
     Raises:
         PartFileError: It is not clear where the patch lies, it wraps around the face, or what is cut
             out has another area than the face under the outline.
-        ValueError: A strip runs along no axis in the face.
+        ValueError: A strip runs along no axis in the face, a band goes around none.
     """
     seats = _find_seats(face, np.array(patch.center), extent)
     points, normals = _sample_face(face, face)
     laid = _lay_at_one(seats, patch, points, normals)
     origins = np.array([origin for origin, _ in seats])
-    if (laid.depths(origins) < 0.0).any():
+    # where a band lies its axis alone says
+    several = len(seats) > 1 and patch.shape != "band"
+    if several and (laid.depths(origins) < 0.0).any():
         raise PartFileError(
             f"the {patch.shape} on face {patch.face!r} may lie at {len(seats)} places and more, which are all as near to its centre; write a "
             "centre on the face"
@@ -80,7 +82,8 @@ def cut_curved_face(face: int, patch: Patch, extent: float, unit: float) -> list
 
 def _refuse(laid: CurvedPatch, unit: float, why: str) -> str:
     sizes = " x ".join(f"{1e3 * size * unit:.6g}" for size in laid.patch.size)
-    return f"the {laid.patch.shape} of {sizes} mm on face {laid.patch.face!r}: {why}; make it smaller, move it, or name the whole face"
+    what = f"{laid.patch.shape} of {sizes} mm" if sizes else laid.patch.shape
+    return f"the {what} on face {laid.patch.face!r}: {why}; make it smaller, move it, or name the whole face"
 
 
 def _find_seats(
@@ -151,26 +154,13 @@ def _sample_face(piece: int, face: int) -> tuple[FloatArray, FloatArray]:
 
 def _add_tool(laid: CurvedPatch, extent: float) -> int:
     """Return a volume that holds all the space under a patch's outline, on both sides of the face."""
-    reach = 2.0 * extent + max(laid.patch.size)
-    if laid.patch.shape == "disk":
-        start = laid.origin - reach * laid.normal
-        tool = gmsh.model.occ.addCylinder(
-            *start, *(2 * reach * laid.normal), laid.patch.size[0] / 2
-        )
-        gmsh.model.occ.synchronize()
-        return int(tool)
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
-    if laid.across is None:
-        a, b = (
-            size / 2 * axis
-            for size, axis in zip(laid.patch.size, (laid.first, laid.second), strict=True)
-        )
-        return add_prism(
-            laid.origin - reach * laid.normal + corners @ np.array([a, b]), 2 * reach * laid.normal
-        )
-    a, b = np.linalg.svd(laid.across[None])[2][1:]
-    base = laid.origin - laid.half_width * laid.across + reach * corners @ np.array([a, b])
-    return add_prism(base, 2.0 * laid.half_width * laid.across)
+    reach = 2.0 * extent + max(laid.patch.size, default=0.0)
+    if laid.shape is not None:
+        base, sweep = laid.origin - reach * laid.normal, 2.0 * reach * laid.normal
+        return add_swept(laid.shape, base, laid.axes, sweep)
+    half, axes = laid.half_width * laid.across, np.linalg.svd(laid.across[None])[2][1:]
+    corners = reach * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
+    return add_prism(laid.origin - half + corners @ axes, 2.0 * half)
 
 
 def _choose_pieces(pieces: list[int], laid: CurvedPatch) -> list[int]:
@@ -178,7 +168,7 @@ def _choose_pieces(pieces: list[int], laid: CurvedPatch) -> list[int]:
     and what is joined to it, however far it goes around.
     """
     facing = {tag: bool((laid.facing(*_sample_face(tag, tag)) > 0.0).all()) for tag in pieces}
-    if laid.across is None:
+    if laid.shape is not None:
         return [tag for tag in pieces if facing[tag]] or pieces
     occ = gmsh.model.occ
     middle = occ.addPoint(*laid.origin)

@@ -1,26 +1,31 @@
-"""Patches on the faces of a CAD shape: choosing faces, imprinting disks, rects and strips, and
-where they end up.
+"""Patches on the faces of a CAD shape: choosing faces, imprinting shapes on them, and where they
+end up.
 """
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import gmsh
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
-from headstock.geometry.parts.curved_patches import plane_axes, strip_axes
 from headstock.geometry.parts.patches import FACE_DIRECTIONS
+from headstock.geometry.parts.plane_shapes import (
+    flatten_patch,
+    patch_width,
+    plane_axes,
+    strip_direction,
+)
 from headstock.geometry.parts.solids import Tube
 from headstock.meshing.cad.curved_imprints import cut_curved_face
-from headstock.meshing.cad.shapes import add_prism, boundary_faces, total_area
+from headstock.meshing.cad.shapes import add_swept, boundary_faces, total_area
 from headstock.meshing.errors import MeshError, PartFileError, PatchError
 
 END_TOLERANCE = 1e-6
 BOX_TOLERANCE = 1e-3
 NORMAL_TOLERANCE = 1e-6
 IMPRINT_TOLERANCE = 1e-4
-LEAST_POLYGON = 12
 OVERHANG = 0.01  # of a patch: what may lie beyond its face without a word
 RIM_PLACES = 24  # on the outline of a patch, at which that is looked for
 
@@ -72,8 +77,8 @@ class Imprints:
 def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> Imprints:
     """Imprint every patch on the shape.
 
-    Overlapping patches share the faces of their overlap. Imprints get points with a mesh size that
-    puts at least two elements across them.
+    Overlapping patches share the faces of their overlap; a remark names them. Imprints get points
+    with a mesh size that puts at least two elements across them.
 
     Raises:
         PatchError: A patch names no face, lies outside its face or cannot lie there.
@@ -91,7 +96,7 @@ def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> Imprint
                 if patch.shape != "whole":
                     pieces = _cut_pieces(shape, faces, patch)
                     struck |= set(pieces.values())
-                    widths |= dict.fromkeys(pieces, min(patch.size))
+                    widths |= dict.fromkeys(pieces, patch_width(patch))
                     remarks += [f"{name}: {text}" for text in _find_overhang(faces, pieces, patch)]
                     faces = list(pieces)
             except (PartFileError, ValueError) as error:
@@ -106,14 +111,31 @@ def imprint_patches(shape: OpenShape, groups: dict[str, list[Patch]]) -> Imprint
         size = min(width / (shape.across * shape.refinement), shape.size)
         _refine(children[tag], size)
         sizes |= {child: min(size, sizes.get(child, size)) for child in children[tag]}
-    return Imprints(
-        {
-            name: sorted({child for tag in tags for child in children[tag]})
-            for name, tags in inputs.items()
-        },
-        sizes,
-        remarks,
-    )
+    made = {
+        name: sorted({child for tag in tags for child in children[tag]})
+        for name, tags in inputs.items()
+    }
+    return Imprints(made, sizes, remarks + _find_overlaps(made, shape.unit))
+
+
+def _find_overlaps(faces: dict[str, list[int]], unit: float) -> list[str]:
+    """Name interfaces that lie partly on each other; one within another, or on the same area, is
+    meant.
+
+    Args:
+        faces: Of each group of patches; supports and loads have a colon in their names.
+        unit: Length of the model's unit [m].
+    """
+    remarks = []
+    for (one, first), (other, second) in combinations(
+        [(name, set(tags)) for name, tags in faces.items() if ":" not in name], 2
+    ):
+        if first & second and first - second and second - first:
+            area = 1e6 * unit**2 * total_area(first & second)
+            remarks.append(
+                f"{one} and {other} overlap by {area:.4g} mm^2, which both hold; move one or make it smaller"
+            )
+    return remarks
 
 
 def _refine(faces: list[int], size: float) -> None:
@@ -214,60 +236,43 @@ def _cut_pieces(shape: OpenShape, faces: list[int], patch: Patch) -> dict[int, i
 
 
 def _find_overhang(faces: list[int], pieces: dict[int, int], patch: Patch) -> list[str]:
-    """Find what a disk or a rect on a plane face loses where it reaches beyond the face; holes that
+    """Find what a closed shape on a plane face loses where it reaches beyond the face; holes that
     lie within it are meant.
     """
     normal = _plane_normal(faces[0])
-    if len(faces) > 1 or normal is None or patch.shape not in ("disk", "rect"):
+    if len(faces) > 1 or normal is None or patch.shape == "strip":
         return []
-    asked = np.pi * patch.size[0] ** 2 / 4 if patch.shape == "disk" else np.prod(patch.size)
-    taken = total_area(pieces)
-    if taken >= (1.0 - OVERHANG) * asked:
+    axes = plane_axes(normal)
+    shape, taken = flatten_patch(patch, axes), total_area(pieces)
+    if taken >= (1.0 - OVERHANG) * shape.area:
         return []
-    angles = np.pi * (np.arange(RIM_PLACES) + 0.5) / (RIM_PLACES / 2)
-    rim = np.column_stack([np.cos(angles), np.sin(angles)])
-    if patch.shape == "rect":
-        rim /= np.abs(rim).max(axis=1, keepdims=True)
-    origin = np.array(gmsh.model.occ.getCenterOfMass(2, faces[0]))
-    middle = np.array(patch.center)
-    middle -= ((middle - origin) @ normal) * normal
-    half = np.array(patch.size) / 2 if patch.shape == "rect" else patch.size[0] / 2
-    places = middle + (1.0 - OVERHANG) * half * rim @ plane_axes(normal)
-    if all(gmsh.model.isInside(2, faces[0], list(point)) for point in places):
+    middle = _project_center(faces[0], patch, normal)
+    rim = shape.rim(RIM_PLACES, 0.5 * OVERHANG * shape.width)
+    if all(gmsh.model.isInside(2, faces[0], list(point)) for point in middle + rim @ axes):
         return []
     return [
-        f"the {patch.shape} reaches beyond face {patch.face!r}: {taken / asked:.0%} of its area lies on it, and the rest is left out; move it or "
+        f"the {patch.shape} reaches beyond face {patch.face!r}: {taken / shape.area:.0%} of its area lies on it, and the rest is left out; move it or "
         "make it smaller"
     ]
 
 
+def _project_center(face: int, patch: Patch, normal: FloatArray) -> FloatArray:
+    """Return the centre ``(3,)`` of a patch in a plane face."""
+    origin, center = np.array(gmsh.model.occ.getCenterOfMass(2, face)), np.array(patch.center)
+    return np.asarray(center - ((center - origin) @ normal) * normal)
+
+
 def _plane_tool(shape: OpenShape, face: int, patch: Patch, normal: FloatArray) -> int:
-    """Return a prism or cylinder across a plane face."""
-    origin = np.array(gmsh.model.occ.getCenterOfMass(2, face))
-    center = np.array(patch.center)
-    center = center - ((center - origin) @ normal) * normal
-    depth = max(patch.size) * normal
-    if patch.shape == "disk" and not shape.polygons:
-        tool = gmsh.model.occ.addCylinder(*(center - depth), *(2 * depth), patch.size[0] / 2)
-        gmsh.model.occ.synchronize()
-        return int(tool)
-    return add_prism(center - depth + _outline(shape, patch, normal), 2 * depth)
-
-
-def _outline(shape: OpenShape, patch: Patch, normal: FloatArray) -> FloatArray:
-    """Return the corners ``(n, 3)`` of an imprint in a plane, from its centre."""
-    axes = plane_axes(normal)
-    if patch.shape == "disk":
-        count = 4 * int(np.ceil(max(LEAST_POLYGON, np.pi * patch.size[0] / shape.size) / 4))
-        angles = 2 * np.pi * (np.arange(count) + 0.5) / count
-        # circumradius of the regular polygon with the disk's area
-        radius = patch.size[0] / 2 * np.sqrt(2 * np.pi / (count * np.sin(2 * np.pi / count)))
-        return radius * np.column_stack([np.cos(angles), np.sin(angles)]) @ axes
-    half = np.array(patch.size) / 2
-    if patch.shape == "strip":
-        axes = strip_axes(patch, normal)
-        half = np.array([2.0 * shape.extent + float(np.linalg.norm(patch.center)), half[0]])
-    return np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half @ axes
+    """Return a prism or cylinder across a plane face, without what lies in the hole of a ring."""
+    axes, center = plane_axes(normal), _project_center(face, patch, normal)
+    reach = 2.0 * shape.extent + float(np.linalg.norm(patch.center))
+    depth = max(patch.size, default=shape.extent) * normal
+    if patch.shape == "strip" and strip_direction(patch, axes):
+        axes = axes[::-1]  # meshes depend on the order of corners: that of a strip begins along it
+    flat = flatten_patch(patch, axes, reach)
+    return add_swept(
+        flat, center - depth, axes, 2 * depth, side=shape.size if shape.polygons else None
+    )
 
 
 def _fragment_faces(

@@ -12,6 +12,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.mass_properties import SolidProperties
 from headstock.geometry.parts.patches import FACE_DIRECTIONS
+from headstock.geometry.parts.plane_shapes import patch_width
 from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import MeshFile, StepFile
 from headstock.meshing.cad.features import (
@@ -335,9 +336,9 @@ def _box(dimension: int, tags: list[int]) -> FloatArray:
 
 def _name_dense_patch(job: MeshJob, count: int) -> str:
     widths = {
-        name: min(size for patch in patches for size in patch.size)
+        name: min(widths)
         for name, patches in job.groups.items()
-        if any(patch.size for patch in patches)
+        if (widths := [patch_width(patch) for patch in patches if patch.shape != "whole"])
     }
     name = min(widths, key=lambda each: widths[each])
     return f"{name}: {dense_patch_message(count, widths[name] * job.unit, job.across_patches)}"

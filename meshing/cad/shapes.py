@@ -9,6 +9,7 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.patches import column_cells, planar_boxes
+from headstock.geometry.parts.plane_shapes import PlaneShape, Polygon
 from headstock.geometry.parts.solids import (
     Box,
     HollowColumn,
@@ -26,6 +27,7 @@ DimTags = list[tuple[int, int]]
 # OpenCASCADE's tolerances are absolute, 1e-7 of its unit: far outside, gmsh makes no triangles and
 # says nothing
 SHORTEST, LONGEST = 1e-6, 1e3  # [m]
+LEAST_POLYGON = 12
 # what makes OpenCASCADE open other files, wherever they lie; second names are those of short
 # exchange files
 OTHER_FILES = rb"PRODUCT_DEFINITION_WITH_ASSOCIATED_DOCUMENTS|PDWAD|APDCRF"
@@ -120,6 +122,42 @@ def add_prism(corners: FloatArray, sweep: FloatArray) -> int:
     swept = occ.extrude([(2, base)], *sweep)
     occ.synchronize()
     return int(next(tag for dim, tag in swept if dim == 3))
+
+
+def add_swept(
+    shape: PlaneShape,
+    base: FloatArray,
+    axes: FloatArray,
+    sweep: FloatArray,
+    *,
+    side: float | None = None,
+) -> int:
+    """Add the volume that a plane shape sweeps and return its tag.
+
+    Args:
+        base: Where its middle begins, ``(3,)``.
+        axes: In-plane axes, ``(2, 3)``.
+        sweep: From there to its other end, ``(3,)``.
+        side: Length of the sides of regular polygons with the area of its circles; None keeps those.
+    """
+    if isinstance(shape, Polygon):
+        return add_prism(base + shape.corners @ axes, sweep)
+    occ, tools = gmsh.model.occ, list[int]()
+    for radius in filter(None, (shape.radius, shape.hole)):
+        if side is None:
+            tools.append(int(occ.addCylinder(*base, *sweep, radius)))
+            continue
+        count = 4 * int(np.ceil(max(LEAST_POLYGON, 2 * np.pi * radius / side) / 4))
+        angles = 2 * np.pi * (np.arange(count) + 0.5) / count
+        # circumradius of the regular polygon with the disk's area
+        reach = radius * np.sqrt(2 * np.pi / (count * np.sin(2 * np.pi / count)))
+        corners = reach * np.column_stack([np.cos(angles), np.sin(angles)])
+        tools.append(add_prism(base + corners @ axes, sweep))
+    if len(tools) > 1:
+        cut, _ = occ.cut([(3, tools[0])], [(3, tools[1])])
+        tools = [int(tag) for _, tag in cut]
+    occ.synchronize()
+    return tools[0]
 
 
 def _import_step(solid: StepFile) -> int:

@@ -17,6 +17,7 @@ from headstock.geometry.parts.mass_properties import (
     solid_volume,
 )
 from headstock.geometry.parts.patches import FACE_DIRECTIONS, PlanarSolid
+from headstock.geometry.parts.plane_shapes import patch_width
 from headstock.geometry.parts.solids import (
     Box,
     Imported,
@@ -445,9 +446,15 @@ def _scaled_solid(solid: ParametricSolid, scale: float) -> ParametricSolid:
 
 
 def _scaled_patch(patch: Patch, scale: float) -> Patch:
-    x, y, z = (round_length(value / scale) for value in patch.center)
+    def shrink(point: tuple[float, float, float]) -> tuple[float, float, float]:
+        x, y, z = (round_length(value / scale) for value in point)
+        return x, y, z
+
     return dataclasses.replace(
-        patch, center=(x, y, z), size=tuple(round_length(value / scale) for value in patch.size)
+        patch,
+        center=shrink(patch.center),
+        size=tuple(round_length(value / scale) for value in patch.size),
+        corners=tuple(map(shrink, patch.corners)),
     )
 
 
@@ -525,13 +532,14 @@ def _check_request(component: Component, groups: Groups) -> None:
 
 def _check_imprint(component: Component, name: str, patch: Patch) -> None:
     what = f"component {component.name!r}: {name}"
-    if not patch.size or not min(patch.size) > 0.0:
+    if not (patch.size or patch.corners) or not patch_width(patch) > 0.0:
         raise MeshError(f"{what}: a {patch.shape} needs a size above zero, not {patch.size}")
     solid = component.solid
     if isinstance(solid, Imported):
         return
-    if min(patch.size) < LINE_LIKE * largest_extent(solid):
+    width = patch_width(patch)
+    if width < LINE_LIKE * largest_extent(solid):
         raise MeshError(
-            f"{what}: a {patch.shape} of {1e3 * min(patch.size):.4g} mm is a point or a line on a solid of {1e3 * largest_extent(solid):.4g} mm, "
+            f"{what}: a {patch.shape} of {1e3 * width:.4g} mm is a point or a line on a solid of {1e3 * largest_extent(solid):.4g} mm, "
             "and its compliance depends on the mesh; write a larger patch, or allow_singular = true"
         )

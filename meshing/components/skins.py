@@ -102,7 +102,7 @@ def _find_step_area(solid: StepFile, patch: Patch) -> FloatArray:
     origin = center - ((center - middles[nearest]) @ normal) * normal
     laid = lay_patch(patch, origin, normal, middles, normals, tolerance=FACET_TOLERANCE)
     facing = laid.facing(middles, normals) > 0.0
-    return laid.clip(corners if patch.shape == "strip" else corners[facing])
+    return laid.clip(corners if laid.shape is None else corners[facing])
 
 
 def _find_mesh_area(solid: MeshFile, patch: Patch) -> FloatArray:

@@ -104,9 +104,10 @@ def _patch_window(box: Box, patch: Patch) -> dict[int, tuple[float, float]]:
         raise MeshError(
             f"face {patch.face!r} selects nothing on a hex-meshed box; available: {', '.join(FACE_DIRECTIONS)}"
         )
-    if patch.shape == "disk":
+    if not patch.is_grid_aligned:
+        what = f"a turned {patch.shape}" if patch.angle else f"the {patch.shape}"
         raise MeshError(
-            f'a disk on face {patch.face!r} cannot follow the grid of a hex mesh; write cells = "tet" or use a rect'
+            f'{what} on face {patch.face!r} cannot follow the grid of a hex mesh; write cells = "tet", or a rect along the axes'
         )
     low, high = _corners(box)
     axis, _ = FACE_DIRECTIONS[patch.face]

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.parts.components import Patch
-from headstock.geometry.parts.curved_patches import STEEPEST, lay_patch, strip_axes
+from headstock.geometry.parts.curved_patches import STEEPEST, lay_patch
 from headstock.geometry.parts.patches import FACE_DIRECTIONS, imprint_window, in_plane_axes
+from headstock.geometry.parts.plane_shapes import flatten_patch, strip_direction
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.elements.regions import split_surface
 from headstock.meshing.elements.surface import (
@@ -119,7 +120,7 @@ def _imprinted(data: MeshData, surface: MeshSurface, facets: IntArray, patch: Pa
 
     Raises:
         MeshError: The patch wraps around the face.
-        ValueError: A strip runs along no axis in the face.
+        ValueError: A strip runs along no axis in the face, a band goes around none.
     """
     if patch.shape == "whole" or not len(facets):
         return facets
@@ -131,13 +132,12 @@ def _imprinted(data: MeshData, surface: MeshSurface, facets: IntArray, patch: Pa
         return facets[_on_curved_face(corners, middles, normals, patch)]
     axis = int(np.argmax(np.abs(mean)))
     first, second = in_plane_axes(axis)
-    if patch.shape == "disk":
-        radius = np.hypot(
-            middles[:, first] - patch.center[first], middles[:, second] - patch.center[second]
-        )
-        return facets[radius <= patch.size[0] / 2]
+    plane = np.eye(3)[[first, second]]
     if patch.shape == "strip":
-        strip_axes(patch, np.eye(3)[axis])
+        strip_direction(patch, plane)
+    if not patch.is_grid_aligned:
+        offsets = (middles - np.array(patch.center)) @ plane.T
+        return facets[flatten_patch(patch, plane).depths(offsets) >= 0.0]
     window = imprint_window(axis, patch)
     inside = (window[0] <= middles[:, first]) & (middles[:, first] <= window[1])
     return facets[inside & (window[2] <= middles[:, second]) & (middles[:, second] <= window[3])]
@@ -147,13 +147,13 @@ def _on_curved_face(
     corners: IntArray, middles: FloatArray, normals: FloatArray, patch: Patch
 ) -> IntArray:
     """Return which facets of a curved face an imprint takes: those under its outline that face the
-    same way as its middle; of a strip also what is joined to that, however far it goes around.
+    same way as its middle; of a strip or band also what is joined to that, however far it goes around.
 
     Args:
         corners: Nodes of the facets, ``(n, 3 or 4)``.
         middles: Of the facets, ``(n, 3)``.
         normals: Of the facets, ``(n, 3)``.
-        patch: A disk, rect or strip.
+        patch: A part of the face.
     """
     center = np.array(patch.center)
     nearest = int(np.argmin(np.linalg.norm(middles - center, axis=1)))
@@ -162,7 +162,7 @@ def _on_curved_face(
     laid = lay_patch(patch, origin, normal, middles, normals, tolerance=FACET_TOLERANCE)
     inside = laid.depths(middles) >= 0.0
     facing = laid.facing(middles, normals) > 0.0
-    inside &= facing | (_joined(corners, inside, nearest) if patch.shape == "strip" else False)
+    inside &= facing | (_joined(corners, inside, nearest) if laid.shape is None else False)
     if float(laid.gentleness(middles[inside], normals[inside]).min(initial=1.0)) < STEEPEST:
         raise MeshError(
             f"the {patch.shape} on face {patch.face!r} wraps around it; make it smaller, or name the whole face"

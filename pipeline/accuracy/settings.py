@@ -16,6 +16,7 @@ from headstock.geometry.parts.components import (
     MeshSettings,
 )
 from headstock.geometry.parts.mass_properties import solid_volume
+from headstock.geometry.parts.plane_shapes import patch_width
 from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solids import (
     Box,
@@ -388,7 +389,7 @@ def _rough_grid(component: Component, accuracy: float) -> MeshSettings | None:
     """
     solid = component.solid
     patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
-    if not isinstance(solid, Box) or any(patch.shape == "disk" for patch in patches):
+    if not isinstance(solid, Box) or not all(patch.is_grid_aligned for patch in patches):
         return None
     thinnest = min(solid.size)
     along = FINE_ALONG if accuracy <= FINE_ACCURACY else ROUGH_ALONG
@@ -449,8 +450,8 @@ def _choose_cells(component: Component, size: float) -> CellShape:
     """
     solid = component.solid
     patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
-    round_ones = any(patch.shape == "disk" for patch in patches)
-    if not isinstance(solid, Box) or round_ones or _narrowest_patch(component) < size:
+    aligned = all(patch.is_grid_aligned for patch in patches)
+    if not isinstance(solid, Box) or not aligned or _narrowest_patch(component) < size:
         return "tet"
     plain = math.prod(math.ceil(side / size) for side in solid.size)
     return "hex" if count_hexes(component, size) <= PATCHES_ADD * plain else "tet"
@@ -459,7 +460,7 @@ def _choose_cells(component: Component, size: float) -> CellShape:
 def _narrowest_patch(component: Component) -> float:
     """Return the width of the narrowest imprint of a component [m]; inf without any."""
     patches = [patch for interface in component.interfaces.values() for patch in interface.patches]
-    return min((min(patch.size) for patch in patches if patch.shape != "whole"), default=math.inf)
+    return min((patch_width(one) for one in patches if one.shape != "whole"), default=math.inf)
 
 
 def _round(value: float) -> float:

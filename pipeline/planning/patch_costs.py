@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 
 from headstock.geometry.parts.components import Component
+from headstock.geometry.parts.plane_shapes import patch_width
 from headstock.meshing.components.mesh_request import patch_groups
 from headstock.meshing.components.meshing import MeshEstimate
 from headstock.pipeline.planning.budgets import displacement_dofs
@@ -69,10 +70,10 @@ def _list_widths(component: Component, scene: Scene) -> Sequence[tuple[float, fl
         component, tuple(machine.supports.values()), tuple(machine.loads.values())
     )
     return [
-        (min(patch.size), -max(patch.size), name)
+        (patch_width(patch), -max(patch.size, default=0.0), name)
         for name, patches in groups.items()
         for patch in patches
-        if patch.shape != "whole" and patch.size
+        if patch.shape != "whole"
     ]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.carriages import rail_pieces
 from headstock.geometry.parts.components import Component, Interface, Patch
+from headstock.geometry.parts.plane_shapes import patch_width
 from headstock.geometry.parts.solids import Box, Imported
 from headstock.meshing.components.mesh_request import (
     element_size,
@@ -100,7 +101,7 @@ def _size_along(component: Component, rail: Interface) -> float | None:
     if isinstance(component.solid, Imported) and size is None:
         return None
     for patch in _list_imprints(rail):
-        size = min(size or math.inf, min(patch.size) / mesh.across_patches)
+        size = min(size or math.inf, patch_width(patch) / mesh.across_patches)
     return size
 
 

@@ -24,6 +24,11 @@ from headstock.geometry.parts.components import (
 )
 from headstock.geometry.parts.mass_properties import solid_box, solid_volume
 from headstock.geometry.parts.patches import OVERHANG_TOLERANCE, imprint_window, in_plane_axes
+from headstock.geometry.parts.plane_shapes import (
+    find_outline_fault,
+    flatten_patch,
+    patch_width,
+)
 from headstock.geometry.parts.prismatic_bars import patch_span, prismatic_bar
 from headstock.geometry.parts.size_field import SizeField
 from headstock.geometry.parts.solid_checks import find_solid_faults
@@ -61,10 +66,10 @@ from headstock.scene.schema.components import (
     InterfaceTable,
     MaterialTable,
     MeshTable,
-    PatchTable,
     RotationTable,
     SolidTable,
 )
+from headstock.scene.schema.patches import PatchTable
 from headstock.scene.schema.scene import SceneTable
 
 FEWEST_CONTROL_POINTS = 4
@@ -76,6 +81,7 @@ FILE_SUFFIXES: dict[str, tuple[str, ...]] = {
     "points": (*BULK_DATA, ".inp"),
 }
 ARRAY_SUFFIXES = (".h5", ".hdf5")
+FLAT_OUTLINE = 1e-4  # of its extent: how far corners of an outline may lie beside their plane
 # matrices from a file bring their own stiffness and mass
 NO_MATERIAL = Material("from the file", 0.0, 0.0, 0.0)
 PLANAR_FACES = ("x-", "x+", "y-", "y+", "z-", "z+")
@@ -176,10 +182,13 @@ def _patch_center(table: PatchTable, solid: Solid) -> tuple[float, float, float]
     """Centre of an imprint in component coordinates: as written, or the middle of the face; None
     where it is not known.
     """
-    shape = table.disk or table.rect or table.strip
+    shape = next(iter(table.shapes.values()), None)
     normal = "xyz".find(table.face[0]) if table.face[1:] in ("-", "+") else -1
-    if shape is not None and shape.center is not None:
-        center = list(shape.center)
+    if shape is not None and shape.points:
+        x, y, z = np.mean(shape.points, axis=0).tolist()
+        return x, y, z
+    if (written := getattr(shape, "center", None)) is not None:
+        center = list(written)
         if len(center) == 2:
             if normal < 0:
                 return None
@@ -187,7 +196,7 @@ def _patch_center(table: PatchTable, solid: Solid) -> tuple[float, float, float]
         x, y, z = center
         return x, y, z
     box = bounding_box(solid)
-    if box is None or normal < 0:
+    if box is None or (normal < 0 and not table.band):
         return None
     x, y, z = (
         0.5 * (low + high) if axis != normal else 0.0 for axis, (low, high) in enumerate(box)
@@ -198,13 +207,17 @@ def _patch_center(table: PatchTable, solid: Solid) -> tuple[float, float, float]
 def build_patch(table: PatchTable, solid: Solid) -> Patch:
     """The patch a table stands for."""
     center = _patch_center(table, solid) or (0.0, 0.0, 0.0)
-    if table.disk is not None:
-        return Patch(table.face, "disk", center, (table.disk.diameter,))
-    if table.rect is not None:
-        return Patch(table.face, "rect", center, tuple(table.rect.size))
-    if table.strip is not None:
-        return Patch(table.face, "strip", center, (table.strip.width,), table.strip.along)
-    return Patch(table.face)
+    if not table.shapes:
+        return Patch(table.face)
+    ((name, shape),) = table.shapes.items()
+    return shape.fill(
+        Patch,
+        face=table.face,
+        shape=name,
+        center=center,
+        size=shape.lengths,
+        corners=shape.points,
+    )
 
 
 def build_frame(at: list[float], rotate: list[RotationTable]) -> Frame:
@@ -334,21 +347,46 @@ def find_patch_fault(table: PatchTable, solid: Solid) -> str:
     meshing.
     """
     fault = _find_face_fault(table.face, solid)
-    shape = table.disk or table.rect or table.strip
-    if fault or shape is None:
+    if fault or not table.shapes:
         return fault
+    ((name, shape),) = table.shapes.items()
+    if shape.points:
+        fault = find_outline_fault(np.array(shape.points), flatness=FLAT_OUTLINE)
+        if fault:
+            return f"outline: {fault}"
+    if table.face in ("outer", "inner"):
+        return _find_band_fault(table, solid)
     if table.face not in PLANAR_FACES:
-        if isinstance(solid, StepFile | MeshFile) and table.face not in ("outer", "inner"):
-            if shape.center is not None and len(shape.center) == 3:
-                return ""
-            return "write the centre with all three coordinates"
-        return f"disk, rect and strip need a flat face, {table.face!r} is not one; remove the shape to use the whole face"
+        if not isinstance(solid, StepFile | MeshFile):
+            return f"a {name} needs a named face of this {_kind_of(solid)}, {table.face!r} is not one; remove the shape to use the whole face"
+        center = getattr(shape, "center", None)
+        if shape.points or (center is not None and len(center) == 3):
+            return ""
+        return "write the centre with all three coordinates"
+    if table.band is not None:
+        return f"a band goes around a cylinder, and {table.face} is plane; write a strip, disk, rect or ring"
     if _patch_center(table, solid) is None:
         return "the centre of this face is known from the file only; write the centre of the patch"
     box, patch = bounding_box(solid), build_patch(table, solid)
     if box is None:
         return ""
     return _find_overhang(patch, box) or _find_hole(patch, solid)
+
+
+def _find_band_fault(table: PatchTable, solid: Solid) -> str:
+    """Why a patch cannot be laid on the round face of a tube; empty when it can."""
+    if table.band is None or not isinstance(solid, Tube):
+        return f"a {next(iter(table.shapes))} needs a flat face, {table.face!r} is not one; write a band, or remove the shape to use the whole face"
+    if table.band.center is not None and len(table.band.center) < 3:
+        return "write the centre of the band with all three coordinates"
+    patch, slack = build_patch(table, solid), OVERHANG_TOLERANCE * solid.length
+    middle, half = patch.center[2], 0.5 * table.band.width
+    if middle - half >= -slack and middle + half <= solid.length + slack:
+        return ""
+    return (
+        f"the band reaches beyond the face: along z it spans {show_position(middle - half)} to {show_position(middle + half)}, "
+        f"face {table.face} 0 mm to {show_position(solid.length)}; move it or make it smaller"
+    )
 
 
 def _kind_of(solid: Solid) -> str:
@@ -387,10 +425,8 @@ def _find_hole(patch: Patch, solid: Solid) -> str:
     """A tube's end face is a ring: refuse a disk or rect that leaves it or covers none of it."""
     if not isinstance(solid, Tube) or patch.shape == "strip":
         return ""
-    x, y = abs(patch.center[0]), abs(patch.center[1])
-    width, height = 0.5 * patch.size[0], 0.5 * patch.size[-1]
-    disk = patch.shape == "disk"
-    reach = math.hypot(x, y) + width if disk else math.hypot(x + width, y + height)
+    center, shape = np.array(patch.center[:2]), flatten_patch(patch, np.eye(3)[:2])
+    reach = shape.farthest(-center)
     if reach <= 0.5 * solid.inner_diameter * (1.0 + OVERHANG_TOLERANCE):
         return f"the patch is empty: it lies in the bore of {show_position(solid.inner_diameter)}; move it onto the ring"
     if reach > 0.5 * solid.outer_diameter * (1.0 + OVERHANG_TOLERANCE):
@@ -568,7 +604,7 @@ def _find_dense_patch(table: ComponentTable, patch: Patch, solid: Solid) -> str:
         solid_volume(solid), thinnest_feature(solid), largest_extent(solid)
     )
     count = count_patch_cells(patch, solid, across=across, size=size)
-    return dense_patch_message(count, min(patch.size), across) if count > PATCH_CELLS else ""
+    return dense_patch_message(count, patch_width(patch), across) if count > PATCH_CELLS else ""
 
 
 def _rim_faults(table: ComponentTable) -> Iterator[tuple[str, str]]:
@@ -577,11 +613,7 @@ def _rim_faults(table: ComponentTable) -> Iterator[tuple[str, str]]:
     if mesh.growth is None:
         return
     rigid = any(entry.kind == "rigid" and entry.rail is None for entry in interfaces)
-    imprinted = any(
-        patch.disk or patch.rect or patch.strip
-        for entry in interfaces
-        for patch in entry.patch_tables()
-    )
+    imprinted = any(patch.shapes for entry in interfaces for patch in entry.patch_tables())
     if mesh.rim_size is not None and not rigid:
         yield "rim_size", 'no interface has the coupling "rigid"; remove rim_size'
     elif mesh.rim_size is None and not imprinted:

@@ -12,8 +12,9 @@ from headstock.scene.building.draft import Draft, list_records
 from headstock.scene.building.joints import KINDS
 from headstock.scene.reading.findings import KeyPath
 from headstock.scene.schema.axes import PointTable
-from headstock.scene.schema.components import ComponentTable, PatchTable
+from headstock.scene.schema.components import ComponentTable
 from headstock.scene.schema.loads import LoadTable, SupportTable
+from headstock.scene.schema.patches import PatchTable
 
 SMALL_ROTATION = 0.02  # [rad]: beyond, 1 - cos exceeds 2e-4
 OUTSIDE = 1e-9  # [m]: rounding of a place on a face
@@ -225,12 +226,7 @@ def _build_area(
 
 
 def _read_patch(table: SupportTable | LoadTable) -> PatchTable:
-    return PatchTable(
-        face=(table.face or "").partition(".")[2],
-        disk=table.disk,
-        rect=table.rect,
-        strip=table.strip,
-    )
+    return PatchTable(face=(table.face or "").partition(".")[2], **table.shapes)
 
 
 def _is_meshed(table: ComponentTable) -> bool:

@@ -26,10 +26,10 @@ from headstock.scene.reading.files import (
 from headstock.scene.reading.findings import Findings, KeyPath, show_key, suggest_names
 from headstock.scene.reading.open_values import default_of
 from headstock.scene.schema.joints import CarriagesTable, ChainTable
+from headstock.scene.schema.patches import CENTERED_SHAPES
 from headstock.scene.schema.validation import validate_part
 
 PLACES, CARRIAGES, EACH = "places", "carriages", "each"
-SHAPES = ("rect", "disk", "strip")
 MOST_PLACES, MOST_CARRIAGES = 200, 14
 MAX_WRITTEN_OUT = 100_000  # entries of a scene that places make
 LONGEST_NAME = 128  # of an entry and its place
@@ -258,11 +258,12 @@ def _place_key(common: TomlTable, key: KeyPath, findings: Findings) -> KeyPath:
         if "at" in common:
             findings.add((*key, "at"), "is not allowed with places; write one of them")
         return ("at",)
-    shapes = [shape for shape in SHAPES if isinstance(common.get(shape), dict)]
+    shapes = [shape for shape in CENTERED_SHAPES if isinstance(common.get(shape), dict)]
     if len(shapes) != 1:
         findings.add(
             (*key, PLACES),
-            'are centres of a rect, disk or strip; write its size too, for example rect = { size = ["50 mm", "30 mm"] }',
+            f"are centres of one of {', '.join(CENTERED_SHAPES)}; write its size too, for example "
+            'rect = { size = ["50 mm", "30 mm"] }',
         )
         return ("rect", "center")
     if isinstance(shape := common[shapes[0]], dict) and "center" in shape:

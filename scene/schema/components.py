@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, ConfigDict, Field
 
 from headstock.scene.schema import types
+from headstock.scene.schema.patches import PatchTable, Places, ShapedTable
 
 LOCKING_POISSON_RATIO = 0.495
 
@@ -164,63 +165,6 @@ class SolidTable(types.StrictTable):
                 yield f"its largest moment of inertia, {high:g} kg m^2, is more than the sum of the others; no body has such"
 
 
-InPlane = Annotated[list[types.Length], Field(min_length=2, max_length=3)]
-
-
-class DiskTable(types.StrictTable):
-    """A round patch; `center` in component coordinates: the two in-plane ones in the order x y z,
-    or all three.
-    """
-
-    diameter: types.PositiveLength
-    """diameter of the patch"""
-    center: InPlane | None = None
-    """centre of the patch; default: the middle of the face"""
-
-
-class RectTable(types.StrictTable):
-    """A rectangular patch; `size` along the two in-plane axes in the order x y z."""
-
-    size: Annotated[list[types.PositiveLength], Field(min_length=2, max_length=2)]
-    """sizes along the two directions of the face in the order x, y, z"""
-    center: InPlane | None = None
-    """centre of the patch; default: the middle of the face"""
-
-
-class StripTable(types.StrictTable):
-    """A patch that crosses the whole face along one in-plane axis."""
-
-    width: types.PositiveLength
-    """width of the patch"""
-    along: Literal["x", "y", "z"]
-    """axis of the component along which it crosses the face"""
-    center: InPlane | None = None
-    """centre of the patch; default: the middle of the face"""
-
-
-Places = list[InPlane] | dict[types.Name, InPlane]
-
-
-class PatchTable(types.StrictTable):
-    """A face, or a disk, rect or strip on it."""
-
-    face: types.Text
-    """face that it lies on, as in an interface"""
-    disk: DiskTable | None = None
-    """a round patch on the face; default: the whole face"""
-    rect: RectTable | None = None
-    """a rectangular patch on the face; default: the whole face"""
-    strip: StripTable | None = None
-    """a patch across the whole face; default: the whole face"""
-    places: Places | None = None
-    """in place of the shape's `center`: one patch at each"""
-    each: types.Exceptions = {}
-    """what is different at single places, dotted keys and values"""
-
-    def _faults(self) -> Iterator[str]:
-        yield from _shape_faults(self.disk, self.rect, self.strip)
-
-
 class RailTable(types.StrictTable):
     """Makes an interface a rail: carriages hold on to it anywhere along an axis of the
     component.
@@ -248,7 +192,7 @@ class _FlexibleTable(types.StrictTable):
     an accuracy chooses it"""
 
 
-class InterfaceTable(types.StrictTable):
+class InterfaceTable(ShapedTable):
     """An area that joints hold on to: one patch written directly, or several in `patches`."""
 
     model_config = types.one_of("face", "patches")
@@ -256,12 +200,6 @@ class InterfaceTable(types.StrictTable):
     face: types.Text | None = None
     """`x- x+ y- y+ z- z+` (plane faces at that end), `face:N` (as `headstock show` numbers them), `outer`, `inner` (tubes), `set:NAME` (of
     a mesh file)"""
-    disk: DiskTable | None = None
-    """a round patch on the face; default: the whole face"""
-    rect: RectTable | None = None
-    """a rectangular patch on the face; default: the whole face"""
-    strip: StripTable | None = None
-    """a patch across the whole face; default: the whole face"""
     patches: Annotated[list[PatchTable], Field(min_length=1, max_length=1000)] | None = None
     """several areas as one interface: `[{ face = "face:10" }, { face = "face:11" }]`"""
     places: Places | None = None
@@ -277,7 +215,7 @@ class InterfaceTable(types.StrictTable):
     """carriages act at any position along it, see [guideways](guideways.md)"""
 
     def _faults(self) -> Iterator[str]:
-        yield from _shape_faults(self.disk, self.rect, self.strip)
+        yield from super()._faults()
         if self.rail is not None and self.flexible:
             yield "is a rail, which has a longer basis of its own; remove coupling, or write control_points"
         if (
@@ -288,7 +226,7 @@ class InterfaceTable(types.StrictTable):
             yield 'is a rail, and a rigid coupling would stiffen it over its whole length; remove coupling or write "average"'
         if self.patches is None and self.face is None:
             yield 'describes no patch; write face = "z+" or patches = [{ face = "z+" }]'
-        if self.patches is not None and (self.face or self.disk or self.rect or self.strip):
+        if self.patches is not None and (self.face or self.shapes):
             yield "gives both a face and patches; move the face into the list of patches"
 
     @property
@@ -323,12 +261,7 @@ class InterfaceTable(types.StrictTable):
         """The patches, also when a single one was written directly."""
         if self.patches is not None:
             return tuple(self.patches)
-        return (PatchTable(face=self.face or "", disk=self.disk, rect=self.rect, strip=self.strip),)
-
-
-def _shape_faults(*shapes: object) -> Iterator[str]:
-    if sum(shape is not None for shape in shapes) > 1:
-        yield "a patch is one of disk, rect, strip; write several patches as patches = [{...}, {...}]"
+        return (PatchTable(face=self.face or "", **self.shapes),)
 
 
 class RotationTable(types.StrictTable):

@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field
 from headstock.geometry.parts.components import NORMAL
 from headstock.scene.reading.units import quote_value
 from headstock.scene.schema import types
-from headstock.scene.schema.components import DiskTable, RectTable, StripTable
+from headstock.scene.schema.patches import SHAPES, ShapedTable
 
 FIXED = ("x", "y", "z", NORMAL)
 
@@ -33,7 +33,7 @@ Fixed = Annotated[
 ]
 
 
-class SupportTable(types.StrictTable):
+class SupportTable(ShapedTable):
     """Pointwise support of a face (`component.face`), of an interface's patches (`at =
     component.interface`), or of the edge between two faces.
     """
@@ -44,12 +44,6 @@ class SupportTable(types.StrictTable):
     """interface whose nodes are fixed: `component.interface`"""
     edge: Annotated[list[types.Text], Field(min_length=2, max_length=2)] | None = None
     """two faces of a component, whose common edge is fixed"""
-    disk: DiskTable | None = None
-    """only this round part of the face; default: the whole face"""
-    rect: RectTable | None = None
-    """only this rectangular part of the face; default: the whole face"""
-    strip: StripTable | None = None
-    """only this strip of the face; default: the whole face"""
     fix: Annotated[list[Fixed], Field(min_length=1, max_length=3)]
     """directions fixed at every node, of the component's frame: `x`, `y`, `z`, three numbers, or `normal` to the face"""
 
@@ -61,13 +55,13 @@ class SupportTable(types.StrictTable):
     def _faults(self) -> Iterator[str]:
         if len(set(self.fix)) < len(self.fix):
             yield "names a direction twice in fix"
-        shapes = (self.disk, self.rect, self.strip)
+        yield from super()._faults()
         if self.edge is None:
-            yield from _area_faults(self.face, self.at, shapes)
+            yield from _area_faults(self.face, self.at, shaped=bool(self.shapes))
             return
         for face in self.edge:
-            yield from _area_faults(face, None, shapes)
-        if self.face is not None or self.at is not None or any(shapes):
+            yield from _area_faults(face, None, shaped=bool(self.shapes))
+        if self.face is not None or self.at is not None or self.shapes:
             yield "an edge is where two whole faces meet; remove face, at and shapes"
         if len({face.partition(".")[0] for face in self.edge}) > 1:
             yield 'an edge lies between two faces of one component; write edge = ["plate.z-", "plate.x-"]'
@@ -86,7 +80,7 @@ LOAD_KINDS: dict[LoadKind, tuple[str, ...]] = {
 }
 
 
-class LoadTable(types.StrictTable):
+class LoadTable(ShapedTable):
     """A static load: force and moment at an interface, traction or pressure on an area, a body
     acceleration field, a displacement and rotation that a joint is given, or an acceleration of the
     ground.
@@ -98,12 +92,6 @@ class LoadTable(types.StrictTable):
     """`component.face` on which a pressure or traction acts"""
     component: types.Text | None = None
     """component on which a body force acts"""
-    disk: DiskTable | None = None
-    """only this round part of the face; default: the whole face"""
-    rect: RectTable | None = None
-    """only this rectangular part of the face; default: the whole face"""
-    strip: StripTable | None = None
-    """only this strip of the face; default: the whole face"""
     force: Annotated[list[types.Force], Field(min_length=3, max_length=3)] | None = None
     """force along x, y, z"""
     moment: Annotated[list[types.Moment], Field(min_length=3, max_length=3)] | None = None
@@ -153,7 +141,8 @@ class LoadTable(types.StrictTable):
         elif "component" in places:
             yield '`component` goes with body loads; write face = "component.z+" or at = "component.interface"'
         else:
-            yield from _area_faults(self.face, self.at, (self.disk, self.rect, self.strip))
+            yield from super()._faults()
+            yield from _area_faults(self.face, self.at, shaped=bool(self.shapes))
 
 
 class ProbeTable(types.StrictTable):
@@ -167,20 +156,18 @@ class ProbeTable(types.StrictTable):
     """position in the component's frame"""
 
 
-def _area_faults(face: str | None, at: str | None, shapes: tuple[object, ...]) -> Iterator[str]:
-    """Yield why an area is given twice, not at all, or with two shapes.
+def _area_faults(face: str | None, at: str | None, *, shaped: bool) -> Iterator[str]:
+    """Yield why an area is given twice or not at all.
 
     Args:
         face: ``component.face``, where given.
         at: ``component.interface``, where given.
-        shapes: Disk, rect and strip; None for those that are not given.
+        shaped: It is only a part of a face.
     """
     if (face is None) == (at is None):
         yield 'needs either face = "component.z-" or at = "component.interface"'
-    if at is not None and any(shape is not None for shape in shapes):
-        yield "an interface brings its own patches; disk, rect and strip go with face"
-    if sum(shape is not None for shape in shapes) > 1:
-        yield "an area is one of disk, rect, strip"
+    if at is not None and shaped:
+        yield f"an interface brings its own patches; {', '.join(SHAPES)} go with face"
     text = face if face is not None else at or ""
     if text.count(".") != 1 or not all(text.split(".")):
         yield f'{text!r:.80} names no component and area; write "component.z-" or "component.interface"'

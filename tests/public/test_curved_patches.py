@@ -94,3 +94,51 @@ def test_a_shaft_of_two_spline_faces_has_the_volume_of_its_mesh_and_the_gaps(
     result = hs.run(tmp_path / "scene.toml")
     mass = 7850.0 * np.pi * (1e-3 * RADIUS) ** 2 * 0.1
     assert result.components["shaft"].mass_kg == approx(mass, rel=2e-4)
+
+
+def test_a_band_on_a_tube_acts_in_its_middle(tmp_path: Path) -> None:
+    band = 'band = { width = "20 mm", center = ["30 mm", "0 mm", "40 mm"] }'
+    text = SCENE.replace('step = "shaft.step"', 'tube = {{ outer = "100 mm", length = "100 mm" }}')
+    text = text.replace('"face:1"', '"outer"').format(patch=band)
+    (tmp_path / "scene.toml").write_text(text)
+    static = hs.run(tmp_path / "scene.toml").static["reference"]["tcp"]
+    expected = 1.0 / STIFFNESS + 0.06**2 / TORSION
+    assert static.compliance[0, 0] == approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("patch", "words"),
+    [
+        (
+            'face = "z+", ring = { diameter = "30 mm", inner = "30 mm" }',
+            "not smaller than the outer",
+        ),
+        (
+            'face = "z+", band = { width = "20 mm" }',
+            r"band goes around a cylinder, and z\+ is plane",
+        ),
+        ('face = "outer", disk = { diameter = "20 mm" }', "disk needs a flat face.*write a band"),
+        ('face = "outer", band = { width = "120 mm" }', "band reaches beyond the face"),
+        (
+            'face = "z+", rect = { size = ["57 mm", "57 mm"], angle = "20 deg" }',
+            "reaches beyond the round face of 80 mm",
+        ),
+        (
+            'face = "z+", ring = { diameter = "60 mm", inner = "30 mm" }, disk = { diameter = "9 mm" }',
+            "gives disk and ring, but a patch is one of disk, rect, strip, band, ring, outline",
+        ),
+        (
+            'face = "z+", outline = { corners = [["0 m", "0 m", "0 m"], ["9 mm", "9 mm", "0 m"], '
+            '["9 mm", "0 m", "0 m"], ["0 m", "9 mm", "0 m"]] }',
+            "its sides to corners 2 and 4 cross",
+        ),
+    ],
+)
+def test_a_shape_that_cannot_be_laid_on_a_tube_is_named(
+    tmp_path: Path, patch: str, words: str
+) -> None:
+    text = SCENE.replace('step = "shaft.step"', 'tube = {{ outer = "80 mm", length = "100 mm" }}')
+    text = text.replace('face = "face:1", {patch}', patch.replace("{", "{{").replace("}", "}}"))
+    (tmp_path / "scene.toml").write_text(text.format())
+    with pytest.raises(hs.SceneError, match=words):
+        hs.load(tmp_path / "scene.toml")

@@ -80,6 +80,10 @@ def strip(place: tuple[float, float, float], along: str, width: float = WIDTH) -
     return Patch("face:1", "strip", place, (width,), along)
 
 
+def around(place: tuple[float, float, float], width: float = WIDTH) -> Patch:
+    return Patch("face:1", "band", place, (width,))
+
+
 BESIDE = (R * np.cos(0.7), -R * np.sin(0.7), 0.05)
 CASES = {
     "band of a cylinder": (cylinder, strip((R, 0, 0.05), "y"), 2 * np.pi * R * WIDTH),
@@ -116,6 +120,30 @@ CASES = {
         strip((0.08, 0, 0), "y"),
         2 * np.pi * (0.06 * 0.02 * 2 * np.arcsin(0.5) + 0.02 * WIDTH),
     ),
+    "around a cylinder": (cylinder, around((0, 0, 0.05)), 2 * np.pi * R * WIDTH),
+    "around a cylinder, from far off it": (
+        cylinder,
+        around((0.2, 0.1, 0.03)),
+        2 * np.pi * R * WIDTH,
+    ),
+    "around its end": (cylinder, around((0, 0, 0.1)), np.pi * R * WIDTH),
+    "around half a cylinder of splines": (halves, around((0, 0, 0.05)), np.pi * R * WIDTH),
+    "around a cone, along its axis": (
+        cone,
+        around((0, 0, 0.05)),
+        2 * np.pi * 0.045 * WIDTH / np.cos(np.arctan(0.3)),
+    ),
+    "around a slot": (keyed, around((0, 0, 0.035)), 2 * (np.pi - np.arcsin(0.1)) * R * WIDTH),
+    "ring": (
+        cylinder,
+        Patch("face:1", "ring", (R, 0, 0.05), (0.06, 0.02)),
+        under_disk(0.03) - under_disk(0.01),
+    ),
+    "turned rect": (
+        cylinder,
+        Patch("face:1", "rect", (0, R, 0.05), (0.03, 0.09), angle=np.pi / 2),
+        2 * R * np.arcsin(0.9) * 0.03,
+    ),
     "band beside a slot": (
         keyed,
         strip((-R, 0, 0.035), "y"),
@@ -149,6 +177,10 @@ def test_a_band_is_meshed_all_around(part: Callable[..., StepFile]) -> None:
         (Patch("face:1", "disk", (0, 0, 0.05), (0.02,)), "as near to its centre"),
         (strip((0, 0, 0.05), "z"), "as near to its centre"),
         (strip((R, 0, 0.05), "x"), "'along' set to an axis in that face, not 'x'"),
+        (
+            Patch("z+", "band", (0, 0, 0.1), (WIDTH,)),
+            "band goes around a cylinder, and face 'z\\+' is none",
+        ),
     ],
 )
 def test_a_patch_whose_place_on_a_curved_face_is_not_clear_is_refused(
@@ -174,3 +206,33 @@ def test_a_disk_that_reaches_beyond_a_plane_face_is_named_and_a_hole_within_it_i
     mesh = mesh_part(part(drilled), ends, size=0.03)
     (remark,) = mesh.quality.remarks
     assert remark.startswith("beyond: the disk reaches beyond face 'z+'")
+
+
+def test_a_band_on_a_sphere_is_refused(part: Callable[..., StepFile]) -> None:
+    with pytest.raises(PatchError, match=r"around a cylinder or cone, and face 'face:1' is none"):
+        describe_component(make_part(part(sphere), {"patch": around((0, 0, 0.01))}))
+
+
+def test_shapes_on_plane_faces_have_the_areas_of_closed_forms(
+    part: Callable[..., StepFile],
+) -> None:
+    legs = [(0, 0), (0, 60), (20, 60), (20, 20), (80, 20), (80, 0)]
+    corners = tuple((1e-3 * x, 0.1, 1e-3 * z) for x, z in legs)
+    patches = {
+        "ring": Patch("x-", "ring", (0, 0.05, 0.05), (0.04, 0.01)),
+        "turned": Patch("z+", "rect", (0.03, 0.05, 9), (0.06, 0.02), angle=0.5),
+        "legs": Patch("y+", "outline", (0.03, 0.1, 0.02), corners=corners),
+        "across": Patch("y+", "rect", (0.01, 9, 0.06), (0.01, 0.02)),
+    }
+
+    def block() -> int:
+        return int(gmsh.model.occ.addBox(0, 0, 0, 100, 100, 100))
+
+    mesh = mesh_part(part(block), patches, size=0.04)
+    areas, centroids = patch_moments(mesh.points, mesh.patches)
+    assert areas["ring"] == approx(np.pi * 3.75e-4, rel=5e-5)  # of circles
+    assert areas["turned"] == approx(1.2e-3, rel=1e-9)
+    assert areas["legs"] == approx(2.4e-3, rel=1e-9)
+    assert centroids["legs"] == approx([0.03, 0.1, 0.02], abs=1e-9)
+    (remark,) = mesh.quality.remarks
+    assert remark.startswith("legs and across overlap by 100 mm^2, which both hold")

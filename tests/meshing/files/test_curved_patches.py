@@ -44,6 +44,23 @@ def test_a_strip_goes_all_around_a_cylinder(
     assert np.diff(angles, append=angles[0] + 2 * np.pi).max() < 0.2
 
 
+def test_a_band_takes_what_lies_along_the_axis(shaft: Shaft) -> None:
+    data, surface, middles, face = shaft
+    band = select_facets(data, surface, Patch(face, "band", (0.01, 0.02, 0.05), (0.02,)))
+    inside = np.abs(middles[:, 2] - 0.05) <= 0.01
+    assert len(band) > 100 and np.array_equal(np.sort(band), np.flatnonzero(inside))
+
+
+def test_a_ring_is_a_disk_without_the_disk_inside(shaft: Shaft) -> None:
+    data, surface, _, _ = shaft
+    disks = [
+        select_facets(data, surface, Patch("z+", "disk", (0, 0, 0.1), (size,)))
+        for size in (0.08, 0.03)
+    ]
+    ring = select_facets(data, surface, Patch("z+", "ring", (0, 0, 0.1), (0.08, 0.03)))
+    assert len(ring) > 50 and set(ring) == set(disks[0]) - set(disks[1])
+
+
 def test_a_strip_along_a_cylinder_stays_on_its_side(shaft: Shaft) -> None:
     data, surface, middles, face = shaft
     chosen = select_facets(data, surface, Patch(face, "strip", (0.05, 0, 0), (0.03,), "z"))
