@@ -14,11 +14,13 @@ from headstock.geometry.parts.patches import (
     FACE_DIRECTIONS,
     PlanarFace,
     PlanarSolid,
+    band_span,
     in_plane_axes,
     named_planar_face,
     patch_rects,
 )
 from headstock.geometry.parts.plane_shapes import flatten_patch
+from headstock.geometry.parts.solids import Tube
 from headstock.meshing.components.skins import find_areas
 from headstock.pipeline.preview.rigid_view import SupportView
 from headstock.pipeline.results.views import JointView, MachineView, PointView, PoseView, SensorView
@@ -38,6 +40,7 @@ MOUNT, WORK, SUPPORT = (0.10, 0.55, 0.27), (0.10, 0.35, 0.80), (0.20, 0.20, 0.20
 SENSOR, MASS = (0.80, 0.25, 0.60), (0.30, 0.30, 0.30)
 MOST_NAMED = 20  # sensors; more names would hide the machine
 AREAS: dict[str, Color] = {"area of an interface": (0.78, 0.78, 0.75), "rail": (0.25, 0.27, 0.30)}
+AROUND = 48  # flat pieces of a band around a tube
 LIFT = 1e-3  # of an area above its face, as a share of the part's size
 FREE_KINDS = ("revolute", "universal", "spherical", "prismatic")
 BALL_SHARE, ARROW_SHARE, CONE_SHARE = 0.007, 0.06, 0.03
@@ -189,7 +192,8 @@ def _interface_areas(
     components: Mapping[str, Component], placed: PoseView
 ) -> dict[str, list[FloatArray]]:
     """Triangles ``(k, 3, 3)`` of areas, outward, machine frame [m]: of interfaces of parts from a
-    file, and of rects, strips and disks on flat faces of other solids, whose whole faces are left out.
+    file, and of patches on flat faces of other solids and around tubes, whose whole faces are left
+    out.
     """
     areas: dict[str, list[FloatArray]] = {kind: [] for kind in AREAS}
     for name, part in components.items():
@@ -197,25 +201,43 @@ def _interface_areas(
         for label, corners in _lift_areas(part).items():
             kind = "rail" if part.interfaces[label].rail else "area of an interface"
             areas[kind].append(corners @ frame.rotation.T + frame.origin)
-        if not isinstance(part.solid, PlanarSolid):
+        if not isinstance(part.solid, PlanarSolid | Tube):
             continue
-        lift = LIFT * max(part.solid.size)
         for interface in part.interfaces.values():
             kind = "rail" if interface.rail else "area of an interface"
             for patch in interface.patches:
-                face = named_planar_face(part.solid, patch.face)
-                if face is None or patch.shape == "whole":
-                    continue
-                _, sign = FACE_DIRECTIONS[patch.face]
-                first, second = in_plane_axes(face.axis)
-                for outline in _outlines(face, patch):
-                    area = np.full((len(outline), 3), face.position + sign * lift)
-                    area[:, [first, second]] = outline
-                    # x y z without y is left-handed as seen along y
-                    turned = sign < 0.0 if face.axis != 1 else sign > 0.0
-                    rim = (area[::-1] if turned else area) @ frame.rotation.T + frame.origin
+                for outline in [] if patch.shape == "whole" else _lift_outlines(part.solid, patch):
+                    rim = outline @ frame.rotation.T + frame.origin
                     fan = np.arange(1, len(rim) - 1)
                     areas[kind].append(rim[np.column_stack([0 * fan, fan, fan + 1])])
+    return areas
+
+
+def _lift_outlines(solid: PlanarSolid | Tube, patch: Patch) -> list[FloatArray]:
+    """Convex outlines ``(k, 3)`` of a patch a little above its face, anticlockwise from outside [m]."""
+    if isinstance(solid, Tube):
+        if patch.shape != "band":
+            return []
+        outer = patch.face == "outer"
+        radius = 0.5 * solid.outer_diameter if outer else 0.5 * solid.inner_diameter
+        angles = 2.0 * np.pi * np.arange(AROUND + 1) / AROUND * (1.0 if outer else -1.0)
+        radius += LIFT * solid.outer_diameter * (1.0 if outer else -1.0)
+        ends = np.array(band_span(patch, 0.0, solid.length))
+        points = np.empty((2, AROUND + 1, 3))
+        points[..., :2] = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+        points[..., 2] = ends[:, None]
+        return list(np.stack([points[0, :-1], points[0, 1:], points[1, 1:], points[1, :-1]], 1))
+    face = named_planar_face(solid, patch.face)
+    if face is None:
+        return []
+    _, sign = FACE_DIRECTIONS[patch.face]
+    lift, areas = LIFT * max(solid.size), []
+    for outline in _outlines(face, patch):
+        area = np.full((len(outline), 3), face.position + sign * lift)
+        area[:, in_plane_axes(face.axis)] = outline
+        # x y z without y is left-handed as seen along y
+        turned = sign < 0.0 if face.axis != 1 else sign > 0.0
+        areas.append(area[::-1] if turned else area)
     return areas
 
 

@@ -15,7 +15,7 @@ from PIL import Image
 
 from headstock.app.pictures.picture import Marks, Picture, frame_picture
 from headstock.app.pictures.pictures import draw_pictures
-from headstock.geometry.frames import FloatArray, frame_axes
+from headstock.geometry.frames import FloatArray, frame_axes, rotation_about
 from headstock.geometry.parts.skins import Skin, join_skins, solid_skin
 from headstock.geometry.parts.solids import Box, Solid, Tube
 from headstock.scene.building.joints import KINDS
@@ -34,12 +34,13 @@ PLATE = {"boxstyle": "round,pad=0.2", "facecolor": (1.0, 1.0, 1.0, 0.88), "linew
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A solid, where its origin is [m], and its colour."""
+    """A solid, where its origin is [m], its colour, and its rotation about z [deg]."""
 
     solid: Solid
     at: tuple[float, float, float]
     color: tuple[float, float, float]
     along: str = "z"
+    angle: float = 0.0
 
 
 def box(x: float, y: float, z: float) -> Box:
@@ -76,6 +77,7 @@ JOINTS: dict[str, tuple[tuple[Body, ...], tuple[float, float, float]]] = {
     "prismatic": ((NUT, SHAFT), (0.0, 0.0, 0.05)),
 }
 BLOCK = Body(box(240, 160, 60), (0.0, 0.0, -0.06), FIRST)
+ROUND = Body(tube(140, 0, 120), (0.0, 0.0, -0.12), FIRST)
 # areas on the upper face as thin bodies, and what is written at the axes of the component
 PATCHES: dict[str, tuple[tuple[Body, ...], tuple[str, str, str]]] = {
     "face": (
@@ -93,6 +95,25 @@ PATCHES: dict[str, tuple[tuple[Body, ...], tuple[str, str, str]]] = {
     "strip": (
         (Body(box(240, 40, 1), (0.0, 0.03, 0.0), PATCH),),
         ('x: along = "x"', "y: width,\ncenter", "z"),
+    ),
+    "turned": (
+        (Body(box(110, 60, 1), (-0.03, 0.02, 0.0), PATCH, angle=30.0),),
+        ("x: size[0] turned\nby angle", "y", "z"),
+    ),
+    "ring": (
+        (Body(tube(90, 40, 1), (0.04, 0.0, 0.0), PATCH),),
+        ("x: center[0]", "y: center[1]", "z"),
+    ),
+    "outline": (
+        (
+            Body(box(150, 40, 1), (-0.025, -0.04, 0.0), PATCH),
+            Body(box(40, 60, 1), (-0.08, 0.01, 0.0), PATCH),
+        ),
+        ("x", "y", "z\nsix corners"),
+    ),
+    "band": (
+        (Body(tube(141, 139, 40), (0.0, 0.0, -0.07), PATCH),),
+        ("x", "y", "z: width,\ncenter[2]"),
     ),
     "patches": (
         tuple(
@@ -118,7 +139,8 @@ def main() -> None:
     }
     middle = np.zeros(3)  # of the face: where the axes of a box are
     for kind, (areas, texts) in PATCHES.items():
-        picture = _make_picture(kind, (BLOCK, *areas), middle, np.eye(3))
+        body = ROUND if kind == "band" else BLOCK
+        picture = _make_picture(kind, (body, *areas), middle, np.eye(3))
         pictures[f"patch_{kind}"] = picture, LABEL * LENGTH * np.eye(3), texts
     for name, (drawn, places, words) in pictures.items():
         drawing = draw_pictures([drawn])
@@ -199,6 +221,7 @@ def _place_skin(body: Body) -> Skin:
     points = skin.points
     if body.along == "x":
         points = points[:, [2, 0, 1]]
+    points = points @ rotation_about(np.array([0.0, 0.0, 1.0]), np.radians(body.angle)).T
     return Skin(points + np.array(body.at), skin.triangles, skin.edges, skin.source)
 
 

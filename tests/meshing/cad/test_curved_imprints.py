@@ -220,7 +220,7 @@ def test_shapes_on_plane_faces_have_the_areas_of_closed_forms(
     corners = tuple((1e-3 * x, 0.1, 1e-3 * z) for x, z in legs)
     patches = {
         "ring": Patch("x-", "ring", (0, 0.05, 0.05), (0.04, 0.01)),
-        "turned": Patch("z+", "rect", (0.03, 0.05, 9), (0.06, 0.02), angle=0.5),
+        "turned": Patch("z+", "rect", (0.05, 0.05, 9), (0.06, 0.02), angle=0.5),
         "legs": Patch("y+", "outline", (0.03, 0.1, 0.02), corners=corners),
         "across": Patch("y+", "rect", (0.01, 9, 0.06), (0.01, 0.02)),
     }

@@ -47,8 +47,9 @@ def test_a_strip_goes_all_around_a_cylinder(
 def test_a_band_takes_what_lies_along_the_axis(shaft: Shaft) -> None:
     data, surface, middles, face = shaft
     band = select_facets(data, surface, Patch(face, "band", (0.01, 0.02, 0.05), (0.02,)))
-    inside = np.abs(middles[:, 2] - 0.05) <= 0.01
-    assert len(band) > 100 and np.array_equal(np.sort(band), np.flatnonzero(inside))
+    away = np.abs(middles[:, 2] - 0.05)
+    inner, outer = (set(np.flatnonzero(away <= 0.01 + step)) for step in (-3e-4, 3e-4))
+    assert len(inner) > 100 and inner <= set(band) <= outer
 
 
 def test_a_ring_is_a_disk_without_the_disk_inside(shaft: Shaft) -> None:
