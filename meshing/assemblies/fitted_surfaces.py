@@ -2,15 +2,16 @@
 file stores (runs in the worker process).
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import gmsh
 import numpy as np
 
+from headstock.geometry.assemblies.contacts import Contact
 from headstock.geometry.frames import BoolArray, FloatArray
-from headstock.geometry.parts.cad_faces import fit_cylinder
-from headstock.meshing.component_mesh import IntArray
+from headstock.geometry.parts.cad_faces import Vector, fit_cylinder
 
 SAMPLES = 7  # along each parameter of a face, its bounds included
 SAME_NORMAL = 1e-4  # of a plane's normals
@@ -20,7 +21,7 @@ ROUNDNESS = 1e-3  # of a cylinder, over its radius
 WIDEST_RADIUS = 1e3  # of a cylinder, over the extent of the face: beyond, it is no more than bent
 PROBE = 0.02  # how far from a face the outside is looked for [mm]
 SAME_SURFACE = 1e-3  # distance of faces of one plane or cylinder of a solid [mm]
-PARALLEL = 1e-3  # angle between normals, or axes, that count as parallel
+PARALLEL = 5e-7  # 1 - cosine between directions that count as parallel: 1 mm in a metre
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,7 @@ class FittedFace:
 
     tag: int
     number: int
+    area: float
     points: FloatArray
     direction: FloatArray
     place: FloatArray
@@ -48,24 +50,23 @@ class FittedFace:
     hollow: bool = False
 
 
+# faces of one solid on one plane or cylinder
+type Surface = tuple[FittedFace, ...]
+# a contact in millimetres, faces as its solids count them, and points in its gap ``(n, 3)``
+type Overlap = tuple[Contact, FloatArray]
+
+
 @dataclass(frozen=True, eq=False)
 class FittedSolid:
-    """The faces of a solid on planes and cylinders; lengths in millimetres.
+    """The planes and cylinders of a solid.
 
     Attributes:
-        box: Lower and upper corner of its bounding box, ``(2, 3)``.
-        labels: Of each face the index of the first one on the same plane or cylinder, ``(n,)``.
+        box: Lower and upper corner of its bounding box, ``(2, 3)`` [mm].
     """
 
     volume: int
     box: FloatArray
-    faces: tuple[FittedFace, ...]
-    labels: IntArray
-
-    def select(self, label: int, chosen: Collection[int] | None = None) -> tuple[FittedFace, ...]:
-        """Return the faces that have a label, of chosen indices or of all."""
-        indices = range(len(self.faces)) if chosen is None else sorted(chosen)
-        return tuple(self.faces[i] for i in indices if self.labels[i] == label)
+    surfaces: tuple[Surface, ...]
 
 
 def fit_face(volume: int, tag: int, number: int) -> FittedFace | None:
@@ -77,32 +78,32 @@ def fit_face(volume: int, tag: int, number: int) -> FittedFace | None:
     normals = np.array(gmsh.model.getNormal(tag, pairs.ravel())).reshape(-1, 3)
     if not np.allclose(np.linalg.norm(normals, axis=1), 1.0):
         return None  # a pole
-    inner = sample_inside(tag, 1)
-    outwards = 1.0
-    if len(inner):
-        at = gmsh.model.getParametrization(2, tag, inner[0])
-        normal = np.array(gmsh.model.getNormal(tag, at))
+    for inner in sample_inside(tag, 1):
+        normal = np.array(gmsh.model.getNormal(tag, gmsh.model.getParametrization(2, tag, inner)))
         # of a face that two solids share the kernel's normal is that of one of them
-        outwards = -1.0 if is_inside(volume, inner[0] + PROBE * normal) else 1.0
+        if is_inside(volume, inner + PROBE * normal):
+            normals = -normals
+    extent = float(np.ptp(points, axis=0).max())
+    area = float(gmsh.model.occ.getMass(2, tag))
     grid = points.reshape(SAMPLES, SAMPLES, 3)
     box = np.array(gmsh.model.occ.getBoundingBox(2, tag)).reshape(2, 3)
-    extent = float(np.ptp(points, axis=0).max())
-    mean = normals.mean(axis=0)
-    mean /= max(float(np.linalg.norm(mean)), 1e-300)
-    middle = points.mean(axis=0)
+    middle, mean = points.mean(axis=0), normals.mean(axis=0)
     if np.abs(normals - mean).max() <= SAME_NORMAL:
-        if np.abs((points - middle) @ mean).max() > FLATNESS * extent:
-            return None
-        return FittedFace(tag, number, grid, outwards * mean, middle, box)
+        flat = np.abs((points - middle) @ mean).max() <= FLATNESS * extent
+        mean /= np.linalg.norm(mean)
+        return FittedFace(tag, number, area, grid, mean, middle, box) if flat else None
     axis, place, radius = fit_cylinder(points, normals)
     radial = points - place
     radial -= (radial @ axis)[:, None] * axis
-    lengths = np.linalg.norm(radial, axis=1)
-    round_enough = np.abs(lengths - radius).max() <= ROUNDNESS * radius
-    if np.abs(normals @ axis).max() > ACROSS or not round_enough or radius > WIDEST_RADIUS * extent:
+    unevenness = np.abs(np.linalg.norm(radial, axis=1) - radius).max()
+    if (
+        np.abs(normals @ axis).max() > ACROSS
+        or unevenness > ROUNDNESS * radius
+        or radius > WIDEST_RADIUS * extent
+    ):
         return None
-    hollow = outwards * float(np.einsum("ni,ni->", normals, radial)) < 0.0
-    return FittedFace(tag, number, grid, axis, place, box, radius, hollow)
+    hollow = float(np.einsum("ni,ni->", normals, radial)) < 0.0
+    return FittedFace(tag, number, area, grid, axis, place, box, radius, hollow)
 
 
 def sample_inside(tag: int, most: int) -> FloatArray:
@@ -124,27 +125,82 @@ def is_inside(volume: int, point: FloatArray) -> bool:
     return bool(gmsh.model.isInside(3, volume, list(point)))
 
 
-def label_surfaces(faces: Sequence[FittedFace]) -> IntArray:
-    """Return for each face of a solid the index of the first face on the same plane or cylinder."""
-    labels = np.arange(len(faces))
-    for i, face in enumerate(faces):
-        same = (j for j in range(i) if labels[j] == j and _share_surface(face, faces[j]))
-        labels[i] = next(same, i)
-    return labels
+def group_surfaces(faces: Sequence[FittedFace]) -> tuple[Surface, ...]:
+    """Group the faces of a solid that lie on one plane or cylinder."""
+    groups: list[list[FittedFace]] = []
+    for face in faces:
+        same = next((group for group in groups if _share_surface(face, group[0])), None)
+        if same is None:
+            groups.append([face])
+        else:
+            same.append(face)
+    return tuple(map(tuple, groups))
 
 
 def _share_surface(face: FittedFace, other: FittedFace) -> bool:
     if abs(face.radius - other.radius) > SAME_SURFACE or face.hollow != other.hollow:
         return False
-    cosine = float(face.direction @ other.direction)
-    offset = face.place - other.place
+    along = float((face.place - other.place) @ other.direction)
     if face.radius == 0.0:
-        return cosine > 1.0 - PARALLEL**2 / 2 and abs(float(offset @ other.direction)) <= (
-            SAME_SURFACE
-        )
-    across = offset - float(offset @ other.direction) * other.direction
-    near = float(np.linalg.norm(across)) <= SAME_SURFACE
-    return near and abs(cosine) > 1.0 - PARALLEL**2 / 2
+        return abs(along) <= SAME_SURFACE and face.direction @ other.direction > 1.0 - PARALLEL
+    return axis_distance(face, other) <= SAME_SURFACE
+
+
+def axis_distance(one: FittedFace, other: FittedFace) -> float:
+    """Return the distance of the axes of two cylinders; infinite where they are not parallel."""
+    if abs(float(one.direction @ other.direction)) < 1.0 - PARALLEL:
+        return np.inf
+    offset = one.place - other.place
+    return float(np.linalg.norm(offset - (offset @ other.direction) * other.direction))
+
+
+def near_surfaces(
+    first: FittedSolid, second: FittedSolid, reach: float
+) -> Iterator[tuple[Surface, Surface]]:
+    """Yield the surfaces of two solids whose faces come as near as a distance, with these faces."""
+    boxes = [
+        np.array([_bound(surface) for surface in one.surfaces]).reshape(-1, 2, 3)
+        for one in (first, second)
+    ]
+    for i, j in np.argwhere(boxes_meet(*boxes, reach)):
+        one, other = first.surfaces[i], second.surfaces[j]
+        rows = [np.array([face.box for face in surface]) for surface in (one, other)]
+        near = boxes_meet(*rows, reach)
+        if near.any():
+            yield (
+                tuple(one[k] for k in np.flatnonzero(near.any(axis=1))),
+                tuple(other[k] for k in np.flatnonzero(near.any(axis=0))),
+            )
+
+
+def cover_faces(
+    sides: Sequence[Surface], areas: Sequence[Mapping[int, float]]
+) -> dict[str, tuple[tuple[Any, ...], tuple[Any, ...]]]:
+    """Return the faces of an overlap and the share that it takes of each, as fields of a contact.
+
+    Args:
+        areas: What it takes of the faces of each side, by their numbers.
+    """
+    shares = [
+        {face.number: taken[face.number] / face.area for face in side if taken.get(face.number)}
+        for side, taken in zip(sides, areas, strict=True)
+    ]
+    return {
+        "faces": (tuple(shares[0]), tuple(shares[1])),
+        "covered": (tuple(shares[0].values()), tuple(shares[1].values())),
+    }
+
+
+def as_vector(values: FloatArray) -> Vector:
+    """Return three numbers as a field of a contact."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z
+
+
+def _bound(surface: Surface) -> FloatArray:
+    """Return the bounding box ``(2, 3)`` of a surface."""
+    boxes = np.array([face.box for face in surface])
+    return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
 
 def boxes_meet(boxes: FloatArray, others: FloatArray, reach: float) -> BoolArray:
@@ -152,6 +208,5 @@ def boxes_meet(boxes: FloatArray, others: FloatArray, reach: float) -> BoolArray
     ``(n, m)``.
     """
     low, high = boxes[:, None, 0] - reach, boxes[:, None, 1] + reach
-    return np.asarray(
-        (low <= others[None, :, 1]).all(axis=2) & (others[None, :, 0] <= high).all(axis=2)
-    )
+    meets = (low <= others[None, :, 1]) & (others[None, :, 0] <= high)
+    return np.asarray(meets.all(axis=2))

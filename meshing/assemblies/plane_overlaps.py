@@ -9,12 +9,16 @@ import gmsh
 import numpy as np
 
 from headstock.geometry.assemblies.contact_patches import outline_area
+from headstock.geometry.assemblies.contacts import Contact
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.assemblies.fitted_surfaces import (
     PARALLEL,
-    FittedFace,
     FittedSolid,
-    boxes_meet,
+    Overlap,
+    Surface,
+    as_vector,
+    cover_faces,
+    near_surfaces,
     sample_inside,
 )
 from headstock.meshing.cad.shapes import face_curves, total_area
@@ -27,6 +31,7 @@ CLOSED = 1e-3  # distance of ends of edges that meet [mm]
 HOLE_PROBES = 4  # at which the rim of a hole is looked into
 WITHIN = 0.98  # of the radius of a hole
 PROBES = 5  # points in an overlap at which the gap is looked into
+DEPTHS = (0.25, 0.75)  # of the gap at which this is done
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,71 +40,30 @@ class PlanePair:
 
     Attributes:
         solids: Indices of the solids.
-        sides: Faces of each, on one plane each.
         normal: Out of the first solid, ``(3,)``.
         gap: From the first plane to the second along it.
     """
 
     solids: tuple[int, int]
-    sides: tuple[tuple[FittedFace, ...], tuple[FittedFace, ...]]
+    sides: tuple[Surface, Surface]
     normal: FloatArray
     gap: float
 
 
-@dataclass(frozen=True, eq=False)
-class PlaneOverlap:
-    """A connected overlap on the first plane of a pair; lengths in millimetres.
-
-    Attributes:
-        areas: What it takes of the faces of each solid, by their tags.
-        center: Centroid, ``(3,)``.
-        outlines: Closed, ``(n, 3)`` each, the outermost first.
-        probes: Points in it, ``(n, 3)``.
-        solid_holes: Indices of the outlines of holes where the first solid, or the second, has none.
-    """
-
-    areas: tuple[dict[int, float], dict[int, float]]
-    area: float
-    center: FloatArray
-    outlines: tuple[FloatArray, ...]
-    probes: FloatArray
-    solid_holes: tuple[tuple[int, ...], tuple[int, ...]]
-
-
 def pair_planes(
-    solids: Sequence[FittedSolid], indices: tuple[int, int], reach: float
+    solids: Sequence[FittedSolid], pair: tuple[int, int], reach: float
 ) -> list[PlanePair]:
-    """Pair the plane faces of two solids that face each other and lie as near as a distance."""
-    first, second = (solids[i] for i in indices)
-    planes = [
-        [i for i, face in enumerate(one.faces) if face.radius == 0.0] for one in (first, second)
-    ]
-    if not all(planes):
-        return []
-    (normals, places, boxes), (others, other_places, other_boxes) = (
-        (
-            np.array([one.faces[i].direction for i in rows]),
-            np.array([one.faces[i].place for i in rows]),
-            np.array([one.faces[i].box for i in rows]),
-        )
-        for one, rows in zip((first, second), planes, strict=True)
-    )
-    gaps = np.einsum("nmi,ni->nm", other_places[None] - places[:, None], normals)
-    near = (normals @ others.T < PARALLEL**2 / 2 - 1.0) & (np.abs(gaps) <= reach)
-    near &= boxes_meet(boxes, other_boxes, reach)
-    groups: dict[tuple[int, int], list[tuple[int, int]]] = {}
-    for a, b in np.argwhere(near):
-        i, j = planes[0][a], planes[1][b]
-        groups.setdefault((int(first.labels[i]), int(second.labels[j])), []).append((i, j))
+    """Pair the planes of two solids that face each other and lie as near as a distance."""
     pairs = []
-    for (label, other_label), members in groups.items():
-        a, b = first.faces[label], second.faces[other_label]
-        gap = float((b.place - a.place) @ a.direction)
-        sides = (
-            first.select(label, {i for i, _ in members}),
-            second.select(other_label, {j for _, j in members}),
-        )
-        pairs.append(PlanePair(indices, sides, a.direction, gap))
+    for sides in near_surfaces(*(solids[i] for i in pair), reach):
+        one, other = sides[0][0], sides[1][0]
+        gap = float((other.place - one.place) @ one.direction)
+        if (
+            max(one.radius, other.radius) == 0.0
+            and one.direction @ other.direction < PARALLEL - 1.0
+            and abs(gap) <= reach
+        ):
+            pairs.append(PlanePair(pair, sides, one.direction, gap))
     return pairs
 
 
@@ -120,45 +84,46 @@ def cut_overlap(pair: PlanePair) -> dict[int, set[int]]:
     pieces, parents = occ.intersect(
         [(2, tag) for tag in tags[0]], copies, removeObject=False, removeTool=True
     )
-    found: dict[int, set[int]] = {tag: set() for dim, tag in pieces if dim == 2}
-    for source, parts in zip(tags[0] + tags[1], parents, strict=True):
+    sources: dict[int, set[int]] = {tag: set() for dim, tag in pieces if dim == 2}
+    for tag, parts in zip(tags[0] + tags[1], parents, strict=True):
         for dim, part in parts:
-            if dim == 2 and part in found:
-                found[part].add(source)
-    return found
+            if dim == 2 and part in sources:
+                sources[part].add(tag)
+    return sources
 
 
-def measure_overlaps(pair: PlanePair, pieces: dict[int, set[int]]) -> list[PlaneOverlap]:
+def measure_overlaps(pair: PlanePair, pieces: dict[int, set[int]]) -> list[Overlap]:
     """Measure the connected overlaps that pieces make up, without mere edges."""
     overlaps = []
     for group in _connect(pieces):
-        areas = {tag: total_area([tag]) for tag in group}
-        area = sum(areas.values())
+        sizes = np.array([total_area([tag]) for tag in group])
         curves = gmsh.model.getBoundary([(2, tag) for tag in group], oriented=False)
         rim = sum(float(gmsh.model.occ.getMass(1, curve)) for _, curve in curves)
-        if 2.0 * area < NARROWEST * rim:
+        if 2.0 * sizes.sum() < NARROWEST * rim:
             continue
-        centers = [np.array(gmsh.model.occ.getCenterOfMass(2, tag)) for tag in group]
-        center = sum(share * middle for share, middle in zip(areas.values(), centers, strict=True))
-        sides = tuple(
+        centers = np.array([gmsh.model.occ.getCenterOfMass(2, tag) for tag in group])
+        outlines = _chain_outlines([abs(tag) for _, tag in curves], pair.normal)
+        areas = [
             {
-                face.tag: covered
+                face.number: float(sizes[[face.tag in pieces[tag] for tag in group]].sum())
                 for face in side
-                if (covered := sum(areas[tag] for tag in group if face.tag in pieces[tag]))
             }
             for side in pair.sides
+        ]
+        contact = Contact(
+            solids=(pair.solids[0] + 1, pair.solids[1] + 1),
+            kind="plane",
+            **cover_faces(pair.sides, areas),
+            gap=pair.gap,
+            area=float(sizes.sum()),
+            center=as_vector(sizes @ centers / sizes.sum()),
+            axis=as_vector(pair.normal),
+            outlines=outlines,
+            solid_holes=_find_solid_holes(pair, outlines),
         )
-        outlines = _chain_outlines([abs(tag) for _, tag in curves], pair.normal)
-        overlaps.append(
-            PlaneOverlap(
-                (sides[0], sides[1]),
-                area,
-                np.asarray(center / area),
-                outlines,
-                np.concatenate([sample_inside(tag, PROBES) for tag in group]),
-                _find_solid_holes(pair, outlines),
-            )
-        )
+        probes = np.concatenate([sample_inside(tag, PROBES) for tag in group])
+        shifts = [share * pair.gap * pair.normal for share in DEPTHS]
+        overlaps.append((contact, np.concatenate([probes + shift for shift in shifts])))
     return overlaps
 
 
