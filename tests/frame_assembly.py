@@ -1,6 +1,6 @@
 """A machine frame of 38 solids whose contacts are known, written with gmsh; sizes in mm."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import gmsh
@@ -55,8 +55,12 @@ def fuse(*tags: int) -> int:
     return int(tag)
 
 
-def add_guide(frame: Frame, name: str, x: float, air: float, places: Sequence[float]) -> None:
-    """A rail along y on a beam, screwed to it, and carriages on it with air around the rail."""
+def add_guide(
+    frame: Frame, name: str, x: float, air: float, places: Sequence[float], table: str | None = None
+) -> None:
+    """A rail along y on a beam, screwed to it, and carriages on it with air around the rail, each
+    with a dowel.
+    """
     screws = [(f"{name}_screw_{i}", y) for i, y in enumerate((40.0, 360.0), 1)]
     frame.add(
         f"{name}_rail",
@@ -72,17 +76,33 @@ def add_guide(frame: Frame, name: str, x: float, air: float, places: Sequence[fl
     for i, y in enumerate(places, 1):
         carriage, dowel = f"{name}_carriage_{i}", f"{name}_dowel_{i}"
         slot = box((x - 10 - air, y - 30, 100), (x + 10 + air, y + 30, 110 + air))
-        frame.add(
-            carriage,
-            box((x - 30, y - 30, 100), (x + 30, y + 30, 130)),
-            slot,
-            rod(x, y, 118, 131, 8),
-        )
+        block = box((x - 30, y - 30, 100), (x + 30, y + 30, 130))
+        frame.add(carriage, block, slot, rod(x, y, 118, 131, 8))
         for _ in range(3):
             frame.touch(carriage, f"{name}_rail", gap=air)
-        frame.touch(carriage, "table")
         frame.add(dowel, rod(x, y, 120, 150, 8))
-        frame.touch(dowel, carriage, "table", kind="cylinder")
+        frame.touch(dowel, carriage, kind="cylinder")
+        if table:
+            frame.touch(carriage, table)
+            frame.touch(dowel, table, kind="cylinder")
+
+
+def add_cover(frame: Frame, name: str, x: float, z: float) -> None:
+    """A cover apart from a side of a solid by two washers."""
+    frame.add("cover", box((x - 11, 20, z - 15), (x - 1, 380, z + 15)))
+    for i, y in enumerate((100.0, 300.0), 1):
+        tag = gmsh.model.occ.addCylinder(x - 1, y, z, 1, 0, 0, 10)
+        frame.add(f"washer_{i}", tag, gmsh.model.occ.addCylinder(x - 2, y, z, 3, 0, 0, 5))
+        frame.touch(f"washer_{i}", name, "cover")
+
+
+def build_small_frame() -> Frame:
+    """Build a guide with air and a cover on a beam in the open model: 11 solids."""
+    frame = Frame()
+    frame.add("left_beam", box((50, 20, 30), (110, 380, 90)), *beam_tool(80.0))
+    add_guide(frame, "left", 80.0, 3.0, (150.0, 250.0))
+    add_cover(frame, "left_beam", 50.0, 60.0)
+    return frame
 
 
 def beam_tool(x: float) -> list[int]:
@@ -90,11 +110,11 @@ def beam_tool(x: float) -> list[int]:
     return [rod(x, y, 75, 91, 5) for y in (40.0, 360.0)]
 
 
-def build_frame(place: Callable[[list[tuple[int, int]]], None] = lambda tags: None) -> Frame:
+def build_frame(carriages: Sequence[float] = (150.0, 250.0)) -> Frame:
     """Build the frame in the open model.
 
     Args:
-        place: Moves all of it.
+        carriages: Their places on each of the two rails.
     """
     frame = Frame()
     foot_screws = {
@@ -113,16 +133,16 @@ def build_frame(place: Callable[[list[tuple[int, int]]], None] = lambda tags: No
         through = [rod(*at, 29, 96, 9) for name, at in foot_screws.items() if side in name]
         frame.add(f"{side}_beam", beam, *beam_tool(x), *through)
         frame.touch(f"{side}_beam", "base")
-        add_guide(frame, side, x, 3.0 if side == "left" else 0.0, (150.0, 250.0))
+        add_guide(frame, side, x, 3.0 if side == "left" else 0.0, carriages, "table")
     frame.touch("right_rail", "right_beam")
     for name, (x, y) in foot_screws.items():
         frame.add(name, fuse(rod(x, y, 15, 90, 8), rod(x, y, 90, 98, 13)))
         frame.touch(name, f"{name.split('_')[0]}_beam")
         frame.touch(name, "base", kind="cylinder", gap=-0.6)
-    dowels = [rod(x, y, 129, 151, 8) for x in (80, 520) for y in (150, 250)]
+    dowels = [rod(x, y, 129, 151, 8) for x in (80, 520) for y in carriages]
     frame.add(
         "table",
-        box((40, 100, 130), (560, 300, 150)),
+        box((40, min(carriages) - 50, 130), (560, max(carriages) + 50, 150)),
         *dowels,
         box((120, 120, 140), (180, 180, 151)),
     )
@@ -142,11 +162,5 @@ def build_frame(place: Callable[[list[tuple[int, int]]], None] = lambda tags: No
     for i, (x, y) in enumerate(((50, 50), (550, 50), (50, 350), (550, 350)), 1):
         frame.add(f"foot_{i}", rod(x, y, -20, 0, 60))
         frame.touch(f"foot_{i}", "base")
-    # a cover apart from the base by washers
-    frame.add("cover", box((-11, 0, 0), (-1, 400, 30)))
-    for i, y in enumerate((100.0, 300.0), 1):
-        tag = gmsh.model.occ.addCylinder(-1, y, 15, 1, 0, 0, 10)
-        frame.add(f"washer_{i}", tag, gmsh.model.occ.addCylinder(-2, y, 15, 3, 0, 0, 5))
-        frame.touch(f"washer_{i}", "base", "cover")
-    place([(3, tag) for tag in frame.tags.values()])
+    add_cover(frame, "base", 0.0, 15.0)
     return frame
