@@ -8,17 +8,17 @@ from pathlib import Path
 import gmsh
 import numpy as np
 import pytest
-
 from assemblies import SMALL, Occurrence, Product, write_assembly, write_nameless
+from frame_assembly import Frame, build_frame, build_small_frame
+
 from built_parts import gmsh_session
 from common import approx
-from frame_assembly import Frame, build_frame, build_small_frame
 from headstock.geometry.assemblies.contact_patches import write_contact_patches
 from headstock.geometry.assemblies.contacts import Contact
 from headstock.geometry.assemblies.pair_motions import find_pair_motions
 from headstock.geometry.assemblies.parts import Assembly
-from headstock.geometry.frames import rotation_about
 from headstock.geometry.frames import Frame as Place
+from headstock.geometry.frames import rotation_about
 from headstock.meshing.assemblies.contact_search import find_contacts
 from headstock.meshing.assemblies.survey import survey_assembly
 from headstock.meshing.errors import MeshError
