@@ -14,7 +14,7 @@ SMALL_HOLES = 0.01  # area of holes over that of a contact: what a patch may cov
 ROUND = 1e-3  # of an outline, over its radius
 FEWEST_ROUND = 24  # points of an outline that can be round
 RIGHT_ANGLE = 1e-3  # cosine between sides of a rectangle
-COARSE = 2e-3  # of an outline's extent: how far its corners may be from its curved edges
+COARSE = 5e-3  # of an outline's extent: how far its corners may be from its curved edges
 UPRIGHT = 1e-6  # angle of a rectangle that is not written [rad]
 
 
