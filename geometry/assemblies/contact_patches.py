@@ -14,7 +14,8 @@ SMALL_HOLES = 0.01  # area of holes over that of a contact: what a patch may cov
 ROUND = 1e-3  # of an outline, over its radius
 FEWEST_ROUND = 24  # points of an outline that can be round
 RIGHT_ANGLE = 1e-3  # cosine between sides of a rectangle
-COARSE = 5e-3  # of an outline's extent: how far its corners may be from its curved edges
+COARSEST = 0.02  # of an outline's extent: how far its corners may be from its curved edges
+SAME_AREA = 0.01  # of an outline: what fewer corners may change
 UPRIGHT = 1e-6  # angle of a rectangle that is not written [rad]
 
 
@@ -47,11 +48,14 @@ def write_contact_patches(assembly: Assembly, contact: Contact, side: int) -> tu
 
 
 def outline_area(outline: FloatArray, normal: FloatArray) -> float:
-    """Return the area within a closed outline ``(n, 3)``, positive where it runs to the left around
-    a unit normal ``(3,)``.
-    """
-    arms = outline - outline[0]
-    return float(0.5 * np.cross(arms[:-1], arms[1:]).sum(axis=0) @ normal)
+    """Return the area within a closed outline ``(n, 3)`` on a plane with a unit normal ``(3,)``."""
+    return _area(outline @ plane_axes(normal).T)
+
+
+def _area(points: FloatArray) -> float:
+    """Return the area within a closed outline ``(n, 2)``."""
+    following = np.roll(points, -1, axis=0)
+    return 0.5 * abs(float(points[:, 0] @ following[:, 1] - points[:, 1] @ following[:, 0]))
 
 
 def _write_plane(
@@ -62,7 +66,7 @@ def _write_plane(
     """
     axes = plane_axes(normal)
     height = float(outline[0] @ normal) * normal
-    holes = [hole for hole in holes if abs(outline_area(hole, normal)) > SMALL_HOLES * area]
+    holes = [hole for hole in holes if outline_area(hole, normal) > SMALL_HOLES * area]
     circle = _fit_circle(outline @ axes.T)
     if circle is not None and len(holes) <= 1:
         center, radius = circle
@@ -72,7 +76,7 @@ def _write_plane(
         inner = _fit_circle(holes[0] @ axes.T)
         if inner is not None and np.linalg.norm(inner[0] - center) <= ROUND * radius:
             return f"ring = {{ {at}, inner = {_length(2.0 * inner[1])} }}"
-    corners = _drop_points(outline @ axes.T)
+    corners = _find_corners(outline @ axes.T)
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(sides, axis=1)
     cosines = (sides * np.roll(sides, -1, axis=0)).sum(axis=1) / (lengths * np.roll(lengths, -1))
@@ -104,13 +108,24 @@ def _fit_circle(points: FloatArray) -> tuple[FloatArray, float] | None:
     return (center, radius) if np.abs(lengths - radius).max() <= ROUND * radius else None
 
 
-def _drop_points(points: FloatArray) -> FloatArray:
-    """Return the corners of a closed outline ``(n, 2)`` without those that lie nearly on the line
+def _find_corners(points: FloatArray) -> FloatArray:
+    """Return the fewest corners of a closed outline ``(n, 2)`` that keep its area."""
+    limit = COARSEST * float(np.ptp(points, axis=0).max())
+    corners = _drop_points(points, limit)
+    while len(corners) < len(points) and not np.isclose(
+        _area(corners), _area(points), rtol=SAME_AREA
+    ):
+        limit *= 0.5
+        corners = _drop_points(points, limit)
+    return corners
+
+
+def _drop_points(points: FloatArray, limit: float) -> FloatArray:
+    """Return a closed outline ``(n, 2)`` without the points that lie as near as a limit to the line
     between others.
 
     Source: Douglas and Peucker (1973).
     """
-    limit = COARSE * float(np.ptp(points, axis=0).max())
     # from the farthest two points, which are corners
     start = int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmax())
     ring = np.roll(points, -start, axis=0)

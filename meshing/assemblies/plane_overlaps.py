@@ -152,7 +152,7 @@ def _chain_outlines(curves: list[int], normal: FloatArray) -> tuple[FloatArray, 
             following = left.pop(int(k))
             outline = np.vstack([outline, (following if end == 0 else following[::-1])[1:]])
         outlines.append(outline[:-1])
-    return tuple(sorted(outlines, key=lambda outline: -abs(outline_area(outline, normal))))
+    return tuple(sorted(outlines, key=lambda outline: -outline_area(outline, normal)))
 
 
 def _find_solid_holes(

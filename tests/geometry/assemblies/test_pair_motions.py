@@ -61,14 +61,19 @@ def cylinder(
     )
 
 
-def saddle(rail: int, carriage: int, y: float = 0.0, *, wide: bool = False) -> list[Contact]:
+def saddle(
+    rail: int, carriage: int, y: float = 0.0, *, wide: bool = False, length: float = 0.04
+) -> list[Contact]:
     """A carriage around a rail along y."""
     sides = [
         ((0.0, y, 0.02), (0.0, 0.0, 1.0)),
         ((0.02, y, 0.0), (1.0, 0.0, 0.0)),
         ((-0.02, y, 0.0), (-1.0, 0.0, 0.0)),
     ]
-    return [plane((rail, carriage), center, normal, wide=wide) for center, normal in sides]
+    return [
+        plane((rail, carriage), center, normal, wide=wide, length=length)
+        for center, normal in sides
+    ]
 
 
 def assemble(
@@ -181,7 +186,8 @@ def test_what_only_looks_prismatic_stays_bonded_and_says_so() -> None:
     assert (shoulder.likely, len(shoulder.slides)) == ("bonded", 1)
     assert "rail on a shoulder" in shoulder.reason
     # the long solid is the one around the short one
-    key = assemble([*saddle(1, 2), *saddle(1, 3, 0.2)], [""] * 3, long=[2, 3], parts="abb")
+    grooves = [*saddle(1, 2, length=0.1), *saddle(1, 3, 0.2, length=0.1)]
+    key = assemble(grooves, [""] * 3, long=[2, 3], parts="abb")
     assert {one.likely for one in key.values()} == {"bonded"}
     assert "key in its groove" in key[1, 2].reason
     through = [cylinder((1, 3), (0.0, 0.1, 0.0)), cylinder((2, 3), (0.0, 0.1, 0.0))]
