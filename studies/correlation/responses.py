@@ -123,6 +123,8 @@ def compare_responses(
             machine.parts, system, machine.coupled, machine.all_modes, few
         )
         errors, left_out = {}, estimate.left_out
+        if machine.parts.scene.fit is not None:
+            left_out += ("what the fit of the scene leaves open",)
         for source, size in estimate.shares.items():
             errors[source] = np.full(response.receptance.shape, np.nan)
             errors[source][np.ix_(range(len(size)), rows, columns)] = size
