@@ -2,6 +2,7 @@
 every variant.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from headstock.scene.reading.keys import (
     read_number,
     split_key,
     value_at,
+    write_number,
     written_unit,
 )
 from headstock.scene.reading.units import Dimension, Quantity
@@ -31,6 +33,7 @@ from headstock.studies.identification.targets import (
     TargetsTable,
 )
 
+SAME_VALUE = 1e-9
 Scenes = Sequence[Scene]
 Rule = SetRuleTable | PowerRuleTable | ShiftRuleTable
 _TABLES = {"set": "keys", "multiply": "multiplies", "shift": "shifts"}
@@ -127,13 +130,20 @@ def _find_targets(
         findings.add(rule_key, str(error))
         return []
     targets: dict[KeyPath, _Target] = {}
+    holder: dict[KeyPath, Scene] = {}  # that each was read from
     faults: list[str] = []
     for scene in scenes:
         for key in find_keys(scene.raw, pattern):
             faults.append(_find_fault(key, scene))
-            if key not in targets and holds_number(scene.raw, key):
-                targets[key] = target = _make_target(key, kind, rule, scene, rule_key)
+            if not holds_number(scene.raw, key):
+                continue
+            target = _make_target(key, kind, rule, scene, rule_key)
+            first = targets.setdefault(key, target)
+            if first is target:
+                holder[key] = scene
                 faults.append(_find_offset_fault(rule, target.quantity))
+            elif kind == "set" and scene.path == holder[key].path:
+                faults.append(_find_own_value(first, target, scene, holder[key]))
     if not targets and not any(faults):
         faults.append(_explain_missing(pattern, rule.key, scenes))
     for fault in filter(None, faults):
@@ -147,6 +157,27 @@ def _make_target(key: KeyPath, kind: str, rule: Rule, scene: Scene, place: KeyPa
     offset = rule.offset.value if isinstance(rule, SetRuleTable) and rule.offset else 0.0
     quantity, unit = read_number(scene.raw, key), written_unit(scene.raw, key, scene.written)
     return _Target(KeyRule(key, kind, factor, offset), quantity, unit, place)
+
+
+def _find_own_value(first: _Target, target: _Target, scene: Scene, other: Scene) -> str:
+    """Return that two variants hold different numbers, which a parameter would set to one; empty where
+    they are equal.
+    """
+    if math.isclose(first.quantity.value, target.quantity.value, rel_tol=SAME_VALUE):
+        return ""
+    key = show_key(target.rule.key)
+    numbers = " and ".join(
+        f"{write_number(one.quantity.value, one.unit, 6)} {_name_variant(holder)}"
+        for one, holder in ((first, other), (target, scene))
+    )
+    return (
+        f"{key} is {numbers}, and keys would set both to one value; "
+        f'write multiplies = ["{key}"], which keeps their proportion, or fit a key that they share'
+    )
+
+
+def _name_variant(scene: Scene) -> str:
+    return f"in variant {scene.variant}" if scene.variant else "in the scene as written"
 
 
 def _find_offset_fault(rule: Rule, quantity: Quantity) -> str:
@@ -195,11 +226,10 @@ def _find_fault(key: KeyPath, scene: Scene) -> str:
             ]
         )
         return f"{show_key(key)} cannot be fitted; what can: {places}"
-    variant = f"in variant {scene.variant}" if scene.variant else "in the scene as written"
     if section == "components" and key[2] not in _FREE_OF_MESH:
         component = scene.machine.components[str(key[1])]
         if isinstance(component.solid, SuperelementFile):
-            return f"{key[1]} is an imported superelement {variant}; fit its place, mass or joints"
+            return f"{key[1]} is an imported superelement {_name_variant(scene)}; fit its place, mass or joints"
     return ""
 
 

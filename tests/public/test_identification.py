@@ -302,6 +302,18 @@ def test_modes_that_the_model_has_in_the_other_order_are_named(block: Shell) -> 
     assert block.json("out/identification.json")["parameters"]["y"]["value"] > 9.2
 
 
+def test_a_number_of_which_a_variant_has_its_own_value_is_not_set_to_one(block: Shell) -> None:
+    block.change(add='[variants.stiff]\n"joints.feet.stiffness.x" = "8.5 N/um"\n')
+    text = EXCHANGED.format(np.sqrt([4e3, 9e3, 9.5e3]) / 2.0 / np.pi) + parameter("x")
+    block.write(text, name="targets")
+    said = " ".join(block.refuses(IDENTIFY).split())
+    assert "4 N/um in the scene as written and 8.5 N/um in variant stiff" in said
+    assert 'write multiplies = ["joints.feet.stiffness.x"]' in said
+    text = text.replace("keys =", "multiplies =").replace('["1 N/um", "50 N/um"]', "[0.2, 5.0]")
+    block.write(text, name="targets")
+    block(IDENTIFY)
+
+
 def test_a_fit_is_written_beside_the_scene_and_later_runs_carry_its_uncertainty(
     block: Shell,
 ) -> None:
@@ -330,6 +342,9 @@ def test_a_fit_is_written_beside_the_scene_and_later_runs_carry_its_uncertainty(
     block.write(block.text("scene.fitted.toml") + "# changed by hand\n", name="scene.fitted")
     assert "changed since" in block.refuses(f"{IDENTIFY} --write fitted -o late")
     assert "late" not in block.files()  # nothing was fitted in vain
+    (block.folder / ".headstock-files").unlink()  # as in a clone
+    assert "variant fitted is in" in block.prints(f"{IDENTIFY} --write fitted -o late")
+    assert "changed by hand" not in block.text("scene.fitted.toml")
 
 
 RESPONSES = """
