@@ -54,6 +54,7 @@ from headstock.studies.identification.sensors import RankedSensor, rank_sensors
 from headstock.studies.identification.target_files import LoadedTask, load_targets
 from headstock.studies.identification.targets import IdentificationTask
 
+FIT_START = b"# ./headstock identify "  # of the file of a fitted variant
 SEEN_FAINTLY = 0.5
 COMBINATIONS_SHOWN = 20
 SENSORS_SHOWN = 12
@@ -273,18 +274,11 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
         def publish() -> int:
             found = assess_ends(ends, loaded.task.name)
             seconds = time.perf_counter() - begin
-            assessed = {name: assess_ends(end, name) for name, end in rivals.items()}
+            models, evidence = _rank_models(found, rivals)
             weak = bool(found.statistics.unidentifiable)
             suggested = suggest_measurements(found) if weak else ()
             left_out = [summarise_outcome(item) for item in predicted]
-            models = {AS_WRITTEN: found, **assessed} if assessed else {}
-            evidence = {name: weigh_evidence(one) for name, one in models.items()}
-            order = sorted(models, key=lambda name: evidence[name].bic)
-            sensors = (
-                rank_sensors(found, {name: models[name] for name in order})
-                if weak or models
-                else ()
-            )
+            sensors = rank_sensors(found, models) if weak or models else ()
             summary = {
                 **summarise_identification(found),
                 "models": {name: dataclasses.asdict(one) for name, one in evidence.items()},
@@ -302,7 +296,7 @@ def identify_command(options: IdentifyOptions, comm: MPI.Comm) -> int:
                 _print_predictions(left_out, "Each mode by a fit to the others")
             _print_models(evidence)
             _print_suggested(suggested)
-            _print_sensors(sensors, order)
+            _print_sensors(sensors, [*models])
             if options.write is not None:
                 _print_include(options.scene, options.write)
             return DONE if found.converged else FAILED
@@ -330,6 +324,20 @@ def _fit_rivals(rivals: Mapping[str, LoadedTask], comm: MPI.Comm) -> dict[str, F
         problem = prepare_problem(loaded, Store(default_store_root()), comm)
         ends[name] = fit_targets(problem, _print_start, comm=comm)
     return ends
+
+
+def _rank_models(
+    found: Identification, rivals: Mapping[str, FitEnds]
+) -> tuple[dict[str, Identification], dict[str, Evidence]]:
+    """Return the scene and the other models of the target file by name, the one with the least BIC first,
+    and their evidence in the order of the file; nothing without others.
+    """
+    if not rivals:
+        return {}, {}
+    models = {AS_WRITTEN: found, **{name: assess_ends(end, name) for name, end in rivals.items()}}
+    evidence = {name: weigh_evidence(one) for name, one in models.items()}
+    order = sorted(models, key=lambda name: evidence[name].bic)
+    return {name: models[name] for name in order}, evidence
 
 
 def _print_models(models: Mapping[str, Evidence]) -> None:
@@ -413,7 +421,7 @@ def _publish(
             path = options.targets.parent / scene if scene else options.scene
             other = load_scene(path) if scene else written
             fitted = render_overrides(found, other, command, scene=scene, name=options.write)
-            write_output(_fit_file(path, options.write), fitted.encode())
+            write_output(_fit_file(path, options.write), fitted.encode(), FIT_START)
     text = dump_summary(summary)
     write_output(output / RECORD_FILE, text.encode())
     options.write_json(text)
@@ -437,7 +445,7 @@ def _require_free_name(scene: Path, name: str) -> None:
         raise click.UsageError(
             f"--write {name}: the scene has a variant of this name; choose another"
         )
-    check_output(_fit_file(scene, name))
+    check_output(_fit_file(scene, name), FIT_START)
 
 
 def _command(options: IdentifyOptions, starts: int, *, with_folders: bool) -> str:

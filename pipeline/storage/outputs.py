@@ -62,17 +62,20 @@ class PendingOutputs(PendingFiles):
         super().__init__()
         self._digests: dict[Path, str] = {}
 
-    def add(self, path: Path, content: bytes, *, mode: int = 0o644) -> None:
+    def add(
+        self, path: Path, content: bytes, *, mode: int = 0o644, start: bytes | None = None
+    ) -> None:
         """Write to a temporary neighbour of ``path``.
 
         Args:
             mode: Permissions of a Unix file.
+            start: As for ``check_output``.
 
         Raises:
             TakenOutputError: There is a file that Headstock did not write.
             OSError: The folder is not writable, the disk is full or the device reports an error.
         """
-        check_output(path)
+        check_output(path, start)
         super().add(path, content, mode=mode)
         self._digests[path] = hashlib.sha256(content).hexdigest()
 
@@ -150,8 +153,12 @@ def claim_output(
         yield
 
 
-def check_output(path: Path) -> None:
+def check_output(path: Path, start: bytes | None = None) -> None:
     """Refuse a file that must not be written over.
+
+    Args:
+        start: What a file begins with that Headstock wrote and that came here without the list of its
+            folder, as in a clone of a repository.
 
     Raises:
         TakenOutputError: It is there and Headstock did not write it, it was changed since, or it is
@@ -159,7 +166,12 @@ def check_output(path: Path) -> None:
         OutputError: Nobody can tell.
     """
     with naming_output(path):
-        if _is_taken(path.parent, path.name, _read_list(path.parent)):
+        listed = _read_list(path.parent)
+        if start and path.name not in listed and path.is_file() and not path.is_symlink():
+            with path.open("rb") as file:
+                if file.read(len(start)) == start:
+                    return
+        if _is_taken(path.parent, path.name, listed):
             what = (
                 "is a link"
                 if path.is_symlink()
@@ -170,15 +182,18 @@ def check_output(path: Path) -> None:
             )
 
 
-def write_output(path: Path, content: bytes) -> None:
+def write_output(path: Path, content: bytes, start: bytes | None = None) -> None:
     """Write one file atomically.
+
+    Args:
+        start: As for ``check_output``.
 
     Raises:
         TakenOutputError: It is there and Headstock did not write it.
         OutputError: It cannot be written.
     """
     with naming_output(path), PendingOutputs() as pending:
-        pending.add(path, content)
+        pending.add(path, content, start=start)
         pending.publish()
 
 
