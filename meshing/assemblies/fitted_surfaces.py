@@ -69,8 +69,12 @@ class FittedSolid:
     surfaces: tuple[Surface, ...]
 
 
-def fit_face(volume: int, tag: int, number: int) -> FittedFace | None:
-    """Fit a plane or a cylinder to a face of a volume; None where it is neither."""
+def fit_face(volume: int, tag: int, number: int, *, shared: bool) -> FittedFace | None:
+    """Fit a plane or a cylinder to a face of a volume; None where it is neither.
+
+    Args:
+        shared: Another volume has the same face, so the kernel's normal may point out of that one.
+    """
     low, high = gmsh.model.getParametrizationBounds(2, tag)
     u, v = (np.linspace(start, stop, SAMPLES) for start, stop in zip(low, high, strict=True))
     pairs = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1)
@@ -78,9 +82,8 @@ def fit_face(volume: int, tag: int, number: int) -> FittedFace | None:
     normals = np.array(gmsh.model.getNormal(tag, pairs.ravel())).reshape(-1, 3)
     if not np.allclose(np.linalg.norm(normals, axis=1), 1.0):
         return None  # a pole
-    for inner in sample_inside(tag, 1):
+    for inner in sample_inside(tag, 1) if shared else ():
         normal = np.array(gmsh.model.getNormal(tag, gmsh.model.getParametrization(2, tag, inner)))
-        # of a face that two solids share the kernel's normal is that of one of them
         if is_inside(volume, inner + PROBE * normal):
             normals = -normals
     extent = float(np.ptp(points, axis=0).max())

@@ -22,6 +22,7 @@ from headstock.meshing.assemblies.fitted_surfaces import (
     sample_inside,
 )
 from headstock.meshing.cad.shapes import face_curves, total_area
+from headstock.meshing.errors import MeshError
 
 NARROWEST = 0.1  # area over half the rim of an overlap: what is narrower is an edge [mm]
 TURN_POINTS = 96  # of an outline along a full turn
@@ -70,6 +71,9 @@ def pair_planes(
 def cut_overlap(pair: PlanePair) -> dict[int, set[int]]:
     """Return the pieces in which the faces of a pair overlap, seen along their normal, and the
     faces that each is a part of.
+
+    Raises:
+        MeshError: The CAD kernel cannot intersect them.
     """
     occ = gmsh.model.occ
     tags = [[face.tag for face in side] for side in pair.sides]
@@ -81,9 +85,18 @@ def cut_overlap(pair: PlanePair) -> dict[int, set[int]]:
     if sine > 1e-12:
         occ.rotate(copies, *plane.place, *(axis / sine), np.arcsin(sine))
     occ.translate(copies, *(-pair.gap * pair.normal))
-    pieces, parents = occ.intersect(
-        [(2, tag) for tag in tags[0]], copies, removeObject=False, removeTool=True
-    )
+    try:
+        pieces, parents = occ.intersect(
+            [(2, tag) for tag in tags[0]], copies, removeObject=False, removeTool=False
+        )
+    except Exception as error:  # gmsh raises the bare class
+        sides = (
+            f"{', '.join(f'face:{face.number}' for face in side)} of solid {index + 1}"
+            for index, side in zip(pair.solids, pair.sides, strict=True)
+        )
+        raise MeshError(
+            f"the CAD kernel cannot intersect {' with '.join(sides)}: {error}; export these parts again"
+        ) from error
     sources: dict[int, set[int]] = {tag: set() for dim, tag in pieces if dim == 2}
     for tag, parts in zip(tags[0] + tags[1], parents, strict=True):
         for dim, part in parts:

@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import json
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -53,11 +54,12 @@ def search_touching(path: str, content: bytes) -> Arrays:
         ``contacts``: JSON of their fields.
     """
     job = json.loads(content)
-    tolerance, wide = job["tolerance"] / STEP_UNIT, job["wide"] / STEP_UNIT
+    tolerance = job["tolerance"] / STEP_UNIT
+    wide = max(tolerance, job["wide"] / STEP_UNIT)
     with open_kernel():
         volumes = open_assembly(Path(path))
         tags = [boundary_faces(volume) for volume in volumes]
-        solids, pairs = _fit_solids(volumes, tags, max(tolerance, wide))
+        solids, pairs = _fit_solids(volumes, tags, wide)
         contacts = _search_pairs(solids, pairs, tolerance, wide)
         contacts = _number_faces(contacts, tags, job["parts"])
     contacts.sort(key=lambda contact: (contact.solids, contact.kind, contact.faces))
@@ -77,10 +79,13 @@ def _fit_solids(
     ]
     boxes = np.array([[one[:, 0].min(axis=0), one[:, 1].max(axis=0)] for one in faces])
     near = boxes_meet(boxes, boxes, reach) & ~np.eye(len(boxes), dtype=bool)
+    owners = Counter(itertools.chain.from_iterable(tags))
     solids = []
     for i, volume in enumerate(volumes):
         chosen = np.flatnonzero(boxes_meet(faces[i], boxes[near[i]], reach).any(axis=1))
-        fits = (fit_face(volume, tags[i][k], int(k) + 1) for k in chosen)
+        fits = (
+            fit_face(volume, tags[i][k], int(k) + 1, shared=owners[tags[i][k]] > 1) for k in chosen
+        )
         surfaces = group_surfaces([face for face in fits if face is not None])
         solids.append(FittedSolid(volume, boxes[i], surfaces))
     return solids, [(int(i), int(j)) for i, j in np.argwhere(np.triu(near))]
@@ -167,23 +172,26 @@ def _number_faces(
     Copies that the file shares have their faces in one order; those that were found by geometry
     need not.
     """
-    orders: list[list[int]] = []
-    for rim, part in zip(tags, parts, strict=True):
+    orders: dict[int, list[int]] = {}
+    for number in {number for contact in contacts for number in contact.solids}:
+        part = parts[number - 1]
+        rim, original = tags[number - 1], tags[part["solid"] - 1]
+        orders[number] = list(range(1, len(rim) + 1))
+        if number == part["solid"]:
+            continue
         centers, originals = (
             np.array([gmsh.model.occ.getCenterOfMass(2, tag) for tag in one])
-            for one in (rim, tags[part["solid"] - 1])
+            for one in (rim, original)
         )
-        shift = np.array(part["shift"]) / STEP_UNIT
-        back = (centers - shift) @ np.array(part["rotation"])
+        back = (centers - np.array(part["shift"]) / STEP_UNIT) @ np.array(part["rotation"])
         distances = np.linalg.norm(back[:, None] - originals, axis=2)
-        same = np.diag(distances) <= SAME_FACE
-        nearest = np.where(same, np.arange(len(rim)), distances.argmin(axis=1))
-        orders.append([int(k) + 1 for k in nearest])
+        for k in np.flatnonzero(np.diag(distances) > SAME_FACE):
+            orders[number][k] = int(distances[k].argmin()) + 1
     return [
         dataclasses.replace(
             contact,
             faces=tuple(
-                tuple(orders[number - 1][face - 1] for face in side)
+                tuple(orders[number][face - 1] for face in side)
                 for number, side in zip(contact.solids, contact.faces, strict=True)
             ),
         )
