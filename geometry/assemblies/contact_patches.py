@@ -6,7 +6,7 @@ import numpy as np
 
 from headstock.geometry.assemblies.contacts import Contact
 from headstock.geometry.assemblies.parts import Assembly
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.parts.curved_patches import plane_axes
 
 WHOLE = 0.99  # share of a face that counts as all of it
@@ -23,8 +23,8 @@ def write_contact_patches(assembly: Assembly, contact: Contact, side: int) -> tu
     """Return the patches of a contact on one of its solids as inline tables of a scene, in the
     coordinates of the first solid of its part.
 
-    Whole faces where the contact takes all of them; a disk, a ring, a rectangle or an outline of
-    the rest; bands of cylinders. Holes that the part itself has need not be written.
+    Whole faces where the contact takes all of them; a disk, a ring, a rectangle or outlines of the
+    rest; bands of cylinders. Holes that the part itself has need not be written.
 
     Args:
         side: 0 for the first solid, 1 for the second.
@@ -33,17 +33,18 @@ def write_contact_patches(assembly: Assembly, contact: Contact, side: int) -> tu
     (place,) = (one for part in assembly.parts for one in part.placements if one.solid == number)
     rotation, shift = np.array(place.rotation), np.array(place.shift)
     outlines = [(outline - shift) @ rotation for outline in contact.outlines]
-    shape = ""
     if contact.kind == "plane":
         normal = np.array(contact.axis) @ rotation
         holes = [outlines[i] for i in contact.solid_holes[side]]
-        shape = _write_plane(outlines[0], holes, normal, contact.area)
+        shapes = _write_plane(outlines[0], holes, normal, contact.area)
     else:
         center = (np.array(contact.center) - shift) @ rotation
-        shape = f"band = {{ center = {_point(center)}, width = {_length(contact.length or 0.0)} }}"
+        width = _length(contact.length or 0.0)
+        shapes = [f"band = {{ center = {_point(center)}, width = {width} }}"]
     return tuple(
-        f'{{ face = "face:{face}" }}' if share >= WHOLE else f'{{ face = "face:{face}", {shape} }}'
+        f'{{ face = "face:{face}"{shape} }}'
         for face, share in zip(contact.faces[side], contact.covered[side], strict=True)
+        for shape in ([""] if share >= WHOLE else [f", {shape}" for shape in shapes])
     )
 
 
@@ -60,9 +61,9 @@ def _area(points: FloatArray) -> float:
 
 def _write_plane(
     outline: FloatArray, holes: list[FloatArray], normal: FloatArray, area: float
-) -> str:
-    """Return the shape of an outline ``(n, 3)`` on a plane, without holes ``(m, 3)`` that the part
-    does not have itself.
+) -> list[str]:
+    """Return the shapes that make up an outline ``(n, 3)`` on a plane, without holes ``(m, 3)`` that
+    the part does not have itself.
     """
     axes = plane_axes(normal)
     height = float(outline[0] @ normal) * normal
@@ -72,25 +73,96 @@ def _write_plane(
         center, radius = circle
         at = f"center = {_point(center @ axes + height)}, diameter = {_length(2.0 * radius)}"
         if not holes:
-            return f"disk = {{ {at} }}"
+            return [f"disk = {{ {at} }}"]
         inner = _fit_circle(holes[0] @ axes.T)
         if inner is not None and np.linalg.norm(inner[0] - center) <= ROUND * radius:
-            return f"ring = {{ {at}, inner = {_length(2.0 * inner[1])} }}"
-    corners = _find_corners(outline @ axes.T)
+            return [f"ring = {{ {at}, inner = {_length(2.0 * inner[1])} }}"]
+    pieces = _split_holes([outline @ axes.T], [hole @ axes.T for hole in holes])
+    return [_write_corners(_find_corners(piece), axes, height) for piece in pieces]
+
+
+def _write_corners(corners: FloatArray, axes: FloatArray, height: FloatArray) -> str:
+    """Return the rectangle or the outline of corners ``(n, 2)``.
+
+    Args:
+        axes: Of the plane, ``(2, 3)``.
+        height: From the origin to it, ``(3,)``.
+    """
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(sides, axis=1)
     cosines = (sides * np.roll(sides, -1, axis=0)).sum(axis=1) / (lengths * np.roll(lengths, -1))
-    if len(corners) == 4 and np.abs(cosines).max() <= RIGHT_ANGLE:
-        # the side along the first axis, or nearest to it
-        along = int(np.argmax(np.abs(sides[:2, 0]) / lengths[:2]))
-        direction = sides[along] * np.sign(sides[along, 0])
-        angle = float(np.arctan2(direction[1], direction[0]))
-        turned = f', angle = "{np.degrees(angle):.6g} deg"' if abs(angle) > UPRIGHT else ""
-        size = f"[{_length(lengths[along])}, {_length(lengths[1 - along])}]"
-        middle = corners.mean(axis=0) @ axes + height
-        return f"rect = {{ center = {_point(middle)}, size = {size}{turned} }}"
-    points = ", ".join(_point(corner @ axes + height) for corner in corners)
-    return f"outline = {{ corners = [{points}] }}"
+    if len(corners) != 4 or np.abs(cosines).max() > RIGHT_ANGLE:
+        points = ", ".join(_point(corner @ axes + height) for corner in corners)
+        return f"outline = {{ corners = [{points}] }}"
+    # the side along the first axis, or nearest to it
+    along = int(np.argmax(np.abs(sides[:2, 0]) / lengths[:2]))
+    direction = sides[along] * np.sign(sides[along, 0])
+    angle = float(np.arctan2(direction[1], direction[0]))
+    turned = f', angle = "{np.degrees(angle):.6g} deg"' if abs(angle) > UPRIGHT else ""
+    size = f"[{_length(lengths[along])}, {_length(lengths[1 - along])}]"
+    middle = corners.mean(axis=0) @ axes + height
+    return f"rect = {{ center = {_point(middle)}, size = {size}{turned} }}"
+
+
+def _split_holes(outlines: list[FloatArray], holes: list[FloatArray]) -> list[FloatArray]:
+    """Return outlines ``(n, 2)`` without holes that together cover what lies between outlines and
+    holes: cut in two through the middle of a hole until none is left.
+    """
+    if not holes:
+        return outlines
+    middle = float(holes[0][:, 0].mean())
+    pieces = []
+    for sign in (1.0, -1.0):
+        whole: list[list[FloatArray]] = [[], []]
+        chains: list[FloatArray] = []
+        for hollow, loop in [*((0, one) for one in outlines), *((1, one) for one in holes)]:
+            inside = sign * (loop[:, 0] - middle) > 0.0
+            if inside.all():
+                whole[hollow].append(loop)
+            elif inside.any():
+                chains += _cut_loop(loop, inside, middle)
+        pieces += _split_holes(whole[0] + _close_chains(chains), whole[1])
+    return pieces
+
+
+def _cut_loop(loop: FloatArray, inside: BoolArray, middle: float) -> list[FloatArray]:
+    """Return the parts ``(k, 2)`` of a loop on one side of a line across the first axis, with the
+    points where they end on it.
+    """
+    starts = np.flatnonzero(inside & ~np.roll(inside, 1))
+    chains = []
+    for start in starts:
+        ring, within = np.roll(loop, -start, axis=0), np.roll(inside, -start)
+        count = int(np.argmin(within))
+        ends = []
+        for point, beyond in ((ring[0], ring[-1]), (ring[count - 1], ring[count])):
+            share = (middle - point[0]) / (beyond[0] - point[0])
+            ends.append(point + share * (beyond - point))
+        chains.append(np.vstack([ends[0], ring[:count], ends[1]]))
+    return chains
+
+
+def _close_chains(chains: list[FloatArray]) -> list[FloatArray]:
+    """Join chains that end on a line across the first axis along every other span between their
+    ends, and return the closed outlines.
+    """
+    ends = sorted((chain[end, 1], k, end) for k, chain in enumerate(chains) for end in (0, -1))
+    partners = {}
+    for one, other in zip(ends[::2], ends[1::2], strict=True):
+        partners[one[1:]], partners[other[1:]] = other[1:], one[1:]
+    outlines = []
+    while partners:
+        first = at = next(iter(partners))
+        parts = []
+        while at in partners:
+            k, end = at
+            parts.append(chains[k] if end == 0 else chains[k][::-1])
+            leaving = (k, -1 - end)
+            partners.pop(at)
+            at = partners.pop(leaving)
+        assert at == first
+        outlines.append(np.concatenate(parts))
+    return outlines
 
 
 def _fit_circle(points: FloatArray) -> tuple[FloatArray, float] | None:

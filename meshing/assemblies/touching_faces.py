@@ -120,15 +120,21 @@ def _search_pairs(
         for overlap in measure_overlaps(pair, pieces)
         if _is_clear(solids, overlap)
     ]
-    for _, group in itertools.groupby(flat, key=lambda contact: contact.solids):
+    return contacts + _mark_guides(flat, tolerance)
+
+
+def _mark_guides(contacts: Sequence[Contact], tolerance: float) -> list[Contact]:
+    """Mark the contacts of guides with air, and leave out others that are only near."""
+    marked = []
+    for _, group in itertools.groupby(contacts, key=lambda contact: contact.solids):
         members = list(group)
         guide = _may_guide([(np.array(one.axis), one.gap) for one in members], tolerance)
-        contacts += [
+        marked += [
             dataclasses.replace(one, wide=one.gap > tolerance)
             for one in members
             if guide or one.gap <= tolerance
         ]
-    return contacts
+    return marked
 
 
 def _is_clear(solids: Sequence[FittedSolid], overlap: Overlap) -> bool:

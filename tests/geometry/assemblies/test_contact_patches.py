@@ -102,6 +102,20 @@ def test_other_outlines_have_few_corners_and_the_area_within_1_percent() -> None
     assert 1e-6 * outline_area(corners, Z) == approx(contact.area, rel=0.01)
 
 
+def test_a_hole_of_the_other_part_alone_is_left_out_by_outlines_around_it() -> None:
+    square = 10.0 * rectangle(0.0)
+    holes = [circle(0.03) + np.array([x, 0.2, 0.0]) for x in (0.35, 0.6)]
+    contact = touch_plane(square, *holes, solid_holes=(1, 2))
+    patches = write_contact_patches(assembly_at(ROTATION, SHIFT), contact, 1)
+    assert len(patches) >= 3
+    area = 0.0
+    for text in patches:
+        patch = tomllib.loads(f"patch = {text}")["patch"]
+        corners = np.array([millimetres(row) for row in patch["outline"]["corners"]])
+        area += 1e-6 * outline_area(corners, Z)
+    assert area == approx(contact.area, rel=0.01)
+
+
 def test_a_cylinder_is_a_band_about_its_middle() -> None:
     axis = (ROTATION @ Z).tolist()
     center = (ROTATION @ np.array([0.0, 0.0, 0.05]) + SHIFT).tolist()
