@@ -6,12 +6,13 @@ import numpy as np
 from mpi4py import MPI
 from scipy.stats import spearmanr
 
-from common import make_box, present
+from common import approx, make_box, present
 from elastic_columns import COLUMN, SIZE, couple_column
 from headstock.geometry.frames import FloatArray, rigid_transfer
+from headstock.geometry.machine.machine import Machine, Pose
 from headstock.meshing.component_mesh import CellKind
 from headstock.reduction.components.elastic import reduce_elastic
-from headstock.reduction.coupling.coupling import CoupledMachine
+from headstock.reduction.coupling.coupling import CoupledMachine, couple
 from headstock.reduction.estimates.mesh_errors import (
     compliance_mesh_errors,
     frequency_mesh_errors,
@@ -19,8 +20,10 @@ from headstock.reduction.estimates.mesh_errors import (
 )
 from headstock.reduction.motions.compliance_budget import point_budget
 from headstock.reduction.requests import ReductionRequest
+from headstock.reduction.superelement import ErrorEstimates
 from headstock.solvers.elastic.eigenpairs import ModeTarget
 from headstock.solvers.linear.modal_analysis import solve_modal
+from lumped_machines import joint_between, two_node_body
 from reduced_parts import reduce_mesh
 
 COUNT = 5
@@ -116,3 +119,26 @@ def test_what_is_not_asked_for_is_not_estimated() -> None:
         reduce_elastic(COLUMN, mesh, comm=MPI.COMM_SELF, request=request).errors.missing_energy
         is None
     )
+
+
+def test_the_frequency_of_one_linear_element_falls_to_that_of_the_rod() -> None:
+    """A rod of one element fixed at its foot has ``omega_h^2 = 3 k / m``, the true one ``pi^2 / 4 k / m``.
+
+    Under the inertia of its mode the true rod strains by ``w' = 3 (1 - x^2) / 2`` where the element has
+    one: it misses a fifth of the energy.
+    """
+    mass, stiffness, missed = 6.0, 4e6, 0.2
+    component, body = two_node_body("rod", mass, 1.0, [1e12, 1e12, stiffness, 1e12, 1e12, 1e12])
+    rod = dataclasses.replace(
+        body,
+        mass=np.kron([[2.0, 1.0], [1.0, 2.0]], mass / 6.0 * np.eye(6)),
+        errors=ErrorEstimates(missing_energy=missed * body.stiffness, mesh_safety=1.0),
+    )
+    clamp = joint_between("clamp", "ground", "rod.foot", fixed=range(6))
+    machine = Machine("rod", {"rod": component}, {"clamp": clamp}, {})
+    coupled = couple({"rod": rod}, machine, Pose("reference"))
+    modes = solve_modal(coupled.system, count=1)
+    (too_high,) = frequency_mesh_errors(coupled, modes)["rod"]
+    true_hz = 0.25 * np.sqrt(stiffness / mass)
+    assert modes.frequencies_hz[0] == approx(np.sqrt(12.0) / np.pi * true_hz, rel=1e-9)
+    assert modes.frequencies_hz[0] - too_high == approx(true_hz, rel=0.01)
