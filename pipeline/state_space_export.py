@@ -28,6 +28,7 @@ from headstock.scene.building.exports import require_space
 from headstock.scene.exports import DEFAULT_STEP_S, SAMPLES, Export, find_step_fault
 from headstock.scene.reading.findings import SceneError
 from headstock.scene.scene import Analyses, Scene, require_name
+from headstock.solvers.control.drive_trains import DRIVE_CHANNELS
 from headstock.solvers.mpi import MPI
 from headstock.solvers.ranks import make_on_root
 from headstock.solvers.second_order import Channel
@@ -212,7 +213,13 @@ def _summarise(
 
 
 def _channels(scene: Scene) -> tuple[tuple[Channel, ...], tuple[Channel, ...]]:
+    """Return those of the frequency response but channels of drives, on which motors decide."""
     if FrfRequest in scene.analyses:
-        return scene.analyses[FrfRequest].inputs, scene.analyses[FrfRequest].outputs
+        request = scene.analyses[FrfRequest]
+        inputs, outputs = (
+            tuple(channel for channel in channels if channel[1] not in DRIVE_CHANNELS)
+            for channels in (request.inputs, request.outputs)
+        )
+        return inputs, outputs
     channels = tuple((point, direction) for point in scene.machine.points for direction in "xyz")
     return channels, channels

@@ -15,6 +15,7 @@ from headstock.solvers.errors import ModelError
 
 ComplexArray = NDArray[np.complexfloating[Any, Any]]
 Channel = tuple[str, str]
+ANGLES = ("torque", "motor_angle", "scale_angle", "command_angle")  # of drives of rotary axes
 Positions = slice | NDArray[np.intp]
 Motion = Literal["receptance", "mobility", "accelerance"]
 
@@ -116,6 +117,11 @@ def output_rows(system: SecondOrderSystem, outputs: Sequence[Channel]) -> FloatA
     return np.array([_find(system.outputs, channel, "output") for channel in outputs]).reshape(
         len(outputs), len(system.mass)
     )
+
+
+def is_rotation(channel: Channel) -> bool:
+    """Return whether a channel is an angle or a moment."""
+    return channel[1].startswith("r") or channel[1] in ANGLES
 
 
 def name_channel(channel: Channel) -> str:

@@ -10,10 +10,11 @@ import scipy  # whose search of peaks, half a second, is loaded where it is used
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import PoseResponse, ResponseCurves
+from headstock.pipeline.answers.probes import input_unit
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.stages.frf import peaks_have_tops
 from headstock.solvers.linear.frequency_response import FrfModel, evaluate_frf, find_peaks
-from headstock.solvers.second_order import Channel, ComplexArray
+from headstock.solvers.second_order import Channel, ComplexArray, is_rotation
 from headstock.studies.variants import VariantSolution
 
 HOLDS = 0.1  # share of the reference's value up to which another model is said to hold it
@@ -218,12 +219,12 @@ def _usual_size(curves: ResponseCurves, tops: FloatArray, output: Channel, given
     ]
     if len(drive_points) == 2:
         return float(np.sqrt(drive_points[0] * drive_points[1]))
-    turns = (output[1].startswith("r"), given[1].startswith("r"))
+    turns = (is_rotation(output), input_unit(given))
     alike = [
         float(tops[row, column])
         for row, one in enumerate(curves.outputs)
         for column, other in enumerate(curves.inputs)
-        if (one[1].startswith("r"), other[1].startswith("r")) == turns
+        if (is_rotation(one), input_unit(other)) == turns
     ]
     return max(alike)
 

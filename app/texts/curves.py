@@ -10,8 +10,14 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.frf import ResponseCurves
-from headstock.scene.scene import LOAD
-from headstock.solvers.second_order import Channel, ComplexArray, Motion, name_channel
+from headstock.pipeline.answers.probes import input_unit
+from headstock.solvers.second_order import (
+    Channel,
+    ComplexArray,
+    Motion,
+    is_rotation,
+    name_channel,
+)
 
 MOST_FIELDS = 6  # rows and columns of a grid beyond this cannot be read
 DECADES_SHOWN = 5.0
@@ -28,20 +34,17 @@ def response_unit(motion: Motion, output: Channel, given: Channel) -> tuple[str,
         output: Point and direction of the motion.
         given: Point and direction of the load.
     """
-    if motion == "receptance" and not output[1].startswith("r"):
-        if given[1] == LOAD:
-            return "µm", 1e6
-        if not given[1].startswith("r"):
-            return "µm/kN", 1e9
+    if motion == "receptance" and not is_rotation(output):
+        shown = {"": ("µm", 1e6), "N": ("µm/kN", 1e9)}.get(input_unit(given))
+        if shown is not None:
+            return shown
     return response_unit_si(motion, output, given), 1.0
 
 
 def response_unit_si(motion: Motion, output: Channel, given: Channel) -> str:
     """Unit of an entry in SI; that of a load is the motion that the whole load makes."""
-    moved = f"{'rad' if output[1].startswith('r') else 'm'}{RATES[motion]}"
-    if given[1] == LOAD:
-        return moved
-    return f"{moved} per {'N m' if given[1].startswith('r') else 'N'}"
+    moved, per = f"{'rad' if is_rotation(output) else 'm'}{RATES[motion]}", input_unit(given)
+    return f"{moved} per {per}" if per else moved
 
 
 def name_entry(output: Channel, given: Channel) -> str:

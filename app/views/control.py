@@ -3,16 +3,14 @@
 from collections.abc import Iterator
 from typing import Literal
 
-import numpy as np
-
 from headstock.app.drawings.figures import draw_poles
 from headstock.app.tables.table import (
     Cell,
     Column,
     Listing,
     PlainTable,
-    bound_column,
     plain_column,
+    show_percent,
     tabulate,
 )
 from headstock.app.texts.bounded_values import show_damping
@@ -22,10 +20,12 @@ from headstock.pipeline.answers.control import (
     ClosedLoopDrive,
     ClosedLoopPole,
     ControlAnswer,
-    GuardFrequency,
+    GuardAnswer,
+    GuardBand,
 )
 from headstock.pipeline.results.mode_files import file_stem
 from headstock.pipeline.results.results import Results
+from headstock.solvers.control.sampled_loops import SamplingDifference
 
 type DriveRow = tuple[ClosedLoopDrive, bool]  # lag and margins mean something in stable loops only
 
@@ -88,73 +88,50 @@ DRIVE_COLUMNS: tuple[Column[DriveRow], ...] = (
 )
 
 
-type GuardRow = tuple[ControlAnswer, GuardFrequency]
-
-
-def _guard_error(row: GuardRow) -> float | None:
-    return row[0].error_of(row[0].guard_key(row[1])).total
-
-
-GUARD_COLUMNS: tuple[Column[GuardRow], ...] = (
-    plain_column(lambda row: row[1].drive, "drive", "drive", "Drive"),
-    plain_column(lambda row: row[0].pose, "pose", "pose", "Pose"),
-    *bound_column(
-        lambda row: row[1].frequency_hz,
-        _guard_error,
-        "frequency [Hz]",
-        ">Hz",
-        "Frequency [Hz]",
-        error_file="± [Hz]",
-    ),
+BAND_COLUMNS: tuple[Column[GuardBand], ...] = (
+    plain_column(lambda band: band.drive, "drive", "drive", "Drive"),
+    Column(lambda band: band.mode, "mode", ">mode", "Mode"),
+    Column(lambda band: band.poses, "poses", ">poses", "Poses"),
+    Column(lambda band: band.lowest_hz, "lowest [Hz]", ">lowest Hz", "Lowest [Hz]"),
+    Column(lambda band: band.highest_hz, "highest [Hz]", ">highest Hz", "Highest [Hz]"),
+    Column(lambda band: band.from_hz, "from [Hz]", ">from, with ±", "From, with ± [Hz]"),
+    Column(lambda band: band.to_hz, "to [Hz]", ">to, with ±", "To, with ± [Hz]"),
+    Column(lambda band: band.without_error, "poses without ±", ">without ±", "Without ±"),
     Column(
-        lambda row: row[1].damping_ratio,
-        "damping ratio",
-        ">damping",
-        "Damping",
-        show=show_damping,
+        lambda band: band.damping_ratio, "damping ratio", ">damping", "Damping", show=show_damping
     ),
-    Column(lambda row: row[1].height, "height over rigid machine", ">height", "Height", digits=3),
-    plain_column(lambda row: row[1].name, "motion", "motion", "Motion"),
+    Column(lambda band: band.height, "height over rigid machine", ">height", "Height", digits=3),
+    plain_column(lambda band: band.name, "motion", "motion", "Motion"),
 )
 
 
-def _list_guards(run: Results) -> list[GuardRow]:
-    """Return the frequencies to guard in every pose, drive by drive."""
-    rows = [(answer, guard) for answer in run.find(ControlAnswer) for guard in answer.guards]
-    return sorted(rows, key=lambda row: row[1].drive)
+def _show_notch(band: GuardBand) -> str:
+    middle = 0.5 * (band.from_hz + band.to_hz)
+    width = max(0.5 * (band.to_hz - band.from_hz) / middle, band.damping_ratio)
+    return f'{band.drive}: filters = [{{ notch = "{middle:.4g} Hz", damping = {width:.2g} }}]'
 
 
-def _tabulate_guards(rows: list[GuardRow]) -> PlainTable:
-    """Return the same for files, with the position of every axis in m or rad."""
-    table = tabulate("guard_frequencies", GUARD_COLUMNS, rows)
-    axes = list(dict.fromkeys(axis for answer, _ in rows for axis in answer.positions))
-    headings = (*table.headings, *(f"{axis} [m or rad]" for axis in axes))
-    places = [tuple(answer.positions.get(axis, 0.0) for axis in axes) for answer, _ in rows]
-    lines = zip(table.rows, places, strict=True)
-    return PlainTable(table.name, headings, tuple((*row, *place) for row, place in lines))
+def _list_notches(answer: GuardAnswer) -> list[str]:
+    """Return a notch for the highest resonance of each drive."""
+    return [_show_notch(band) for band in answer.bands if band.mode == 1]
 
 
-def _find_bands(rows: list[GuardRow]) -> list[str]:
-    """Say of each drive how far its highest resonance moves over the poses, and a notch for it."""
-    drives = dict.fromkeys(guard.drive for _, guard in rows)
-    highest = [row for row in rows if row[1].number == 1]
-    return [
-        _describe_band(drive, [row for row in highest if row[1].drive == drive]) for drive in drives
+def _tabulate_guards(answer: GuardAnswer) -> PlainTable:
+    """Return a row per mode and pose, with the positions of axes in m or rad."""
+    axes = list(dict.fromkeys(axis for guard in answer.guards for axis in guard.positions))
+    headings = ("drive", "mode", "pose", "frequency [Hz]", "± [Hz]", "damping ratio")
+    headings = (*headings, "height over rigid machine", "motion")
+    rows = [
+        (
+            *(guard.drive, guard.mode, guard.pose, guard.frequency_hz),
+            *(answer.error_of(answer.guard_key(guard)).total, guard.damping_ratio),
+            *(guard.height, guard.name),
+            *(guard.positions.get(axis, 0.0) for axis in axes),
+        )
+        for guard in answer.guards
     ]
-
-
-def _describe_band(drive: str, rows: list[GuardRow]) -> str:
-    hz = np.array([row[1].frequency_hz for row in rows])
-    errors = [_guard_error(row) for row in rows]
-    bounds = np.array([error or 0.0 for error in errors])
-    low, high = float((hz - bounds).min()), float((hz + bounds).max())
-    middle = 0.5 * (low + high)
-    width = max(0.5 * (high - low) / middle, *(row[1].damping_ratio for row in rows))
-    words = ", without ± where none is known" if None in errors else ""
-    return (
-        f"  {drive}: {hz.min():.4g} to {hz.max():.4g} Hz in {len(rows)} poses, {low:.4g} to {high:.4g} Hz with ±{words};"
-        f' filters = [{{ notch = "{middle:.4g} Hz", damping = {width:.2g} }}]'
-    )
+    places = (f"{axis} [m or rad]" for axis in axes)
+    return PlainTable("guard_frequencies", (*headings, *places), tuple(rows))
 
 
 def _list_drives(control: ControlAnswer) -> list[DriveRow]:
@@ -166,8 +143,9 @@ def _list_tables(run: Results) -> Iterator[PlainTable]:
         yield tabulate(
             f"poles_{file_stem(control.pose)}", POLE_COLUMNS, enumerate(control.poles, 1)
         )
-    if rows := _list_guards(run):
-        yield _tabulate_guards(rows)
+    for answer in run.find(GuardAnswer):
+        yield tabulate("guard_bands", BAND_COLUMNS, answer.bands)
+        yield _tabulate_guards(answer)
 
 
 def _list_parts(run: Results) -> Iterator[TerminalPart]:
@@ -176,10 +154,27 @@ def _list_parts(run: Results) -> Iterator[TerminalPart]:
         yield Listing(title, POLE_COLUMNS, enumerate(control.poles, 1))
         title = f"Drives in pose {control.pose}, lag at {60e3 * control.speed:g} mm/min"
         yield Listing(title, DRIVE_COLUMNS, _list_drives(control))
-    if rows := _list_guards(run):
-        yield Listing("Frequencies to guard, motors free", GUARD_COLUMNS, rows)
-        yield from _find_bands(rows)
+        if control.sampled is not None:
+            yield f"  {_describe_sampling(control.sampled)}"
+            yield ""
+    for answer in run.find(GuardAnswer):
+        yield Listing(_title(answer), BAND_COLUMNS, answer.bands)
+        yield from (f"  {words}" for words in _list_notches(answer))
         yield ""
+
+
+def _describe_sampling(sampled: SamplingDifference) -> str:
+    """Say how far continuous loops stand from sampled ones."""
+    return (
+        f"Controllers with a step: poles of the sampled loops differ from these by at most {show_percent(sampled.share)}"
+        f" up to {sampled.up_to_hz:.4g} Hz, most at {sampled.hz:.4g} Hz; paths, contours and loads over time use these"
+    )
+
+
+def _title(answer: GuardAnswer) -> str:
+    over = f"sweep {answer.over}" if answer.over else "the poses"
+    missing = f", {len(answer.left_out)} of which it does not reach" if answer.left_out else ""
+    return f"Modes to guard over {over}{missing}, followed by their shapes, motors free"
 
 
 VIEW = View(
@@ -193,9 +188,11 @@ VIEW = View(
             "answers": run.find(ControlAnswer),
             "drive_columns": DRIVE_COLUMNS,
             "pole_columns": POLE_COLUMNS,
-            "guard_columns": GUARD_COLUMNS,
-            "guards": _list_guards(run),
-            "bands": _find_bands(_list_guards(run)),
+            "band_columns": BAND_COLUMNS,
+            "followed": run.find(GuardAnswer),
+            "guard_title": _title,
+            "list_notches": _list_notches,
+            "describe_sampling": _describe_sampling,
             "draw_poles": draw_poles,
             "enumerate": enumerate,
             "list_drives": _list_drives,

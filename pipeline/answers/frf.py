@@ -11,14 +11,19 @@ import numpy as np
 from headstock.geometry.frames import FloatArray
 from headstock.meshing.process.plain_hdf5 import h5py
 from headstock.pipeline.answers.answer import Answer, Entry
-from headstock.pipeline.answers.probes import CURVES_KEYS, ProbeCurves
+from headstock.pipeline.answers.probes import CURVES_KEYS, ProbeCurves, per_input
 from headstock.pipeline.answers.static import N_PER_UM, UM_PER_KN
 from headstock.pipeline.numbers.estimates import Estimate, scale_known, scale_shares, scale_total
 from headstock.pipeline.numbers.numbers import Key, Number, Series, make_key
-from headstock.scene.scene import LOAD
 from headstock.solvers.linear.frequency_response import convert_receptance
 from headstock.solvers.pairing.response_peaks import ResponseLevel, ResponsePeak
-from headstock.solvers.second_order import Channel, ComplexArray, Motion, name_channel
+from headstock.solvers.second_order import (
+    Channel,
+    ComplexArray,
+    Motion,
+    is_rotation,
+    name_channel,
+)
 
 Spacing = Literal["linear", "log"]
 type Height = ResponsePeak | ResponseLevel
@@ -239,7 +244,7 @@ class PoseResponse(Answer):
                 if (peak := probe.find_peak(column)) is not None:
                     at = {"pose": pose, "probe": probe.name, "input": " ".join(given)}
                     key = make_key("peak_frequency_stress", **at)
-                    yield Number(key, peak.size, _per_load("Pa", given), peak.error)
+                    yield Number(key, peak.size, per_input("Pa", given), peak.error)
 
     def list_series(self) -> Iterator[Series]:
         """Yield the receptance of every entry over frequency."""
@@ -323,14 +328,7 @@ def _fill_curves(group: h5py.Group, curves: ResponseCurves) -> None:
 
 def _response_unit(output: Channel, given: Channel) -> str:
     """Return the unit of a receptance."""
-    return _per_load("rad" if output[1].startswith("r") else "m", given)
-
-
-def _per_load(unit: str, given: Channel) -> str:
-    """Return a unit per force or moment of an input; under a whole load of the scene it stays."""
-    if given[1] == LOAD:
-        return unit
-    return f"{unit}/{'(N m)' if given[1].startswith('r') else 'N'}"
+    return per_input("rad" if is_rotation(output) else "m", given)
 
 
 def _summarise_drive_point(figures: DrivePointFigures, off: Estimate) -> Entry:

@@ -21,7 +21,8 @@ from headstock.pipeline.numbers.estimates import (
 from headstock.pipeline.numbers.numbers import Key, Number, make_key
 from headstock.pipeline.storage.json_texts import check_finite
 from headstock.scene.scene import LOAD
-from headstock.solvers.second_order import Channel, ComplexArray
+from headstock.solvers.control.drive_trains import COMMANDS
+from headstock.solvers.second_order import Channel, ComplexArray, is_rotation
 from headstock.solvers.stresses import STRESS_NAMES, largest_von_mises
 
 MICRO, MEGA = 1e6, 1e-6  # from m to µm, from Pa to MPa
@@ -217,11 +218,24 @@ def probe_units(given: Channel) -> tuple[str, str, float]:
     """Units of stress and displacement at a probe by an input, and the factor from per SI unit of the
     load; a load of the scene is as large as it is there.
     """
+    if input_unit(given) == "N":
+        return "MPa/kN", "µm/kN", KILO
+    return per_input("MPa", given), per_input("µm", given), 1.0
+
+
+def input_unit(given: Channel) -> str:
+    """Return the unit of an input; empty of a whole load of the scene."""
     if given[1] == LOAD:
-        return "MPa", "µm", 1.0
-    if given[1].startswith("r"):
-        return "MPa/(N m)", "µm/(N m)", 1.0
-    return "MPa/kN", "µm/kN", KILO
+        return ""
+    if given[1] in COMMANDS:
+        return "rad" if is_rotation(given) else "m"
+    return "N m" if is_rotation(given) else "N"
+
+
+def per_input(unit: str, given: Channel) -> str:
+    """Return a unit per that of an input; under a whole load of the scene it stays."""
+    per = input_unit(given)
+    return f"{unit}/{f'({per})' if ' ' in per else per}" if per else unit
 
 
 def _summarise_peak(curves: ProbeCurves, column: int) -> Entry:

@@ -33,11 +33,15 @@ from headstock.pipeline.motion.path_model import (
 )
 from headstock.pipeline.motion.probe_motions import probe_values
 from headstock.pipeline.motion.trajectory import coupled_machine
-from headstock.pipeline.stages.control import DrivenMachine, drive_along, drive_machine
+from headstock.pipeline.stages.control import (
+    DrivenMachine,
+    drive_along,
+    drive_machine,
+    find_driven_offsets,
+)
 from headstock.pipeline.stages.machine import CoupledPose, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.run_state import PoseModel, RunState
 from headstock.reduction.coupling.coupling import couple
-from headstock.reduction.coupling.drives import housing_rows, scale_rows
 from headstock.reduction.coupling.error_travel import (
     ErrorTravel,
     OffsetMotions,
@@ -48,7 +52,6 @@ from headstock.reduction.coupling.path_loads import (
     add_driven_path_input,
     add_path_input,
     find_rigid_travels,
-    housing_loads,
     stack_driven_modes,
     stack_modes,
 )
@@ -63,7 +66,7 @@ from headstock.reduction.motions.path_errors import (
 )
 from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.control.drive_loops import ENCODER, close_loops
-from headstock.solvers.control.drive_trains import FORCE, SCALE
+from headstock.solvers.control.drive_trains import FORCE
 from headstock.solvers.control.stability import require_stable
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.motion.closed_loop import (
@@ -563,16 +566,7 @@ class DrivenAxes(AxesPath):
         return self.observers.watch.join(watch_drives(self.drives))
 
     def _find_offset_motions(self, travel: ErrorTravel, system: SecondOrderSystem) -> OffsetMotions:
-        """Return the motions under unit offsets with the readings of linear scales constrained to
-        zero, and the inertia of motors whose housings rotate.
-        """
-        driven, machine = self.driven, self.state.scene.machine
-        read = [drive for drive in self.drives if drive.control.encoder == SCALE]
-        unmoved = scale_rows(driven.coupled, machine, read)
-        motions = find_offset_motions(driven.coupled, travel, system, unmoved=unmoved)
-        rotations = housing_rows(driven.coupled, machine, self.drives) @ motions.moved
-        inertial = housing_loads(driven.trains, rotations, len(system.mass))
-        return dataclasses.replace(motions, accelerations=motions.accelerations + inertial)
+        return find_driven_offsets(self.driven, travel, system)
 
     def _disturb(self, move: SetPoint) -> PathDeviation:
         if self.has_friction:

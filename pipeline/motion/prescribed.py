@@ -1,38 +1,28 @@
-"""Displacements of joints over time: what their springs push, their dampers, and the inertia of what
-fixed directions move.
-
-The machine moves by ``q = B y + O e(t)``: ``y`` follows loads by the offsets e, their rates and their
-accelerations, and outputs see ``O e`` directly.
-"""
+"""Displacements of joints over time, as further inputs of a machine."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from headstock.geometry.frames import FloatArray
 from headstock.pipeline.motion.probe_motions import probe_values
+from headstock.pipeline.stages.control import DrivenMachine
+from headstock.pipeline.stages.prescribed import list_parts, place_displacement
 from headstock.pipeline.stages.run_state import PoseModel
-from headstock.reduction.coupling.error_travel import ErrorTravel, find_offset_motions
-from headstock.reduction.coupling.guide_errors import ErrorPlaces, find_displacements
-from headstock.reduction.motions.path_errors import pass_offsets
 from headstock.scene.analyses.transient import TransientRequest
-from headstock.scene.scene import LOAD
 from headstock.solvers.errors import ModelError
 from headstock.solvers.second_order import Channel, SecondOrderSystem
 from headstock.solvers.state_spaces.load_history import LoadHistory, differentiate_load
 from headstock.solvers.state_spaces.state_space import Feedthrough
 
-RATE, ACCELERATION = "rate", "acceleration"
-
 
 @dataclass(frozen=True, eq=False)
 class PrescribedMotion:
-    """Displacements of joints over time, as further inputs of a machine.
+    """Displacements of joints over time.
 
     Attributes:
-        inputs: Generalised load ``(n,)`` of each rate and acceleration that acts.
-        histories: Rate [m/s, rad/s] or acceleration [m/s^2, rad/s^2] over time, for each of ``inputs``.
+        inputs: Generalised load ``(n,)`` of each displacement, and of each rate and acceleration that
+            acts.
+        histories: Rate [m/s, rad/s] or acceleration [m/s^2, rad/s^2] over time, where it acts.
         direct: What displacements add to outputs; one for each load.
     """
 
@@ -46,53 +36,47 @@ def prescribe_motion(
     system: SecondOrderSystem,
     request: TransientRequest,
     probes: Sequence[str],
+    driven: DrivenMachine | None,
 ) -> PrescribedMotion:
     """Return the displacements among the loads of a request.
 
     Args:
         system: Of the machine, with all damping that acts over time.
+        driven: The machine with motors under control; None where they are locked.
 
     Raises:
         ModelError: A displacement jumps where it moves a mass.
     """
-    scene = machine.parts.scene.machine
-    moved = [load for load in request.loads if load.target in scene.displacements]
-    coupled = machine.coupled
-    if coupled is None or not moved:
-        return PrescribedMotion()
     inputs: dict[Channel, FloatArray] = {}
     histories: dict[Channel, LoadHistory] = {}
     direct = []
-    offsets = find_displacements(scene, coupled.fixed.springs)
-    for load in moved:
+    displacements = machine.parts.scene.machine.displacements
+    for load in request.loads:
         name = str(load.target)
-        ((joint, offset),) = offsets[name].items()
-        dofs = [int(dof) for dof in np.flatnonzero(offset)]
-        travel = ErrorTravel(
-            scene,
-            np.zeros(1),
-            ErrorPlaces({}, {}, {}, {}),
-            tuple((joint, dof) for dof in dofs),
-            np.inf,
+        if name not in displacements:
+            continue
+        placed = place_displacement(
+            machine,
+            system,
+            name,
+            outputs=request.outputs,
+            probes=probe_values(probes),
+            driven=driven,
+            with_joints=True,
         )
-        motions, shares = find_offset_motions(coupled, travel, system), offset[dofs]
-        history = load.history
-        for kind, columns in ((RATE, motions.rates), (ACCELERATION, motions.accelerations)):
-            column = columns @ shares
-            if not column.any() and not motions.accelerations.any():
+        value, *derivatives = list_parts(name)
+        inputs[value], history = placed.inputs[value], load.history
+        for channel in derivatives:
+            if not placed.loads[:, derivatives.index(channel) + 1 :].any():
                 break
             try:
                 history = differentiate_load(history)
             except ModelError as error:
                 raise ModelError(f"load {load.name}: displacement {name} {error}") from error
-            inputs[name, kind], histories[name, kind] = column, history
-        passed = pass_offsets(
-            coupled, travel, motions, request.outputs, machine.joints, probe_values(probes)
+            inputs[channel], histories[channel] = placed.inputs[channel], history
+        # a rate that does not act has no history, and moves nothing at once
+        kept = [channel for channel in placed.direct.inputs if channel in inputs]
+        direct.append(
+            Feedthrough(placed.direct.outputs, tuple(kept), placed.direct.shares[:, : len(kept)])
         )
-        values, rates = np.split(passed.shares, 2, axis=1)
-        channels: tuple[Channel, ...] = ((name, LOAD),)
-        parts = [values @ shares]
-        if (name, RATE) in inputs:
-            channels, parts = (*channels, (name, RATE)), [*parts, rates @ shares]
-        direct.append(Feedthrough(passed.outputs, channels, np.column_stack(parts)))
     return PrescribedMotion(inputs, histories, tuple(direct))

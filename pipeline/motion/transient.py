@@ -485,7 +485,7 @@ def _load_machine(
     Raises:
         UnstableControlError: A control loop is unstable.
     """
-    scene, trains = machine.parts.scene, None
+    scene, trains, driven = machine.parts.scene, None, None
     if request.motors == "controlled":
         driven = drive_machine(machine, warn)
         machine, system, trains = driven.released, driven.system, driven.trains
@@ -501,7 +501,7 @@ def _load_machine(
         modes = machine.all_modes
         system = damp_system(scene, machine.system, modes)
     probes = place_probes(machine.parts, machine.coupled, request.probes)
-    prescribed = prescribe_motion(machine, system, request, list(probes))
+    prescribed = prescribe_motion(machine, system, request, list(probes), driven)
     system = _add_channels(system, machine, request, probes)
     system = dataclasses.replace(system, inputs=system.inputs | dict(prescribed.inputs))
     return _LoadedMachine(machine, system, modes, request, trains, probes, prescribed)

@@ -165,6 +165,9 @@ KINDS: Mapping[str, Kind] = {
         compared=False,
         evidence="validate coverage",
     ),
+    "guard_band": Kind(
+        "bands of frequencies to guard", ("drive", "mode", "figure"), compared=False
+    ),
     "velocity_lag": Kind("velocity lag", ("pose", "drive")),
     "loop_margin": Kind("margins of drive loops", ("pose", "drive", "figure")),
     "gravity_deflection": Kind(

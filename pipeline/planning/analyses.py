@@ -328,6 +328,7 @@ def _has_probe_loads(scene: Scene) -> bool:
 STAGES, ANSWERS = "headstock.pipeline.stages", "headstock.pipeline.answers"
 OTHER_ANSWERS = (
     f"{ANSWERS}.map:MechanismPose",
+    f"{ANSWERS}.control:GuardAnswer",
     f"{ANSWERS}.accuracy:AccuracyAnswer",
     f"{ANSWERS}.accuracy:ModelErrorsAnswer",
     f"{ANSWERS}.accuracy:InterfaceErrorsAnswer",

@@ -17,9 +17,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from headstock.geometry.frames import DOF_NAMES, FloatArray
+from headstock.geometry.frames import FloatArray
 from headstock.pipeline.answers.modal import PoseModes
+from headstock.pipeline.answers.probes import per_input
 from headstock.pipeline.results.views import MachineView
+from headstock.scene.scene import LOAD
 from headstock.solvers.second_order import Channel, name_channel
 
 AnyArray = NDArray[Any]
@@ -33,11 +35,6 @@ UNITS: dict[Quantity, tuple[str, str]] = {
     "von Mises stress": ("Pa/sqrt(kg)", "Pa/N"),
 }
 # units of a response per unit of a force and of a moment, and under a whole load of the scene
-HARMONIC_UNITS: dict[Quantity, tuple[str, str, str]] = {
-    "shape": ("m/N", "m/(N m)", "m"),
-    "stress": ("Pa/N", "Pa/(N m)", "Pa"),
-    "von Mises stress": ("Pa/N", "Pa/(N m)", "Pa"),
-}
 COMPONENT, VOLUME = "component", "volume [m^3]"
 FREQUENCIES, DAMPING = "frequencies [Hz]", "damping ratios [1]"
 POSES_FILE = "poses.pvd"
@@ -81,9 +78,9 @@ def harmonic_array(given: Channel, hz: float, quantity: Quantity, part: Part = "
     """Name of an array of the response to a harmonic input; of stresses and displacements the part
     in phase with it and the one a quarter of a cycle before it.
     """
-    kind = 2 if given[1] not in DOF_NAMES else int(given[1].startswith("r"))
-    unit = HARMONIC_UNITS[quantity][kind]
-    return f"frf {given[0] if kind == 2 else name_channel(given)} at {hz:g} Hz {quantity}{part} [{unit}]"
+    unit = per_input("m" if quantity == "shape" else "Pa", given)
+    name = given[0] if given[1] == LOAD else name_channel(given)
+    return f"frf {name} at {hz:g} Hz {quantity}{part} [{unit}]"
 
 
 def mode_numbers(

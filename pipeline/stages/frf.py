@@ -6,7 +6,8 @@ Only rank 0 has anything to do.
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -28,9 +29,10 @@ from headstock.pipeline.numbers.estimates import (
     combine_estimates,
 )
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.control import drive_machine, list_poles
+from headstock.pipeline.stages.control import DrivenMachine, drive_machine, list_poles
 from headstock.pipeline.stages.estimates import estimate_parts, name_what_is_left_out
 from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
+from headstock.pipeline.stages.prescribed import Displacement, place_displacement
 from headstock.pipeline.stages.probes import (
     estimated_channels,
     material_factors,
@@ -63,14 +65,24 @@ from headstock.reduction.estimates.response_errors import (
     project_response,
     soften_response,
 )
+from headstock.reduction.estimates.static_errors import SEEN
 from headstock.scene.analyses.frf import FrfRequest
 from headstock.scene.scene import LOAD
 from headstock.solvers.control.closed_response import (
+    CONTROLLED,
     ClosedResponse,
     control_forces,
+    find_rest,
     prepare_closed_frf,
 )
-from headstock.solvers.control.drive_trains import DriveTrain
+from headstock.solvers.control.drive_loops import SET_POINTS, force_channels
+from headstock.solvers.control.drive_trains import (
+    COMMANDS,
+    DRIVE_CHANNELS,
+    ROTARY_CHANNELS,
+    DriveTrain,
+)
+from headstock.solvers.control.margins import command_forces
 from headstock.solvers.errors import UnstableControlError
 from headstock.solvers.linear.frequency_response import (
     UNDAMPED,
@@ -84,6 +96,7 @@ from headstock.solvers.linear.frequency_response import (
     prepare_frf,
     refine_grid,
 )
+from headstock.solvers.linear.mixed_inputs import InputMix, MixedInput, MixedResponse
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import ModalCoordinates, count_modes, keep_modes
 from headstock.solvers.pairing.response_peaks import (
@@ -139,13 +152,16 @@ def estimate_response_errors(
     modes: ModalResult,
     response: FrequencyResponse,
     trains: Sequence[DriveTrain] | None = None,
+    mix: InputMix | None = None,
 ) -> ResponseEstimate:
     """Change of every line of a response by finer meshes and by the modes left out.
 
     Args:
         trains: The drives of the system whose loops are closed; None where motors are locked.
+        mix: Inputs of the response that act by several loads; None where each is a load.
     """
-    channels = (input_columns(system, response.inputs), output_rows(system, response.outputs))
+    loads = response.inputs if mix is None else mix.loads
+    channels = (input_columns(system, loads), output_rows(system, response.outputs))
     space = project_response(
         system,
         find_error_sources(parts, coupled),
@@ -155,6 +171,8 @@ def estimate_response_errors(
         None if trains is None else control_forces(system, trains),
     )
     errors = bound_response_errors(space, response.frequencies_hz)
+    if mix is not None and mix.mixed:
+        errors = errors.mix(mix.weigh(2.0 * np.pi * response.frequencies_hz))
     left_out = name_what_is_left_out(parts).left_out
     return ResponseEstimate(errors, space, (*left_out, *_name_direct_channels(parts, response)))
 
@@ -205,6 +223,9 @@ def _list_loaded(machine: Machine, name: str) -> list[str]:
     """Return the components inside of which a load acts: all of them of a ground that moves."""
     if name in machine.base_motions:
         return list(machine.components)
+    if name in machine.displacements:
+        joint = machine.joints[machine.displacements[name].joint]
+        return [end.component for end in joint.ends if end.component and joint.fixed]
     load = machine.loads[name]
     return [] if load.kind == "force" else [load.component]
 
@@ -317,16 +338,19 @@ class _LoadedMachine:
     Attributes:
         system: Its equations of motion; with motors let go under control.
         coupled: Of superelements; None of a lumped mechanism.
+        mix: Inputs of the request, and the loads by which they act.
         bare: Its equations without modal damping; under control those that it is.
         trains: Its drives, whose loops are closed; None where motors are locked.
+        moved: Input to the motion ``(n_all,)`` of the stacked dofs that it makes by itself.
     """
 
     system: SecondOrderSystem
     coupled: CoupledMachine | None
     modes: ModalResult
-    inputs: tuple[Channel, ...]
+    mix: InputMix
     bare: SecondOrderSystem
     trains: tuple[DriveTrain, ...] | None = None
+    moved: Mapping[Channel, FloatArray] = field(default_factory=dict)
 
     def prepare(
         self, outputs: Sequence[Channel], rows: Mapping[Channel, FloatArray] | None = None
@@ -337,25 +361,89 @@ class _LoadedMachine:
             UnstableControlError: A control loop is.
         """
         system = dataclasses.replace(self.system, outputs=self.system.outputs | {**(rows or {})})
+        loads, mixed = self.mix.loads, bool(self.mix.mixed)
         if self.trains is None:
-            model = prepare_frf(system, inputs=self.inputs, outputs=outputs, modes=self.modes)
+            model = prepare_frf(system, inputs=loads, outputs=outputs, modes=self.modes)
             linked = find_links(self.bare, model.direct.loads, model.direct.rows)
-            return model if linked.all() else dataclasses.replace(model, linked=linked)
-        return prepare_closed_frf(
-            system, self.trains, inputs=self.inputs, outputs=outputs, modes=self.modes
+            model = model if linked.all() else dataclasses.replace(model, linked=linked)
+            return self.mix.apply(model, {}) if mixed else model
+        model = prepare_closed_frf(
+            system, self.trains, inputs=loads, outputs=outputs, modes=self.modes
         )
+        commands = [one for one in self.mix.mixed if one[1] in COMMANDS]
+        positions = [(axis, SET_POINTS[0]) for axis, _ in commands]
+        resting = find_rest(_closed_form(model).loop, outputs, positions).T
+        return self.mix.apply(model, dict(zip(commands, resting, strict=True))) if mixed else model
+
+
+def _closed_form(model: FrfModel) -> ClosedResponse:
+    """Return the closed loops of a response under control.
+
+    Raises:
+        ValueError: It is none.
+    """
+    form = model.form.form if isinstance(model.form, MixedResponse) else model.form
+    if not isinstance(form, ClosedResponse):
+        raise ValueError("the response is not one under control")
+    return form
 
 
 def _load_machine(machine: PoseModel) -> _LoadedMachine:
-    request, modes = _frf_request(machine), machine.all_modes
+    request, driven, bare = _frf_request(machine), None, None
+    scene = machine.parts.scene
     if request.motors == "controlled":
         driven = drive_machine(machine, lambda message: None)
-        system = add_load_inputs(driven.system, driven.released.loads, request.inputs)
-        coupled = driven.released.coupled
-        return _LoadedMachine(system, coupled, driven.modes, request.inputs, system, driven.trains)
-    system = damp_system(machine.parts.scene, machine.system, modes)
-    system = add_load_inputs(system, machine.loads, request.inputs)
-    return _LoadedMachine(system, machine.coupled, modes, request.inputs, machine.system)
+        machine, modes, system = driven.released, driven.modes, driven.system
+    else:
+        modes, bare = machine.all_modes, machine.system
+        system = damp_system(scene, bare, modes)
+    system = _add_inputs(system, machine.loads, request)
+    mixed: dict[Channel, MixedInput] = {}
+    moved = {}
+    for given in request.inputs:
+        if given[1] in COMMANDS and driven is not None:
+            trains = [train for train in driven.trains if train.axis == given[0]]
+            mixed[given] = MixedInput(force_channels(trains), partial(command_forces, trains))
+        elif given[1] == LOAD and given[0] in scene.machine.displacements:
+            placed = _displace(machine, system, given[0], driven)
+            mixed[given], moved[given] = placed.mixed, placed.moved
+            system = dataclasses.replace(system, inputs=system.inputs | placed.inputs)
+    return _LoadedMachine(
+        system,
+        machine.coupled,
+        modes,
+        InputMix(request.inputs, mixed),
+        bare or system,
+        None if driven is None else driven.trains,
+        moved,
+    )
+
+
+def _displace(
+    machine: PoseModel, system: SecondOrderSystem, name: str, driven: DrivenMachine | None
+) -> Displacement:
+    """Return a displacement as an input, seen at points, interfaces and probes."""
+    request = _frf_request(machine)
+    points = [one for one in request.outputs if one[1] not in DRIVE_CHANNELS]
+    probes = {
+        probe: [(probe, f"values {number}") for number in range(SEEN)] for probe in request.probes
+    }
+    return place_displacement(machine, system, name, outputs=points, probes=probes, driven=driven)
+
+
+def _add_inputs(
+    system: SecondOrderSystem, loads: Mapping[str, FloatArray], request: FrfRequest
+) -> SecondOrderSystem:
+    """Return a system with the loads of a request among its inputs, and channels of rotary drives under
+    the names that say their units.
+    """
+    system = add_load_inputs(system, loads, request.inputs)
+    inputs, outputs = dict(system.inputs), dict(system.outputs)
+    for name, word in (*request.inputs, *request.outputs):
+        for known in (inputs, outputs):
+            if (name, ROTARY_CHANNELS.get(word, "")) in known:
+                known[name, word] = known[name, ROTARY_CHANNELS[word]]
+    return dataclasses.replace(system, inputs=inputs, outputs=outputs)
 
 
 def _place_probes(
@@ -400,6 +488,7 @@ def _find_harmonic_motions(machine: PoseModel) -> tuple[HarmonicMotion, ...]:
                 if given[1] == LOAD and given[0] in factors
             }
             motion = coupled.basis @ response.receptance[line, :, column]
+            motion = motion + loaded.moved.get(given, 0.0)
             motions.append(HarmonicMotion(given, hz, motion, inside, lossy))
     return tuple(motions)
 
@@ -484,11 +573,7 @@ def respond(
 
 def _is_damped(model: FrfModel) -> bool:
     system = model.direct.system
-    return (
-        system.damping is not None
-        or system.hysteretic is not None
-        or isinstance(model.form, ClosedResponse)
-    )
+    return system.damping is not None or system.hysteretic is not None or model.method == CONTROLLED
 
 
 def _warn_of_response(
@@ -523,6 +608,7 @@ def _estimate_lines(
         loaded.modes,
         dataclasses.replace(response, outputs=(*response.outputs, *estimated_channels(probes))),
         loaded.trains,
+        loaded.mix,
     )
 
 
@@ -553,7 +639,7 @@ def _find_heights(
     """Return peaks and levels; of an entry and its reciprocal one the first stands for both. None under
     control, whose resonances are no natural modes.
     """
-    if isinstance(model.form, ClosedResponse):
+    if model.method == CONTROLLED:
         return (), ()
 
     def place(height: Height) -> tuple[frozenset[Channel], int]:
@@ -563,8 +649,13 @@ def _find_heights(
     def once[H: Height](heights: Sequence[H]) -> tuple[H, ...]:
         return tuple({place(each): each for each in reversed(heights)}.values())[::-1]
 
+    mixed = model.form.mix.mixed if isinstance(model.form, MixedResponse) else {}
     peaks = find_response_peaks(model, request.from_hz, request.to_hz)
-    return once(peaks), once(find_levels(model, request.from_hz))
+    levels = find_levels(model, request.from_hz)
+    return (
+        once([peak for peak in peaks if model.inputs[peak.given] not in mixed]),
+        once([level for level in levels if model.inputs[level.given] not in mixed]),
+    )
 
 
 def estimate_heights(machine: PoseModel, answer: PoseResponse) -> list[Estimate]:
@@ -576,7 +667,7 @@ def estimate_heights(machine: PoseModel, answer: PoseResponse) -> list[Estimate]
     request, coupled = _frf_request(machine), machine.coupled
     if coupled is None or not answer.heights:
         return [Estimate()] * len(answer.heights)
-    bare = add_load_inputs(machine.system, machine.loads, request.inputs)
+    bare = _add_inputs(machine.system, machine.loads, request)
     sources = find_error_sources(machine.parts, coupled)
     channels = (input_columns(bare, request.inputs), output_rows(bare, request.outputs))
     space = project_response(bare, sources, machine.all_modes, channels, request.to_hz)
@@ -607,9 +698,9 @@ def _name_peaks(
     where they are wanted.
     """
     limit = NAMED_MARGIN * _frf_request(machine).to_hz
-    if with_errors and isinstance(model.form, ClosedResponse):
+    if with_errors and model.method == CONTROLLED:
         driven = drive_machine(machine, lambda message: None)
-        listed = list_poles(driven, model.form.found, limit)
+        listed = list_poles(driven, _closed_form(model).found, limit)
         return np.array([pole.frequency_hz for pole in listed]), tuple(pole.name for pole in listed)
     near = keep_lowest(machine.all_modes, up_to_hz=limit)
     if not with_errors:

@@ -160,6 +160,9 @@ class LumpedPose:
         """Generalised load ``(n,)`` of every static load by name, gravity among them."""
         placed, loads = self.placed, self.parts.scene.machine.loads.values()
         by_name = {load.name: self._widen(placed.load_of(load)) for load in loads}
+        for name, given in self.parts.scene.machine.base_motions.items():
+            bodies = [self.body_loads(body)[:, :3] for body in placed.body_motions]
+            by_name[name] = np.sum(bodies, axis=0) @ np.array(given)
         if self.parts.plan.gravity is not None:
             by_name[GRAVITY] = self._widen(placed.motions.gravity)
         return by_name

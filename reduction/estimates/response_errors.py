@@ -479,6 +479,21 @@ class ResponseErrors:
         """
         return np.maximum(np.abs(self.least), np.abs(self.most)) + np.abs(self.most - self.least)
 
+    def mix(self, weights: ComplexArray) -> "ResponseErrors":
+        """Return the same for inputs that act by several loads.
+
+        Args:
+            weights: ``(n_freq, n_loads, n_inputs)`` loads per input.
+        """
+        sizes = np.abs(weights)
+        return ResponseErrors(
+            self.least @ weights,
+            self.most @ weights,
+            None if self.mesh is None else self.mesh @ weights,
+            None if self.mesh_sizes is None else self.mesh_sizes @ sizes,
+            None if self.face_sizes is None else self.face_sizes @ sizes,
+        )
+
 
 def bound_response_errors(space: ResponseSpace, frequencies_hz: FloatArray) -> ResponseErrors:
     """Return the change of a frequency response by the modes that components leave out, and by

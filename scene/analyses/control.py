@@ -15,7 +15,7 @@ KEY: KeyPath = ("analyses", "control")
 @dataclass(frozen=True)
 class ControlRequest(Request):
     """Closed loops of the drives: poles up to a frequency [Hz], lag at a speed [m/s], in named
-    poses.
+    poses; frequencies to guard also over the poses of a sweep, None for these poses.
     """
 
     analysis: ClassVar[str] = "control"
@@ -23,6 +23,7 @@ class ControlRequest(Request):
     up_to_hz: float
     speed: float
     poses: tuple[str, ...] = ()
+    sweep: str | None = None
 
     def describe(self, drives: tuple[str, ...]) -> str:
         """In a few words, with the drives whose loops are closed."""
@@ -40,11 +41,19 @@ class _ControlTable(types.RequestTable):
     """axis speed at which the lag is reported"""
     poses: types.Names | None = None
     """poses in which it is computed; default: all of them"""
+    sweep: types.Text | None = None
+    """sweep over whose poses frequencies to guard are followed, at most 1000; default: the `poses`"""
 
 
 def _build(table: _ControlTable, draft: Draft) -> ControlRequest:
     """Build the request: in all poses unless the table names some."""
-    return ControlRequest(table.up_to, table.speed, tuple(table.poses or draft.poses))
+    return ControlRequest(table.up_to, table.speed, tuple(table.poses or draft.poses), table.sweep)
+
+
+def _check(table: _ControlTable, draft: Draft) -> None:
+    """Report a sweep that there is not."""
+    if table.sweep is not None:
+        draft.check_name((*KEY, "sweep"), table.sweep, "sweeps")
 
 
 def _check_drives(table: _ControlTable, draft: Draft) -> None:
@@ -61,5 +70,6 @@ ANALYSIS = SceneAnalysis(
     ControlRequest,
     "closed-loop poles and margins, see [drives](drives.md)",
     build=_build,
+    check=_check,
     check_complete=_check_drives,
 )

@@ -16,6 +16,12 @@ from headstock.scene.reading.findings import KeyPath
 from headstock.scene.scene import LOAD, Request
 from headstock.scene.schema import types
 from headstock.scene.schema.effects import GRAVITY_STIFFENING
+from headstock.solvers.control.drive_trains import (
+    COMMAND,
+    DRIVE_CHANNELS,
+    FORCE,
+    ROTARY_CHANNELS,
+)
 from headstock.solvers.second_order import Channel, Motion
 
 KEY: KeyPath = ("analyses", "frf")
@@ -77,10 +83,11 @@ class _FrfTable(types.RequestTable):
 
     inputs: Channels | None = None
     """where loads act: `[["tcp", "x"]]`, a point or `component.interface` and one of `x y z rx ry rz`; a name alone means x, y and z; or a
-    load of `[loads]`, as large as it is there; `["X", "force"]` of a drive; default: all points"""
+    load of `[loads]`, as large as it is there; `["X", "force"]` of a drive, `["X", "command"]` of an axis under control; of a rotary one
+    `torque` and `command_angle`; default: all points"""
     outputs: Channels | None = None
-    """where motion is computed, points and interfaces as in `inputs`, `["X", "motor"]` and `["X", "scale"]` of a drive, and probes by name;
-    default: the inputs, for loads all points, and all probes"""
+    """where motion is computed, points and interfaces as in `inputs`, `["X", "motor"]` and `["X", "scale"]` of a drive, of a rotary one
+    `motor_angle` and `scale_angle`, and probes by name; default: the inputs, for loads all points, and all probes"""
     start: Annotated[types.Frequency, Field(alias="from")] = 0.0
     """lowest frequency; the value at 0 Hz is the static compliance"""
     up_to: types.PositiveFrequency
@@ -118,7 +125,7 @@ def _build(table: _FrfTable, draft: Draft) -> FrfRequest:
     inputs = draft.build_channels(
         [(n, LOAD if n in scene.loads else d) for n, d in table.inputs or every]
     )
-    moved = tuple(channel for channel in inputs if channel[1] not in (LOAD, "force"))
+    moved = tuple(one for one in inputs if one[1] not in (LOAD, *DRIVE_CHANNELS))
     outputs, probes = draft.split_outputs(table.outputs)
     return table.fill(
         FrfRequest,
@@ -137,7 +144,7 @@ def _check(table: _FrfTable, draft: Draft) -> None:
     for key, channels in (("inputs", table.inputs), ("outputs", table.outputs)):
         for index, (name, direction) in enumerate(channels or ()):
             place = (*KEY, key, index)
-            if direction in types.DRIVE_CHANNELS:
+            if direction in DRIVE_CHANNELS:
                 _check_drive_channel(place, name, direction, table, draft)
             elif key == "inputs" and name in draft.sections.get("loads", ()):
                 _check_load_input(place, name, direction, table, draft)
@@ -151,32 +158,42 @@ def _check_drive_channel(
     key: KeyPath, name: str, direction: str, table: _FrfTable, draft: Draft
 ) -> None:
     """Report a channel of a drive that there is not, or that cannot be seen."""
-    draft.check_name(key, name, "drives")
-    drive = draft.table.drives.get(name)
-    axis = None if drive is None else draft.table.axes.get(drive.axis or name)
-    if (direction == "force") != ("inputs" in key):
-        draft.add(key, "force of a drive is an input, motor and scale are outputs; exchange them")
-    elif table.motors == "locked":
-        draft.add(key, 'is a channel of a drive, whose motor is locked; write motors = "free"')
-    elif axis is not None and axis.kind == "rotary":
-        draft.add(
-            key, "turns, and responses are in m and N; export a state space with its channels"
-        )
+    plain, drives = ROTARY_CHANNELS.get(direction, direction), draft.table.drives
+    axis = name
+    if plain == COMMAND:
+        moved = [drive.axis or one for one, drive in drives.items()]
+        draft.findings.check_name(key, name, moved, "driven axis", "axes with drives")
+    else:
+        draft.check_name(key, name, "drives")
+        axis = drives[name].axis or name if name in drives else name
+    found = draft.table.axes.get(axis)
+    rotary = found is not None and found.kind == "rotary"
+    if fault := _find_drive_fault(plain, table, is_input="inputs" in key):
+        draft.add(key, fault)
+    elif rotary == (direction == plain):
+        words = {linear: turned for turned, linear in ROTARY_CHANNELS.items()}
+        how, word = ("turns", words[plain]) if rotary else ("moves along a line", plain)
+        draft.add(key, f'{name} {how}; write "{word}"')
+
+
+def _find_drive_fault(plain: str, table: _FrfTable, *, is_input: bool) -> str:
+    """Return why a channel of a drive is none of the request; empty where it is one."""
+    if (plain in (FORCE, COMMAND)) != is_input:
+        return "force and command of a drive are inputs, motor and scale are outputs; exchange them"
+    if table.motors == "locked":
+        return 'is a channel of a drive, whose motor is locked; write motors = "free"'
+    if plain == COMMAND and table.motors == "free":
+        return 'is a set point, which free motors ignore; write motors = "controlled"'
+    return ""
 
 
 def _check_load_input(
     key: KeyPath, name: str, direction: str, table: _FrfTable, draft: Draft
 ) -> None:
-    load = draft.table.loads.get(name)
     if name in draft.table.points:
         draft.add(key, f"{name} is a point and a load; rename one of them")
     elif direction:
         draft.add(key, f'a load has its direction; write "{name}" alone')
-    elif load is not None and load.joint is not None:
-        draft.add(
-            key,
-            "is a displacement, for static loads and loads over time; write a force, or a base that moves",
-        )
     outputs = [one for one, _ in table.outputs or () if one not in draft.table.probes]
     if not (draft.table.points or outputs):
         draft.add(

@@ -19,8 +19,9 @@ from headstock.scene.reading.findings import Findings, KeyPath, suggest_names
 from headstock.scene.reading.names import NAMES
 from headstock.scene.scene import Request, Scene
 from headstock.scene.schema.scene import SceneTable, load_record
-from headstock.scene.schema.types import DRIVE_CHANNELS, RequestTable
+from headstock.scene.schema.types import RequestTable
 from headstock.scene.studies import Sweep
+from headstock.solvers.control.drive_trains import DRIVE_CHANNELS
 from headstock.solvers.second_order import Channel
 
 

@@ -1,5 +1,6 @@
 """What a run writes for other programs: checked against the rest of the scene, and built."""
 
+import itertools
 from collections import Counter
 from collections.abc import Collection, Iterator
 
@@ -81,6 +82,13 @@ def _find_space_faults(scene: Scene, wanted: Export, at: KeyPath) -> Iterator[tu
     if not machine.points and "frf" not in scene.analyses.names:
         text = "there is no point whose motion could be an output"
         yield at, f"{text}; write [points], or [analyses.frf] with inputs"
+    loaded = [one.loaded_places for one in scene.analyses.requests if one.analysis == "frf"]
+    for number, name in enumerate(itertools.chain(*loaded)):
+        if name in machine.displacements:
+            text = (
+                "is a displacement, whose rate and acceleration act as well: an input of responses"
+            )
+            yield ("analyses", "frf", "inputs", number), f"{text}; leave it out of a state space"
     if wanted.motors != "locked" and not scene.drives:
         text = f"no drive has a motor that is {wanted.motors}"
         key = ("effects", "drive_control")

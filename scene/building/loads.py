@@ -111,11 +111,6 @@ def check_loads(draft: Draft) -> None:
             _check_displacement(("loads", name), table, draft)
             continue
         if table.base is not None:
-            if draft.table.is_lumped:
-                draft.add(
-                    ("loads", name, "base"),
-                    'the ground moves below components only; write model = "components"',
-                )
             continue
         _check_area(("loads", name), table, draft)
         if table.component is not None:

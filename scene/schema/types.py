@@ -46,6 +46,7 @@ from headstock.scene.reading.units import (
     quantity_pattern,
     quote_value,
 )
+from headstock.solvers.control.drive_trains import DRIVE_CHANNELS
 
 MEANING = "meaning"  # keyword of the schema that pydantic makes of a table
 DEFAULT = "; default: "
@@ -455,9 +456,6 @@ NotNegativeShare = Annotated[
     without_fault(lambda share: find_share_fault(share, "share")),
     describe_ratio("ratio from 0 to 1", (0.02, "2 %"), minimum=0.0, maximum=1.0),
 ]
-
-
-DRIVE_CHANNELS = ("force", "motor", "scale")  # of a drive in place of a direction, in responses
 
 
 def _read_channel(value: object) -> tuple[str, str]:

@@ -77,11 +77,13 @@ class ClosedResponse:
     Attributes:
         free: With free motors: drive forces first among its inputs, what the controllers see and
             the motors first among its outputs.
+        loop: The loops, with motions at its first outputs.
         found: Poles of the closed loops.
     """
 
     free: FrfModel
     trains: tuple[DriveTrain, ...]
+    loop: ClosedLoop
     found: LoopPoles
 
     def evaluate(self, omega: FloatArray) -> ComplexArray:
@@ -132,19 +134,21 @@ def prepare_closed_frf(
     return FrfModel(
         inputs=tuple(inputs),
         outputs=tuple(outputs),
-        form=ClosedResponse(free, tuple(trains), poles),
+        form=ClosedResponse(free, tuple(trains), loop, poles),
         direct=free.direct,
-        at_rest=_rest(loop, len(outputs), len(inputs)),
+        at_rest=find_rest(loop, outputs, inputs),
         coordinates=None,
         method=CONTROLLED,
     )
 
 
-def _rest(loop: ClosedLoop, outputs: int, inputs: int) -> FloatArray:
-    """Static compliance under control ``(n_outputs, n_inputs)``; NaN where the machine floats."""
+def find_rest(
+    loop: ClosedLoop, outputs: Sequence[Channel], inputs: Sequence[Channel]
+) -> FloatArray:
+    """Return the motion at rest under loads or set positions ``(n_outputs, n_inputs)``; NaN where the
+    machine floats.
+    """
     if has_free_motions(loop):
-        return np.full((outputs, inputs), np.nan)
-    space = loop.space
-    loads = slice(space.b.shape[1] - inputs, None)
-    moved = scipy.linalg.solve(space.a, space.b[:, loads])
-    return space.d[:outputs, loads] - space.c[:outputs] @ moved
+        return np.full((len(outputs), len(inputs)), np.nan)
+    space = loop.space.select(inputs, outputs)
+    return space.d - space.c @ scipy.linalg.solve(space.a, space.b)

@@ -181,6 +181,14 @@ def make_controller(control: AxisControl) -> LinearBlock:
     law, forward = to_continuous(control.law), np.zeros((1, CONTROL_INPUTS))
     forward[0, SET_ACCELERATION] = control.acceleration_feed_forward
     block = LinearBlock(law.a, law.b @ control.errors, law.c, law.d @ control.errors + forward)
+    return connect_in_series(block, make_actuator(control))
+
+
+def make_actuator(control: AxisControl) -> LinearBlock:
+    """Return what a force passes behind the law of its controller, in continuous time: filters, dead time
+    and current loop.
+    """
+    block = LinearBlock.gain(1.0)
     for further in (*map(to_continuous, control.filters), make_dead_time(control.dead_time)):
         block = connect_in_series(block, further)
     if control.current_lag > 0.0:

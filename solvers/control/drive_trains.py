@@ -11,9 +11,14 @@ import numpy as np
 
 from headstock.geometry.frames import FloatArray
 from headstock.geometry.machine.drives import AxisControl, GuideFriction
-from headstock.solvers.second_order import Channel, SecondOrderSystem
+from headstock.solvers.second_order import ANGLES, Channel, SecondOrderSystem
 
 FORCE, MOTOR, SCALE, SLIDE = "force", "motor", "scale", "slide"
+COMMAND = "command"  # a set point of an axis with its speed and acceleration
+COMMANDS = (COMMAND, "command_angle")
+DRIVE_CHANNELS = (FORCE, MOTOR, SCALE, COMMAND, *ANGLES)  # in place of a direction, in responses
+# channels of rotary axes in frequency responses, named by their units
+ROTARY_CHANNELS = dict(zip(ANGLES, (FORCE, MOTOR, SCALE, COMMAND), strict=True))
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,13 +3,13 @@ times.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.geometry.machine.drives import MEASURED, SET_ACCELERATION, SET_SPEED, AxisControl
 from headstock.solvers.control.drive_trains import FORCE, MOTOR, DriveTrain, measured_channel
 from headstock.solvers.control.linear_blocks import block_response
@@ -74,10 +74,11 @@ def find_margins(
     omega, count = 2.0 * np.pi * frequencies, len(trains)
     # L(i, j): per unit drive force
     loops = answer_motions(trains, omega, receptance[:, :count], receptance[:, count:])
-    ahead = [_control_paths(train.control, omega).ahead for train in trains]
-    follow = _follow(loops, receptance[:, :count], np.stack(ahead, axis=1))
+    follow = _follow(loops, receptance[:, :count], command_forces(trains, omega))
     return tuple(
-        _judge(train.name, frequencies, _open_loop(loops, number), np.abs(follow[:, number]))
+        _evaluate_loop(
+            train.name, frequencies, _open_loop(loops, number), np.abs(follow[:, number])
+        )
         for number, train in enumerate(trains)
     )
 
@@ -140,6 +141,17 @@ def answer_motions(
     return feedback[:, :, 0] * seen + feedback[:, :, 1] * (1j * omega[:, None, None] * motors)
 
 
+def command_forces(trains: Sequence[DriveTrain], omega: FloatArray) -> ComplexArray:
+    """Return the forces ``(n_freq, n_drives)`` of controllers per set point that moves harmonically, with
+    its speed and acceleration; NaN at rest, where an integrator has no limit.
+    """
+    forces = np.full((len(omega), len(trains)), np.nan + 0j)
+    moving = omega > 0.0
+    for number, train in enumerate(trains):
+        forces[moving, number] = _control_paths(train.control, omega[moving]).ahead
+    return forces
+
+
 def _follow(loops: ComplexArray, motion: ComplexArray, ahead: ComplexArray) -> ComplexArray:
     """Measured position of each drive per set position of its own ``(n_freq, n_drives)``."""
     count = loops.shape[1]
@@ -158,17 +170,27 @@ def _open_loop(loops: ComplexArray, number: int) -> ComplexArray:
     return direct - np.einsum("fi,fi->f", loops[:, number, others], through)
 
 
-def _judge(
+def _evaluate_loop(
     name: str, frequencies: FloatArray, loop: ComplexArray, follow: FloatArray
 ) -> LoopMargins:
-    crossings = _real_crossings(frequencies, loop)
+    """Return the figures of a drive, from its loop and measured over set position ``(n_freq,)``."""
+    crossings = [
+        (-value.real, hz)
+        for hz, value in _find_crossings(frequencies, loop, loop.imag, loop.real < 0.0)
+    ]
     gain, gain_hz = min(
         ((1.0 / size, hz) for size, hz in crossings if size < 1.0), default=(None, None)
     )
-    phase, phase_hz = _phase_margin(frequencies, loop)
+    phase, phase_hz = min(
+        (
+            (180.0 - abs(math.degrees(math.atan2(value.imag, value.real))), hz)
+            for hz, value in _find_crossings(frequencies, loop, np.abs(loop) - 1.0)
+        ),
+        default=(None, None),
+    )
     sensitivity = 1.0 / np.abs(1.0 + loop)
     worst = int(np.argmax(sensitivity))
-    below = np.flatnonzero(follow < HALF)
+    falls = _find_crossings(frequencies, loop, follow - HALF) if follow[0] >= HALF else ()
     return LoopMargins(
         drive=name,
         gain=gain,
@@ -178,52 +200,32 @@ def _judge(
         phase_hz=phase_hz,
         sensitivity=float(sensitivity[worst]),
         sensitivity_hz=float(frequencies[worst]),
-        bandwidth_hz=_crossing(frequencies, follow - HALF, int(below[0]))
-        if len(below) and below[0] > 0
-        else None,
+        bandwidth_hz=next((hz for hz, _ in falls), None),
         resonance=float(follow.max()),
     )
 
 
-def _real_crossings(frequencies: FloatArray, loop: ComplexArray) -> list[tuple[float, float]]:
-    """Size and frequency [Hz] wherever the loop crosses the negative real axis."""
-    crossed = np.flatnonzero(
-        (np.sign(loop.imag[:-1]) != np.sign(loop.imag[1:]))
-        & (loop.real[:-1] < 0.0)
-        & (loop.real[1:] < 0.0)
-    )
-    crossings = []
-    for index in crossed:
-        share = float(loop.imag[index] / (loop.imag[index] - loop.imag[index + 1]))
-        size = -float(loop.real[index] + share * (loop.real[index + 1] - loop.real[index]))
-        crossings.append(
-            (
-                size,
-                float(frequencies[index] + share * (frequencies[index + 1] - frequencies[index])),
-            )
+def _find_crossings(
+    frequencies: FloatArray,
+    loop: ComplexArray,
+    values: FloatArray,
+    where: BoolArray | None = None,
+) -> Iterator[tuple[float, complex]]:
+    """Yield frequency [Hz] and loop wherever values change their sign, linear between two lines.
+
+    Args:
+        values: ``(n_freq,)``.
+        where: Lines that count, both of a pair; None for all.
+    """
+    changed = np.sign(values[:-1]) != np.sign(values[1:])
+    if where is not None:
+        changed &= where[:-1] & where[1:]
+    for index in np.flatnonzero(changed):
+        share = float(values[index] / (values[index] - values[index + 1]))
+        hz, value = (
+            part[index] + share * (part[index + 1] - part[index]) for part in (frequencies, loop)
         )
-    return crossings
-
-
-def _phase_margin(frequencies: FloatArray, loop: ComplexArray) -> tuple[float | None, float | None]:
-    size = np.abs(loop) - 1.0
-    crossed = np.flatnonzero(np.sign(size[:-1]) != np.sign(size[1:]))
-    best: tuple[float | None, float | None] = (None, None)
-    for index in crossed:
-        share = size[index] / (size[index] - size[index + 1])
-        value = loop[index] + share * (loop[index + 1] - loop[index])
-        margin = 180.0 - abs(math.degrees(math.atan2(value.imag, value.real)))
-        if best[0] is None or margin < best[0]:
-            best = (
-                margin,
-                float(frequencies[index] + share * (frequencies[index + 1] - frequencies[index])),
-            )
-    return best
-
-
-def _crossing(frequencies: FloatArray, values: FloatArray, place: int) -> float:
-    share = values[place - 1] / (values[place - 1] - values[place])
-    return float(frequencies[place - 1] + share * (frequencies[place] - frequencies[place - 1]))
+        yield float(hz), complex(value)
 
 
 def _grid(to_hz: float, around_hz: FloatArray | None) -> FloatArray:

@@ -189,6 +189,22 @@ def test_a_displacement_over_time_moves_what_stands_on_the_joint(
     np.testing.assert_allclose(found, expected, atol=2e-6 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("joint", ["foot", "floor"])
+def test_a_harmonic_displacement_moves_what_stands_on_the_joint(shell: Shell, joint: str) -> None:
+    changes = [(SHAKE[0], SHAKE[1].format(joint=joint)), ('motion = "accelerance"', "")]
+    if joint == "floor":  # a rigid one, whose plate goes along with its inertia
+        changes += [
+            ("[points.tcp]", PLATE + "[points.tcp]"),
+            ('"head.foot", "ground"', '"head.foot", "plate.top"'),
+        ]
+    shell.write(HEAD, *changes)
+    frequencies, moved = read_response(shell)
+    s = 2j * np.pi * frequencies
+    passed = (DAMPER * s + STIFFNESS) / (MASS * s**2 + DAMPER * s + STIFFNESS)
+    np.testing.assert_allclose(moved, 20e-6 * passed, rtol=1e-6)
+    assert "is a displacement" in shell.refuses("export scene.toml --to npz --hz", "1 kHz")
+
+
 def test_a_step_that_no_mass_can_follow_is_refused_with_what_would(shell: Shell) -> None:
     transient = "[analyses.transient]\nduration = '20 ms'\nloads.jump = { load = 'shake', shape = 'step' }\n"
     moved = 'joint = "foot"\ndisplacement = ["0 um", "20 um", "0 um"]'

@@ -39,8 +39,8 @@ def test_frequencies_to_guard_stand_out_of_the_exported_machine(shell: Shell) ->
         peak = abs(respond(hz)) * mass * (2.0 * np.pi * hz) ** 2
         # other modes and the rigid one add a little beside a resonance
         assert height == approx(peak, rel=0.03, abs=1.2)
-    (control,) = shell.json("out/summary.json")["control"].values()
-    assert [guard["frequency_hz"] for guard in control["guards"]] == approx(
+    bands = shell.json("out/summary.json")["guards"]["bands"]
+    assert [band["lowest_hz"] for band in bands] == approx(
         [float(row["frequency [Hz]"]) for row in rows]
     )
     assert re.search(r'filters = \[\{ notch = "\d+\.?\d* Hz"', printed)
@@ -95,3 +95,23 @@ def test_compensation_of_an_axis_takes_off_its_positioning_error(
     assert len(corrections) == len(grid) > 10
     for correction, errors in zip(corrections, grid, strict=True):
         assert float(correction["correction EY [um]"]) == approx(-float(errors["total_EY"]))
+
+
+def test_modes_to_guard_are_followed_over_the_poses_of_a_sweep(shell: Shell) -> None:
+    shell.write(
+        stored_scene("control"), ("[analyses.control]", '[analyses.control]\nsweep = "travel"')
+    )
+    shell.change(add='\n[sweeps.travel.axes]\nX = ["0 mm", "10 mm", 3]\n')
+    printed = shell.prints(RUN)
+    bands = shell.rows("out/tables/guard_bands.csv")
+    rows = shell.rows("out/tables/guard_frequencies.csv")
+    assert bands and {float(row["X [m or rad]"]) for row in rows} == {0.0, 0.005, 0.01}
+    for band in bands:
+        followed = [row for row in rows if row["mode"] == band["mode"]]
+        hz = [float(row["frequency [Hz]"]) for row in followed]
+        assert len(hz) == int(band["poses"]) == 3
+        assert [min(hz), max(hz)] == approx(
+            [float(band[key]) for key in ("lowest [Hz]", "highest [Hz]")]
+        )
+    assert "Modes to guard over sweep travel" in printed
+    assert shell.json("out/summary.json")["guards"]["over"] == "travel"

@@ -128,6 +128,30 @@ def test_a_discrete_controller_acts_as_the_continuous_one_it_was_made_of(shell: 
     np.testing.assert_allclose(values[1], values[0], rtol=1e-6)
 
 
+def test_a_slow_step_says_how_far_the_continuous_loop_is_from_the_sampled_one(shell: Shell) -> None:
+    step, kp, kv, tn = 2e-3, 2e4, 50.0, 0.02
+    law = f"controller = {{ num = [{kp}, {kp * (step / tn - 1.0)}], den = [1, -1], step = '2 ms' }}"
+    write(shell, (CASCADE, law), ("\ncoupling", "\n#"))
+    shell.change(("[analyses.control]", "[analyses.control]\nup_to = '200 Hz'"))
+    control = read_control(shell)
+    shell("export scene.toml --to npz --motors free -o free.npz --state-space", "20 kHz")
+    plant = np.load(shell.folder / "free.npz")
+    rows = plant["C"][[list(plant["outputs"]).index("X motor")]]
+    column = plant["B"][:, [list(plant["inputs"]).index("X force")]]
+    read = np.vstack([rows, rows @ plant["A"]])
+    a, b, *_ = scipy.signal.cont2discrete((plant["A"], column, read, np.zeros((2, 1))), step)
+    gains = np.array([[kv, 1.0]])
+    force = kp * np.array([[step / tn]])
+    whole = np.block([[a - kp * b @ gains @ read, b @ force], [-gains @ read, np.eye(1)]])
+    sampled = np.log(np.linalg.eigvals(whole) + 0j) / step
+    poles = np.array([complex(pole["real"], pole["imag"]) for pole in control["poles"]])
+    near = poles[np.abs(poles) < 2.0 * np.pi * 50.0]
+    distances = np.abs(near[:, None] - sampled).min(axis=1) / np.abs(near)
+    assert len(near) and control["sampled"]["share"] == approx(float(distances.max()), rel=1e-4)
+    assert control["sampled"]["up_to_hz"] == 50.0
+    assert "poles of the sampled loops differ" in shell.prints(RUN)
+
+
 @pytest.mark.parametrize(
     ("controller", "words"),
     [
@@ -182,6 +206,44 @@ def test_frequency_responses_take_motors_as_inputs_and_encoders_as_outputs(shell
             found = complex(real, imaginary)
             expected = moved[outputs.index(output), inputs.index("X force")]
             assert found == approx(complex(expected), rel=1e-3)
+
+
+def test_a_set_point_moves_encoder_and_tool_as_the_exported_machine_in_an_outside_loop(
+    shell: Shell,
+) -> None:
+    frf = (
+        "\n[analyses.frf]\ninputs = [['X', 'command']]\noutputs = [['X', 'motor'], ['tcp', 'x']]\n"
+        "up_to = '500 Hz'\npoints = 6\nadaptive = false\nmotors = 'controlled'\n"
+    )
+    late, share, kv, kp, tn = 2e-4, 0.5, 50.0, 2e4, 0.02
+    write(
+        shell,
+        (CASCADE, CASCADE + "\nfeed_forward = { velocity = '50 %' }\ndead_time = '200 us'"),
+        add=frf,
+    )
+    shell(f"{RUN} --analysis frf")
+    rows = shell.rows("out/tables/frf_reference.csv")
+    write(shell)
+    shell("export scene.toml --to npz --motors free -o free.npz --state-space", "20 kHz")
+    plant = np.load(shell.folder / "free.npz")
+    column = list(plant["inputs"]).index("X force")
+    names = ["X motor", "tcp x"]
+    wanted = [list(plant["outputs"]).index(name) for name in names]
+    assert len(rows) == 6
+    for row in rows:
+        entries = [
+            complex(*(float(row[f"{part} {name} / X command [m per m]"]) for part in ("Re", "Im")))
+            for name in names
+        ]
+        s = 2j * np.pi * float(row["frequency [Hz]"])
+        if s == 0.0:  # the integrator leaves no error of the motor
+            assert entries[0] == approx(1.0, rel=1e-9)
+            continue
+        inner = np.linalg.solve(s * np.eye(len(plant["A"])) - plant["A"], plant["B"][:, column])
+        motor, tool = (plant["C"] @ inner + plant["D"][:, column])[wanted]
+        law = kp * (1.0 + 1.0 / (tn * s)) * np.exp(-late * s)
+        force = law * (kv + share * s) / (1.0 + law * (kv + s) * motor)
+        assert entries == approx([motor * force, tool * force], rel=1e-5)
 
 
 def test_channels_of_drives_belong_to_motors_that_move(shell: Shell) -> None:

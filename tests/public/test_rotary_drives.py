@@ -80,9 +80,8 @@ def test_a_gear_that_twists_adds_its_resonance(shell: Shell) -> None:
     rotor = ROTOR * RATIO**2
     resonance = np.sqrt(GEAR * (1.0 / INERTIA + 1.0 / rotor)) / (2.0 * np.pi)
     assert len(read_poles(shell)) >= 3
-    (control,) = shell.json("out/summary.json")["control"].values()
-    (guard,) = control["guards"]
-    assert guard["frequency_hz"] == approx(resonance, rel=1e-6)
+    (band,) = shell.json("out/summary.json")["guards"]["bands"]
+    assert band["lowest_hz"] == band["highest_hz"] == approx(resonance, rel=1e-6)
 
 
 def test_torque_goes_in_and_angles_come_out_of_the_exported_table(shell: Shell) -> None:
@@ -97,6 +96,46 @@ def test_torque_goes_in_and_angles_come_out_of_the_exported_table(shell: Shell) 
     moved = plant["C"] @ inner
     assert complex(moved[row]) == approx(1.0 / (WHOLE * s**2), rel=1e-9)
     assert complex(moved[outputs.index("tcp y")]) == approx(RADIUS / (WHOLE * s**2), rel=1e-9)
+
+
+@pytest.mark.parametrize("gear", [None, GEAR])
+def test_torque_and_set_angle_move_the_encoder_as_two_inertias(
+    shell: Shell, gear: float | None
+) -> None:
+    changes = [] if gear is None else [('rz = "rigid"', f'rz = "{gear} N m/rad"')]
+    rotor = ROTOR * RATIO**2
+    for motors, given in (("free", "torque"), ("controlled", "command_angle")):
+        frf = (
+            f"[analyses.frf]\ninputs = [['C', '{given}']]\noutputs = [['C', 'motor_angle'], ['tcp', 'y']]\n"
+            f"from = '5 Hz'\nup_to = '100 Hz'\npoints = 4\nadaptive = false\nmotors = '{motors}'\n"
+        )
+        shell.write(SCENE + frf, *changes)
+        shell("run scene.toml -o out --no-figures --analysis frf")
+        rows = shell.rows("out/tables/frf_reference.csv")
+        assert len(rows) == 4
+        per = "N m" if given == "torque" else "rad"
+        for row in rows:
+            s = 2j * np.pi * float(row["frequency [Hz]"])
+            motor = (
+                1.0 / (WHOLE * s**2)
+                if gear is None
+                else (INERTIA * s**2 + gear)
+                / (rotor * INERTIA * s**4 + gear * (rotor + INERTIA) * s**2)
+            )
+            table = motor if gear is None else motor * gear / (INERTIA * s**2 + gear)
+            law = ALONG * (1.0 + 1.0 / (INTEGRAL * s))
+            force = law * KV / (1.0 + law * (KV + s) * motor) if given != "torque" else 1.0
+            for name, unit, moved in (
+                ("C motor_angle", "rad", motor),
+                ("tcp y", "m", RADIUS * table),
+            ):
+                found = (
+                    float(row[f"{part} {name} / C {given} [{unit} per {per}]"])
+                    for part in ("Re", "Im")
+                )
+                assert complex(*found) == approx(complex(moved * force), rel=1e-6)
+    shell.change(("command_angle", "command"))
+    assert 'C turns; write "command_angle"' in shell.refuses("check scene.toml")
 
 
 def test_a_table_that_turns_at_constant_speed_lags_by_speed_over_kv(shell: Shell) -> None:

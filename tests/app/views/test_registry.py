@@ -11,7 +11,7 @@ from headstock.pipeline.results.summary_keys import list_summary_keys
 # of the run as a whole, of several poses of another entry, and what only files hold
 OTHER_ENTRIES = {
     *("format", "name", "status", "versions", "stages", "totals", "components", "warnings"),
-    *("failures", "assumptions", "files", "provenance", "static_poses", "mechanism"),
+    *("failures", "assumptions", "files", "provenance", "static_poses", "mechanism", "guards"),
 }
 
 

@@ -181,6 +181,27 @@ def test_axes_leave_the_contour_as_the_closed_loop_in_absolute_coordinates(
     assert np.abs(closed.deviation - expected).max() < 2e-3 * size
 
 
+def test_controllers_of_their_own_form_follow_a_contour_as_the_cascade_of_their_numbers(
+    tmp_path: Path,
+) -> None:
+    gains = 'velocity_gain = "5e4 N s/m", integral_time = "20 ms"'
+    step, law = 1e-4, "controller = {{ num = {}, den = {} }}"
+    z_num = [5e4 + 2.5e6 * 0.5 * step, -5e4 + 2.5e6 * 0.5 * step]  # by the bilinear transform
+    at_step = f"controller = {{ num = {z_num}, den = [1, -1], step = '100 us' }}"
+    forms = [
+        f"{gains}, dead_time = '50 us'",
+        f"{law.format([5e4, 2.5e6], [1, 0])}, dead_time = '50 us'",
+        at_step,
+    ]
+    cascade, own, sampled = (
+        close_axes(tmp_path, DRIVE.replace(gains, form), 0.1).deviation for form in forms
+    )
+    size = np.abs(cascade).max()
+    assert size > 1e-5
+    assert np.abs(own - cascade).max() < 1e-7 * size
+    assert np.abs(sampled - cascade).max() < 1e-7 * size
+
+
 def test_friction_at_the_speeds_of_motors_acts_on_axes_as_in_absolute_coordinates(
     tmp_path: Path,
 ) -> None:

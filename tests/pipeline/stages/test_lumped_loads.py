@@ -29,15 +29,16 @@ LOADS = [
     'loads.wind={ face = "wrist.y+", rect = { center = ["20 mm", "170 mm"], size = ["100 mm", "80 mm"] },'
     ' traction = ["0 Pa", "5e4 Pa", "2e4 Pa"] }',
 ]
-NAMES = {"push", "side", "swing", "wind", "gravity"}
+SHAKE = 'loads.shake={ base = ["2 m/s^2", "-1 m/s^2", "3 m/s^2"] }'
+NAMES = {"push", "side", "swing", "wind", "gravity", "shake"}
 FRF = (
-    'frf = { from = "5 Hz", up_to = "200 Hz", points = 40, adaptive = false, inputs = ["side", "wind", "swing"], '
+    'frf = { from = "5 Hz", up_to = "200 Hz", points = 40, adaptive = false, inputs = ["side", "wind", "swing", "shake"], '
     'outputs = [["tcp", "x"], ["tcp", "ry"]], poses = ["config_2"] }'
 )
 TRANSIENT = (
     'transient = { duration = "30 ms", up_to = "5 kHz", sampling = "20 kHz", poses = ["config_3"],'
     ' loads = { gust = { load = "wind", shape = "half_sine", time = "4 ms" },'
-    ' let_go = { load = "side", shape = "release" } } }'
+    ' let_go = { load = "side", shape = "release" }, quake = { load = "shake", shape = "sine", frequency = "40 Hz" } } }'
 )
 
 
@@ -54,6 +55,7 @@ def pair(
 ) -> tuple[Results, Results]:
     """The lumped mechanism, and the same of joined components."""
     overrides = (
+        SHAKE,
         f"analyses={{ static = {{ at = ['tcp'] }}, {FRF}, {TRANSIENT} }}",
         f"effects={{ gravity = true, damping = {{ modal = '2 %' }}, gravity_stiffening = {request.param} }}",
     )
@@ -92,8 +94,8 @@ def test_a_wrench_at_the_tool_moves_it_by_its_compliance(pair: tuple[Results, Re
 
 def test_loads_shake_lumped_bodies_as_joined_ones(pair: tuple[Results, Results]) -> None:
     (lumped,), (joined,) = (find_answers(each.answers, PoseResponse) for each in pair)
-    assert lumped.curves.receptance.shape == (40, 2, 3)
-    for column in range(3):
+    assert lumped.curves.receptance.shape == (40, 2, 4)
+    for column in range(4):
         for row in range(2):
             expected = joined.curves.receptance[:, row, column]
             found = lumped.curves.receptance[:, row, column]
@@ -103,7 +105,7 @@ def test_loads_shake_lumped_bodies_as_joined_ones(pair: tuple[Results, Results])
 def test_loads_over_time_move_lumped_bodies_as_joined_ones(pair: tuple[Results, Results]) -> None:
     (lumped,), (joined,) = (find_answers(each.answers, TransientAnswer) for each in pair)
     closely(lumped.curves.displacements, joined.curves.displacements)
-    assert lumped.curves.loads == ("gust", "let_go")
+    assert lumped.curves.loads == ("gust", "let_go", "quake")
 
 
 def test_a_volumetric_map_has_the_loads_of_lumped_bodies(tmp_path: Path) -> None:
@@ -149,7 +151,9 @@ def test_a_load_under_control_moves_lumped_bodies_as_joined_ones(
 ) -> None:
     """A coupling that gives way brings motors coordinates of their own."""
     controlled = FRF.replace("outputs", 'motors = "controlled", outputs')
+    controlled = controlled.replace('"shake"]', '"shake", ["q1", "command"]]')
     more = [
+        SHAKE,
         f"analyses={{ {controlled} }}",
         "effects={ drive_control = true, damping = { modal = '2 %' } }",
     ]

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from common import approx
-from headstock.geometry.machine.drives import Cascade
+from headstock.geometry.machine.drives import Cascade, LinearBlock
 from headstock.solvers.control.drive_loops import close_loops, open_plant
 from headstock.solvers.control.drive_trains import DriveTrain, free_motors
 from headstock.solvers.control.margins import find_margins
+from headstock.solvers.control.sampled_loops import compare_sampled
 from headstock.solvers.control.stability import find_loop_poles
 from headstock.solvers.second_order import SecondOrderSystem
 from headstock.solvers.state_spaces.state_space import StateSpace
@@ -93,3 +94,37 @@ def test_two_axes_on_one_machine_closed_one_after_the_other_are_those_closed_at_
     assert len(ours) == (theirs.imag >= 0.0).sum()  # one of each pair
     for pole in ours:
         assert np.abs(theirs - pole).min() < 1e-5 * abs(pole)
+
+
+@pytest.mark.parametrize("step", [2e-4, 2e-3])
+def test_a_sampled_loop_has_the_poles_of_that_of_python_control(step: float) -> None:
+    system, train = make_drive(_TwoMasses(), GAINS)
+    proportional, integral = GAINS.velocity_gain, GAINS.velocity_gain / GAINS.integral_time
+    # forward rule: the integrator adds what it has seen one step before
+    law = LinearBlock(
+        np.ones((1, 1)),
+        np.array([[step]]),
+        np.array([[integral]]),
+        np.array([[proportional]]),
+        step,
+    )
+    sampled = dataclasses.replace(
+        train, control=dataclasses.replace(train.control, law=law, dead_time=0.5 * step)
+    )
+    poles = find_loop_poles(close_loops(system, [sampled]))
+    found = compare_sampled(system, [sampled], poles)
+    assert found is not None and found.stable
+    # what python-control says of the same loop: the lag is behind the hold
+    _, _, motor, _ = plant_and_controller()
+    lag = control.tf([1.0], [GAINS.current_lag, 1.0])
+    moved = control.ss(motor.A, motor.B, np.vstack([motor.C, motor.C @ motor.A]), np.zeros((2, 1)))
+    held = control.sample_system(control.ss(moved * control.ss(lag)), step, "zoh")
+    gains = np.array([[GAINS.position_gain, 1.0]])
+    outside = control.ss(law.a, law.b @ gains, law.c, law.d @ gains, step)
+    theirs = np.log(control.feedback(held, outside).poles() + 0j) / step
+    near = poles.poles[np.abs(poles.poles) <= 2.0 * np.pi * found.up_to_hz]
+    assert len(near) > 1
+    distances = np.abs(near[:, None] - theirs).min(axis=1) / np.abs(near)
+    assert found.share == approx(float(distances.max()), rel=1e-6)
+    # of second order in the step, and a few per cent at a tenth of its rate
+    assert 1e-5 < found.share < 0.1
