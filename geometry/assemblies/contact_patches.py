@@ -7,7 +7,8 @@ import numpy as np
 from headstock.geometry.assemblies.contacts import Contact
 from headstock.geometry.assemblies.parts import Assembly
 from headstock.geometry.frames import BoolArray, FloatArray
-from headstock.geometry.parts.curved_patches import plane_axes
+from headstock.geometry.parts.cad_faces import fit_circle
+from headstock.geometry.parts.plane_shapes import Polygon, plane_axes
 
 WHOLE = 0.99  # share of a face that counts as all of it
 SMALL_HOLES = 0.01  # area of holes over that of a contact: what a patch may cover beyond it
@@ -50,13 +51,7 @@ def write_contact_patches(assembly: Assembly, contact: Contact, side: int) -> tu
 
 def outline_area(outline: FloatArray, normal: FloatArray) -> float:
     """Return the area within a closed outline ``(n, 3)`` on a plane with a unit normal ``(3,)``."""
-    return _area(outline @ plane_axes(normal).T)
-
-
-def _area(points: FloatArray) -> float:
-    """Return the area within a closed outline ``(n, 2)``."""
-    following = np.roll(points, -1, axis=0)
-    return 0.5 * abs(float(points[:, 0] @ following[:, 1] - points[:, 1] @ following[:, 0]))
+    return abs(Polygon(outline @ plane_axes(normal).T).area)
 
 
 def _write_plane(
@@ -68,13 +63,13 @@ def _write_plane(
     axes = plane_axes(normal)
     height = float(outline[0] @ normal) * normal
     holes = [hole for hole in holes if outline_area(hole, normal) > SMALL_HOLES * area]
-    circle = _fit_circle(outline @ axes.T)
+    circle = _find_circle(outline @ axes.T)
     if circle is not None and len(holes) <= 1:
         center, radius = circle
         at = f"center = {_point(center @ axes + height)}, diameter = {_length(2.0 * radius)}"
         if not holes:
             return [f"disk = {{ {at} }}"]
-        inner = _fit_circle(holes[0] @ axes.T)
+        inner = _find_circle(holes[0] @ axes.T)
         if inner is not None and np.linalg.norm(inner[0] - center) <= ROUND * radius:
             return [f"ring = {{ {at}, inner = {_length(2.0 * inner[1])} }}"]
     pieces = _split_holes([outline @ axes.T], [hole @ axes.T for hole in holes])
@@ -165,31 +160,24 @@ def _close_chains(chains: list[FloatArray]) -> list[FloatArray]:
     return outlines
 
 
-def _fit_circle(points: FloatArray) -> tuple[FloatArray, float] | None:
+def _find_circle(points: FloatArray) -> tuple[FloatArray, float] | None:
     """Return centre ``(2,)`` and radius of a round outline ``(n, 2)``; None for others."""
     if len(points) < FEWEST_ROUND:
         return None
-    middle = points.mean(axis=0)
-    arms = points - middle
-    # circle through points, by least squares (Kasa 1976), as in `fit_cylinder`
-    rows = np.column_stack([2.0 * arms, np.ones(len(arms))])
-    *offset, rest = np.linalg.lstsq(rows, (arms**2).sum(axis=1), rcond=None)[0]
-    center = middle + np.array(offset)
-    radius = float(np.sqrt(rest + np.dot(offset, offset)))
-    lengths = np.linalg.norm(points - center, axis=1)
-    return (center, radius) if np.abs(lengths - radius).max() <= ROUND * radius else None
+    center, radius = fit_circle(points)
+    unevenness = np.abs(np.linalg.norm(points - center, axis=1) - radius).max()
+    return (center, radius) if unevenness <= ROUND * radius else None
 
 
 def _find_corners(points: FloatArray) -> FloatArray:
     """Return the fewest corners of a closed outline ``(n, 2)`` that keep its area."""
     limit = COARSEST * float(np.ptp(points, axis=0).max())
-    corners = _drop_points(points, limit)
-    while len(corners) < len(points) and not np.isclose(
-        _area(corners), _area(points), rtol=SAME_AREA
-    ):
-        limit *= 0.5
+    area = Polygon(points).area
+    while True:
         corners = _drop_points(points, limit)
-    return corners
+        if abs(Polygon(corners).area - area) <= SAME_AREA * abs(area):
+            return corners
+        limit *= 0.5
 
 
 def _drop_points(points: FloatArray, limit: float) -> FloatArray:

@@ -12,7 +12,7 @@ from headstock.geometry.assemblies.contacts import Contact
 from headstock.geometry.assemblies.parts import Assembly
 from headstock.geometry.frames import FloatArray, find_axis
 from headstock.geometry.parts.cad_faces import Vector
-from headstock.geometry.parts.curved_patches import plane_axes
+from headstock.geometry.parts.plane_shapes import plane_axes
 
 JointGuess = Literal["bonded", "guide", "bearing", "screw", "fit"]
 

@@ -88,15 +88,21 @@ def fit_cylinder(points: FloatArray, normals: FloatArray) -> FittedCylinder:
     axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
     middle = points.mean(axis=0)
     across = np.linalg.svd(axis[None, :])[2][1:]
-    flat = (points - middle) @ across.T
-    # circle through points, by least squares (Kasa 1976): |p|^2 = 2 c.p + r^2 - |c|^2
-    solution = np.linalg.lstsq(
-        np.column_stack([2 * flat, np.ones(len(flat))]), (flat**2).sum(axis=1), rcond=None
-    )[0]
+    center, radius = fit_circle((points - middle) @ across.T)
+    return FittedCylinder(axis, middle + center @ across, radius)
+
+
+def fit_circle(points: FloatArray) -> tuple[FloatArray, float]:
+    """Return centre ``(2,)`` and radius of the circle through points ``(n, 2)``, by least squares.
+
+    Source: Kasa (1976): ``|p|^2 = 2 c.p + r^2 - |c|^2``.
+    """
+    middle = points.mean(axis=0)
+    arms = points - middle
+    rows = np.column_stack([2 * arms, np.ones(len(arms))])
+    solution = np.linalg.lstsq(rows, (arms**2).sum(axis=1), rcond=None)[0]
     center = solution[:2]
-    return FittedCylinder(
-        axis, middle + center @ across, float(np.sqrt(solution[2] + center @ center))
-    )
+    return middle + center, float(np.sqrt(solution[2] + center @ center))
 
 
 def find_holes(faces: Sequence[CadFace]) -> list[Hole]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from headstock.geometry.assemblies.contacts import Contact
 from headstock.geometry.frames import FloatArray
-from headstock.geometry.parts.curved_patches import plane_axes
+from headstock.geometry.parts.plane_shapes import plane_axes
 from headstock.meshing.assemblies.fitted_surfaces import (
     FittedFace,
     FittedSolid,
