@@ -86,7 +86,7 @@ def cut_overlap(pair: PlanePair) -> dict[int, set[int]]:
         occ.rotate(copies, *plane.place, *(axis / sine), np.arcsin(sine))
     occ.translate(copies, *(-pair.gap * pair.normal))
     try:
-        pieces, parents = occ.intersect(
+        _, parents = occ.intersect(
             [(2, tag) for tag in tags[0]], copies, removeObject=False, removeTool=False
         )
     except Exception as error:  # gmsh raises the bare class
@@ -97,12 +97,17 @@ def cut_overlap(pair: PlanePair) -> dict[int, set[int]]:
         raise MeshError(
             f"the CAD kernel cannot intersect {' with '.join(sides)}: {error}; export these parts again"
         ) from error
-    sources: dict[int, set[int]] = {tag: set() for dim, tag in pieces if dim == 2}
+    # the kernel does not list a piece that is one of the faces as a whole, only what it comes from
+    sources: dict[int, set[int]] = {}
     for tag, parts in zip(tags[0] + tags[1], parents, strict=True):
         for dim, part in parts:
-            if dim == 2 and part in sources:
-                sources[part].add(tag)
-    return sources
+            if dim == 2:
+                sources.setdefault(part, set()).add(tag)
+    return {
+        part: origin
+        for part, origin in sources.items()
+        if origin & set(tags[0]) and origin & set(tags[1])
+    }
 
 
 def measure_overlaps(pair: PlanePair, pieces: dict[int, set[int]]) -> list[Overlap]:
