@@ -422,9 +422,10 @@ def work_here(
     functions: Sequence[str],
     *words: str,
     limits: WorkerLimits,
-    content: bytes,
+    content: bytes = b"",
     result: BinaryIO,
     readable: Sequence[Path] = (),
+    progress: Callable[[str], None] | None = None,
 ) -> WorkerEnd:
     """A job of meshing in this process, as `call_apart` has it done in one of its own: loading gmsh
     there takes longer than what most tests mesh.
@@ -434,7 +435,12 @@ def work_here(
     # gmsh and standard input are one for all threads
     if open_model or threading.current_thread() is not threading.main_thread():
         return worker.call_apart(
-            functions, *words, limits=limits, readable=readable, content=content, result=result
+            *(functions, *words),
+            limits=limits,
+            readable=readable,
+            content=content,
+            result=result,
+            progress=progress,
         )
     said = io.StringIO()
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stderr(said):
@@ -442,6 +448,8 @@ def work_here(
         patch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(content)))
         arguments = [json.dumps(functions), json.dumps(words), str(os.dup(result.fileno()))]
         code = worker._run_worker(["", *arguments])
+    if progress is not None:
+        progress(said.getvalue().strip().rpartition("\n")[2])
     return WorkerEnd(code, said.getvalue(), limits, limits)
 
 
