@@ -35,6 +35,7 @@ from headstock.pipeline.motion.probe_motions import probe_values
 from headstock.pipeline.motion.trajectory import coupled_machine
 from headstock.pipeline.stages.control import (
     DrivenMachine,
+    check_loops,
     drive_along,
     drive_machine,
     find_driven_offsets,
@@ -67,7 +68,6 @@ from headstock.reduction.motions.path_errors import (
 from headstock.scene.analyses.path import PathRequest
 from headstock.solvers.control.drive_loops import ENCODER, close_loops
 from headstock.solvers.control.drive_trains import FORCE
-from headstock.solvers.control.stability import require_stable
 from headstock.solvers.linear.modal_analysis import solve_modal
 from headstock.solvers.motion.closed_loop import (
     ControlledPath,
@@ -458,7 +458,7 @@ class DrivenAxes(AxesPath):
             UnstableControlError: A loop has a growing pole.
         """
         request, driven, observers = self.request, self.driven, self.observers
-        require_stable(driven.system, driven.trains)
+        check_loops(driven, self.state.warn)
         machine, directions = self.state.scene.machine, self.directions
         travel = [
             travel_of_channel(machine, directions, name=name, dof=dof)

@@ -32,7 +32,7 @@ from headstock.pipeline.motion.probe_motions import (
 )
 from headstock.pipeline.numbers.estimates import Estimate
 from headstock.pipeline.planning.plan import Stage
-from headstock.pipeline.stages.control import drive_machine
+from headstock.pipeline.stages.control import check_loops, drive_machine
 from headstock.pipeline.stages.machine import DAMPING, damp_system, warn_of_no_damping
 from headstock.pipeline.stages.probes import warn_of_singular
 from headstock.pipeline.stages.run_state import Outcome, PoseModel, RunState, Solved, pose_model
@@ -44,7 +44,6 @@ from headstock.scene.analyses.transient import TimedLoad, TransientRequest
 from headstock.scene.scene import LOAD
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
-from headstock.solvers.control.stability import require_stable
 from headstock.solvers.errors import ConvergenceError, ModelError, UnstableControlError
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import has_symmetric_terms
@@ -489,7 +488,7 @@ def _load_machine(
     if request.motors == "controlled":
         driven = drive_machine(machine, warn)
         machine, system, trains = driven.released, driven.system, driven.trains
-        modes, poles = driven.modes, require_stable(system, trains)
+        modes, poles = driven.modes, check_loops(driven, warn)
         if poles.limit_hz < request.up_to_hz:
             warn(
                 f"transient analysis in pose {machine.pose.name}: dead times of the drives are right up to {poles.limit_hz:.4g} Hz only, and modes"

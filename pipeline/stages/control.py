@@ -55,6 +55,8 @@ from headstock.solvers.pairing.mode_tracking import SweptModes, track_modes
 from headstock.solvers.second_order import SecondOrderSystem, output_rows
 
 ROUNDOFF = 1e-12  # of a stiffness that weight and anchors are taken off, and of a lag
+SAMPLING_SHARE = 0.01  # of a pole: difference from the sampled loop that causes a warning
+SAMPLED_GROWS = "the loops are stable in continuous time, and a motion grows where controllers sample and hold; shorten their step"
 TINY = 1e-12  # damping ratio or share of a motion that counts as none
 LEAST_HEIGHT, MOST_GUARDS = 0.2, 6  # of a resonance over the rigid machine; listed of each drive
 MARGIN_REACH = 4.0  # margins are looked for up to so many times the highest requested pole
@@ -111,6 +113,27 @@ def drive_machine(model: PoseModel, warn: Callable[[str], None]) -> DrivenMachin
     return DrivenMachine(released.model, modes, damped, released.trains)
 
 
+def check_loops(driven: DrivenMachine, warn: Callable[[str], None]) -> LoopPoles:
+    """Return the poles of loops that are run in time, and warn where controllers with a step differ.
+
+    Args:
+        warn: Called with how far the continuous loops are from the sampled ones.
+
+    Raises:
+        UnstableControlError: A pole grows.
+    """
+    poles = require_stable(driven.system, driven.trains)
+    sampled = compare_sampled(driven.system, driven.trains, poles)
+    if sampled is not None and not sampled.stable:
+        warn(f"control in pose {driven.released.pose.name}: {SAMPLED_GROWS}")
+    elif sampled is not None and sampled.share > SAMPLING_SHARE:
+        warn(
+            f"controllers with a step act in continuous time here: the pole at {sampled.hz:.3g} Hz is {100.0 * sampled.share:.2g} % off"
+            f" that of the sampled loop, others up to {sampled.up_to_hz:.4g} Hz less; a shorter step brings both together"
+        )
+    return poles
+
+
 def drive_along(model: PoseModel, position: float, warn: Callable[[str], None]) -> DrivenMachine:
     """The machine at a place of a path, with its motors free and its loops stable.
 
@@ -123,7 +146,7 @@ def drive_along(model: PoseModel, position: float, warn: Callable[[str], None]) 
     """
     driven = drive_machine(model, warn)
     try:
-        require_stable(driven.system, driven.trains)
+        check_loops(driven, warn)
     except UnstableControlError as error:
         raise UnstableControlError(
             f"{1e3 * position:.4g} mm along the path {error}",
@@ -204,9 +227,7 @@ def run_control_stage(state: RunState, stage: Stage) -> Outcome:
         sampled=sampled,
     )
     if sampled is not None and not (sampled.stable or verdict):
-        state.failures.append(
-            f"control in pose {pose}: the loops are stable in continuous time, and a motion grows where controllers sample and hold; shorten their step"
-        )
+        state.failures.append(f"control in pose {pose}: {SAMPLED_GROWS}")
     last = (request.poses or tuple(state.plan.poses))[-1]
     followed = (
         _follow_guards(state, request, MARGIN_REACH * request.up_to_hz) if pose == last else ()

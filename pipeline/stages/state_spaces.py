@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from headstock.pipeline.stages.control import drive_machine
+from headstock.pipeline.stages.control import check_loops, drive_machine
 from headstock.pipeline.stages.frf import add_load_inputs
 from headstock.pipeline.stages.machine import damp_system
 from headstock.pipeline.stages.run_state import PoseModel
@@ -14,7 +14,6 @@ from headstock.solvers.control.drive_loops import (
     remove_anchors,
 )
 from headstock.solvers.control.drive_trains import MOTOR, SCALE
-from headstock.solvers.control.stability import require_stable
 from headstock.solvers.second_order import Channel
 from headstock.solvers.state_spaces.state_space import StateSpace, to_state_space
 
@@ -49,7 +48,7 @@ def make_state_space(
     system = add_load_inputs(driven.system, driven.released.loads, inputs)
     scales = [(train.name, SCALE) for train in trains]
     if motors == "controlled":
-        require_stable(system, trains)
+        check_loops(driven, warn)
         moved = (*outputs, *scales)
         return close_loops(system, trains, inputs=inputs, outputs=moved, up_to_hz=up_to_hz).space
     plant = open_plant(

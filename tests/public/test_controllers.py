@@ -129,10 +129,10 @@ def test_a_discrete_controller_acts_as_the_continuous_one_it_was_made_of(shell: 
 
 
 def test_a_slow_step_says_how_far_the_continuous_loop_is_from_the_sampled_one(shell: Shell) -> None:
-    step, kp, kv, tn = 2e-3, 2e4, 50.0, 0.02
-    law = f"controller = {{ num = [{kp}, {kp * (step / tn - 1.0)}], den = [1, -1], step = '2 ms' }}"
+    step, kp, kv, tn = 2.5e-3, 2e4, 50.0, 0.02
+    law = f"controller = {{ num = [{kp}, {kp * (step / tn - 1.0)}], den = [1, -1], step = '2.5 ms' }}"
     write(shell, (CASCADE, law), ("\ncoupling", "\n#"))
-    shell.change(("[analyses.control]", "[analyses.control]\nup_to = '200 Hz'"))
+    shell.change(("[analyses.control]", "[analyses.control]\nup_to = '100 Hz'"))
     control = read_control(shell)
     shell("export scene.toml --to npz --motors free -o free.npz --state-space", "20 kHz")
     plant = np.load(shell.folder / "free.npz")
@@ -145,11 +145,17 @@ def test_a_slow_step_says_how_far_the_continuous_loop_is_from_the_sampled_one(sh
     whole = np.block([[a - kp * b @ gains @ read, b @ force], [-gains @ read, np.eye(1)]])
     sampled = np.log(np.linalg.eigvals(whole) + 0j) / step
     poles = np.array([complex(pole["real"], pole["imag"]) for pole in control["poles"]])
-    near = poles[np.abs(poles) < 2.0 * np.pi * 50.0]
+    near = poles[np.abs(poles) < 2.0 * np.pi * 40.0]
     distances = np.abs(near[:, None] - sampled).min(axis=1) / np.abs(near)
     assert len(near) and control["sampled"]["share"] == approx(float(distances.max()), rel=1e-4)
-    assert control["sampled"]["up_to_hz"] == 50.0
+    assert control["sampled"]["share"] > 0.01
+    assert control["sampled"]["up_to_hz"] == approx(40.0)
     assert "poles of the sampled loops differ" in shell.prints(RUN)
+    push = 'loads.push = { at = ["tcp", "x"], shape = "step", size = "10 N" }'
+    shell.change(
+        add=f"\n[analyses.transient]\nduration = '20 ms'\nup_to = '100 Hz'\nmotors = 'controlled'\n{push}\n"
+    )
+    assert "act in continuous time here" in shell.prints(f"{RUN} --analysis transient")
 
 
 @pytest.mark.parametrize(
