@@ -80,6 +80,14 @@ def rotation_about(axis: FloatArray, angle: float) -> FloatArray:
     return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)
 
 
+def axis_and_angle(rotation: FloatArray) -> tuple[FloatArray, float]:
+    """Return the unit axis ``(3,)`` and the angle [rad], -pi to pi, of a rotation ``(3, 3)``."""
+    axis = np.linalg.svd(rotation - np.eye(3))[2][2]
+    odd = rotation - rotation.T
+    sine = 0.5 * float(axis @ [odd[2, 1], odd[0, 2], odd[1, 0]])
+    return axis, float(np.arctan2(sine, 0.5 * (np.trace(rotation) - 1.0)))
+
+
 def frame_axes(primary: FloatArray, secondary: FloatArray | None = None) -> FloatArray:
     """Return the rotation ``(3, 3)`` whose x axis is ``primary`` and whose z axis lies closest to
     ``secondary``.

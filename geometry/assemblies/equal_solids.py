@@ -165,9 +165,10 @@ def _propose(
     distance = float(np.linalg.norm(first.arms[b] - first.arms[a]))
     apart = np.linalg.norm(second.arms[ends][None] - second.arms[starts][:, None], axis=2)
     pairs = np.argwhere(np.abs(apart - distance) < 4.0 * SAME_PLACE)[:MOST_CANDIDATES]
-    frame = _frame(first.arms[a], first.arms[b])
+    frame = point_frame(first.arms[a], first.arms[b])
     return [
-        _frame(second.arms[starts[i]], second.arms[ends[j]]) @ frame.T for i, j in pairs.tolist()
+        point_frame(second.arms[starts[i]], second.arms[ends[j]]) @ frame.T
+        for i, j in pairs.tolist()
     ]
 
 
@@ -210,8 +211,10 @@ def _match(
     return partners, largest
 
 
-def _frame(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the frame ``(3, 3)``, axes in columns, along one arm and in the plane of another."""
+def point_frame(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the frame ``(3, 3)``, axes in columns, along an arm ``(3,)`` and in the plane of it and
+    another ``(3,)``.
+    """
     x = a / np.linalg.norm(a)
     z = np.cross(x, b)
     z /= np.linalg.norm(z)

@@ -1,6 +1,7 @@
 """Measures the solids of an assembly file with gmsh (runs in the worker process)."""
 
 import json
+import tempfile
 import time
 from pathlib import Path
 
@@ -8,12 +9,14 @@ import gmsh
 import numpy as np
 
 from headstock.geometry.frames import FloatArray
+from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.assemblies.step_tree import read_tree
 from headstock.meshing.cad.faces import LENGTH_PRECISION
 from headstock.meshing.cad.features import quote_faces
 from headstock.meshing.cad.meshing import TRIANGLE, open_kernel, shape_bounds
-from headstock.meshing.cad.shapes import boundary_faces, import_step, read_step_text
+from headstock.meshing.cad.shapes import boundary_faces, build_shape, import_step, read_step_text
 from headstock.meshing.errors import PartFileError
+from headstock.meshing.length_units import STEP_UNIT
 from headstock.meshing.process.worker import Arrays
 
 MOST_SOLIDS = 1000
@@ -65,6 +68,27 @@ def open_assembly(path: Path) -> list[int]:
             f"{path.name} holds {len(volumes)} solids, at most {MOST_SOLIDS} can be read; export a part of the assembly"
         )
     return volumes
+
+
+def move_solid(path: str, content: bytes) -> Arrays:
+    """Move the solid of a STEP file.
+
+    Args:
+        content: JSON of ``solid``, its number or name, of ``axis`` and ``angle`` [rad] of a rotation
+            about the origin, and of the ``shift`` [m] after it.
+
+    Returns:
+        ``step``: bytes of the STEP file that gmsh writes.
+    """
+    job = json.loads(content)
+    with open_kernel(), tempfile.TemporaryDirectory() as folder:
+        moved = [(3, build_shape(StepFile(Path(path), job["solid"])))]
+        gmsh.model.occ.rotate(moved, 0.0, 0.0, 0.0, *job["axis"], job["angle"])
+        gmsh.model.occ.translate(moved, *(value / STEP_UNIT for value in job["shift"]))
+        gmsh.model.occ.synchronize()
+        written = Path(folder, "moved.step")
+        gmsh.write(str(written))
+        return {"step": np.frombuffer(written.read_bytes(), dtype=np.uint8)}
 
 
 def _label_points(volume: int) -> FloatArray:

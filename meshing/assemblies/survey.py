@@ -53,8 +53,7 @@ def survey_assembly(
             product in it contains itself.
     """
     status = require_size(path, ASSEMBLY, PartFileError)
-    limit = SECONDS + SECONDS_PER_MB * status.st_size / 1e6
-    data = run_apart([MEASURE], path, limits=_limits(limit), error=PartFileError)
+    data = run_apart([MEASURE], path, limits=limit_reading(status.st_size), error=PartFileError)
     rows = _match_rows(data)
     points = _read_points(data, rows)
     groups = group_equal(points)
@@ -64,7 +63,7 @@ def survey_assembly(
         for name, group in zip(_name_parts(data, rows, groups), groups, strict=True)
     ]
     if trial_seconds > 0.0:
-        parts, untried = _try_parts(path, parts, limit, trial_seconds)
+        parts, untried = _try_parts(path, parts, status.st_size, trial_seconds)
         remarks += untried
     return Assembly(
         path,
@@ -76,7 +75,14 @@ def survey_assembly(
     )
 
 
-def _limits(seconds: float) -> WorkerLimits:
+def limit_reading(size: int, more: float = 0.0) -> WorkerLimits:
+    """Return the limits of reading a STEP file with gmsh.
+
+    Args:
+        size: Of the file [bytes].
+        more: Processor time for what is done with it [s].
+    """
+    seconds = SECONDS + SECONDS_PER_MB * size / 1e6 + more
     return WorkerLimits(MEMORY_BYTES, math.ceil(seconds), WALL_FACTOR * seconds)
 
 
@@ -215,7 +221,7 @@ def _clean_name(text: str) -> str:
 
 
 def _try_parts(
-    path: Path, parts: Sequence[Part], limit: float, seconds: float
+    path: Path, parts: Sequence[Part], size: int, seconds: float
 ) -> tuple[list[Part], list[str]]:
     """Return the parts with what the trial found against them, and a remark where it ended early."""
     job = {"solids": [part.placements[0].solid for part in parts], "seconds": seconds}
@@ -223,7 +229,7 @@ def _try_parts(
         faults = run_apart(
             [TRY],
             path,
-            limits=_limits(limit + 2.0 * seconds),
+            limits=limit_reading(size, 2.0 * seconds),
             error=MeshError,
             content=json.dumps(job).encode(),
         )["faults"].tolist()
