@@ -42,7 +42,7 @@ class _ControlTable(types.RequestTable):
     poses: types.Names | None = None
     """poses in which it is computed; default: all of them"""
     sweep: types.Text | None = None
-    """sweep over whose poses frequencies to guard are followed, at most 1000; default: the `poses`"""
+    """sweep over whose poses frequencies to guard are followed; default: the `poses`"""
 
 
 def _build(table: _ControlTable, draft: Draft) -> ControlRequest:

@@ -56,25 +56,28 @@ class _Train:
         """Joints across which the drive could act, or that of a name where it is one of them; the
         lumped leg itself, which has none.
         """
-        scene, axis = self.scene, self.scene.axes.get(self.axis)
-        if self.is_leg and scene.is_lumped:
+        if self.is_leg and self.scene.is_lumped:
             return [""]
-        if self.is_leg and scene.mechanism is not None:
-            carries, number = scene.mechanism.carries, LENGTHS.index(self.axis) + 1
-            sides = [set(carries.get(f"{side}_{number}", ())) for side in ("leg", "tip")]
-            joints = [
-                joint
-                for joint, table in scene.joints.items()
-                if all(any(end.component in side for end in table.between) for side in sides)
-            ]
-            # a leg may slide in another joint where it has no ball screw
-            candidates = self._ball_screws(joints) or joints
-        elif self.is_rotary and axis is not None:
-            candidates = joints = list(axis.joint_names())
-        else:
-            joints = self._ball_screws([] if axis is None else axis.joint_names())
-            candidates = joints
+        joints = self._list_joints()
+        screws = self._ball_screws(joints)
+        if not (self.is_leg or self.is_rotary):
+            joints = screws
+        # a leg may slide in another joint where it has no ball screw
+        candidates = screws or joints if self.is_leg else joints
         return candidates if named is None else [joint for joint in joints if joint == named]
+
+    def _list_joints(self) -> list[str]:
+        """Return the joints of its axis, or those between both parts of its leg."""
+        scene, axis = self.scene, self.scene.axes.get(self.axis)
+        if not self.is_leg or scene.mechanism is None:
+            return [] if axis is None else list(axis.joint_names())
+        carries, number = scene.mechanism.carries, LENGTHS.index(self.axis) + 1
+        sides = [set(carries.get(f"{side}_{number}", ())) for side in ("leg", "tip")]
+        return [
+            joint
+            for joint, table in scene.joints.items()
+            if all(any(end.component in side for end in table.between) for side in sides)
+        ]
 
     def _ball_screws(self, joints: Iterable[str]) -> list[str]:
         tables = self.scene.joints

@@ -130,7 +130,9 @@ def test_a_discrete_controller_acts_as_the_continuous_one_it_was_made_of(shell: 
 
 def test_a_slow_step_says_how_far_the_continuous_loop_is_from_the_sampled_one(shell: Shell) -> None:
     step, kp, kv, tn = 2.5e-3, 2e4, 50.0, 0.02
-    law = f"controller = {{ num = [{kp}, {kp * (step / tn - 1.0)}], den = [1, -1], step = '2.5 ms' }}"
+    law = (
+        f"controller = {{ num = [{kp}, {kp * (step / tn - 1.0)}], den = [1, -1], step = '2.5 ms' }}"
+    )
     write(shell, (CASCADE, law), ("\ncoupling", "\n#"))
     shell.change(("[analyses.control]", "[analyses.control]\nup_to = '100 Hz'"))
     control = read_control(shell)
