@@ -119,8 +119,10 @@ def _list_notches(answer: GuardAnswer) -> list[str]:
 def _tabulate_guards(answer: GuardAnswer) -> PlainTable:
     """Return a row per mode and pose, with the positions of axes in m or rad."""
     axes = list(dict.fromkeys(axis for guard in answer.guards for axis in guard.positions))
-    headings = ("drive", "mode", "pose", "frequency [Hz]", "± [Hz]", "damping ratio")
-    headings = (*headings, "height over rigid machine", "motion")
+    headings = (
+        *("drive", "mode", "pose", "frequency [Hz]", "± [Hz]", "damping ratio"),
+        *("height over rigid machine", "motion", *(f"{axis} [m or rad]" for axis in axes)),
+    )
     rows = [
         (
             *(guard.drive, guard.mode, guard.pose, guard.frequency_hz),
@@ -130,8 +132,7 @@ def _tabulate_guards(answer: GuardAnswer) -> PlainTable:
         )
         for guard in answer.guards
     ]
-    places = (f"{axis} [m or rad]" for axis in axes)
-    return PlainTable("guard_frequencies", (*headings, *places), tuple(rows))
+    return PlainTable("guard_frequencies", headings, tuple(rows))
 
 
 def _list_drives(control: ControlAnswer) -> list[DriveRow]:

@@ -159,8 +159,8 @@ class GuardAnswer(Answer):
             yield Number(key, guard.frequency_hz, "Hz", self.errors.get(key))
         for band in self.bands:
             for figure, hz in (("from", band.from_hz), ("to", band.to_hz)):
-                at = {"drive": band.drive, "mode": band.mode, "figure": figure}
-                yield Number(make_key("guard_band", **at), hz, "Hz")
+                key = make_key("guard_band", drive=band.drive, mode=band.mode, figure=figure)
+                yield Number(key, hz, "Hz")
 
     def summarise(self) -> Entry:
         """As it stands in ``summary.json``: a row per mode; those of each pose are in the table."""

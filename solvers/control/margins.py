@@ -184,7 +184,7 @@ def _evaluate_loop(
     phase, phase_hz = min(
         (
             (180.0 - abs(math.degrees(math.atan2(value.imag, value.real))), hz)
-            for hz, value in _find_crossings(frequencies, loop, np.abs(loop) - 1.0)
+            for hz, value in _find_crossings(frequencies, loop, np.asarray(np.abs(loop) - 1.0))
         ),
         default=(None, None),
     )

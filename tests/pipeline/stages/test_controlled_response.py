@@ -78,13 +78,13 @@ def test_the_error_of_a_mesh_is_covered_while_loops_are_closed(tmp_path: Path) -
             assert 0.0 < abs(abs(own.peak) - abs(better.peak)) < error.total
         assert coarse.error_left_out == ("rigid model of slide",)
         both = find_errors(coarse, fine)
-        estimated, true = (sizes[..., :3] for sizes in both)
+        estimated, true = (values[..., :3] for values in both)
         assert (true <= estimated).mean() > 0.95
         sizes = np.abs(fine.curves.receptance)
         if motors == "controlled":  # the tool along X, as its set point moves
-            estimate, error = (sizes[:, 0, 3] for sizes in both)
-            assert (error <= estimate).mean() > 0.95
-            assert 1.0 < np.median((estimate / error)[error > 1e-6 * sizes[:, 0, 3]]) < MOST
+            given, missed = (values[:, 0, 3] for values in both)
+            assert (missed <= given).mean() > 0.95
+            assert 1.0 < np.median((given / missed)[missed > 1e-6 * sizes[:, 0, 3]]) < MOST
         seen = true > 1e-3 * sizes[..., :3].max(axis=(1, 2), keepdims=True)
         assert seen.sum() > 200  # the others are at rest by symmetry, or nearly
         ratios.append(float(np.median(estimated[seen] / true[seen])))

@@ -131,7 +131,7 @@ def test_the_frequency_of_one_linear_element_falls_to_that_of_the_rod() -> None:
     component, body = two_node_body("rod", mass, 1.0, [1e12, 1e12, stiffness, 1e12, 1e12, 1e12])
     rod = dataclasses.replace(
         body,
-        mass=np.kron([[2.0, 1.0], [1.0, 2.0]], mass / 6.0 * np.eye(6)),
+        mass=np.asarray(np.kron([[2.0, 1.0], [1.0, 2.0]], mass / 6.0 * np.eye(6)), dtype=float),
         errors=ErrorEstimates(missing_energy=missed * body.stiffness, mesh_safety=1.0),
     )
     clamp = joint_between("clamp", "ground", "rod.foot", fixed=range(6))
