@@ -44,6 +44,7 @@ from headstock.scene.analyses.transient import TimedLoad, TransientRequest
 from headstock.scene.scene import LOAD
 from headstock.solvers.control.drive_loops import ClosedLoop, close_loops
 from headstock.solvers.control.drive_trains import DriveTrain
+from headstock.solvers.control.sampled_loops import sample_loops
 from headstock.solvers.errors import ConvergenceError, ModelError, UnstableControlError
 from headstock.solvers.linear.modal_analysis import ModalResult, keep_lowest
 from headstock.solvers.linear.modal_coordinates import has_symmetric_terms
@@ -63,6 +64,7 @@ from headstock.solvers.state_spaces.load_history import (
 from headstock.solvers.state_spaces.state_space import StateSpace, to_state_space
 from headstock.solvers.state_spaces.transient import (
     EnergyBalance,
+    Sampling,
     StateHistory,
     StiffnessLoss,
     TransientFigures,
@@ -82,6 +84,7 @@ BEYOND = 2.0
 UNBALANCED_ENERGY = 0.01
 UNBALANCED_FRICTION = 1e-6  # with friction, where the integrator has the works as states
 SMOOTHING = "smoothing of friction"
+SAME_STEP = 1e-9  # of a step of controllers over that of samples: distance from a whole number
 # factor on the smoothing: peaks converge with its square root or faster, so that a sharp law
 # changes them by REMAINING times as much
 SHARPER = 0.1
@@ -97,11 +100,13 @@ class _PreparedModel:
         watched: With all observed outputs besides the displacements, and friction as inputs where
             there is any.
         friction_loop: Closed loops with friction in their guides; None without friction.
+        samples: Of controllers with a step that sample and hold; None where loops are continuous.
     """
 
     linear: StateSpace
     watched: StateSpace
     friction_loop: ClosedLoop | None = None
+    samples: Sampling | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,10 +193,10 @@ class _LoadCase:
     def solve(self, model: _PreparedModel) -> _Solution:
         """Solve for the motion of a model."""
         space, request = model.linear, self.request
-        start, final, state = rest_positions(space, self.histories, request.duration)
+        start, final, state = rest_positions(space, self.histories, request.duration, model.samples)
         moving = np.zeros(len(self.histories))
         moving[-1] = 1.0
-        motion = solve_transient(space, self.stepped, state + space.b @ moving)
+        motion = solve_transient(space, self.stepped, state + space.b @ moving, model.samples)
         with_friction, response = None, read_response(space, motion)
         if model.friction_loop is not None:
             with_friction = solve_friction_transient(
@@ -283,6 +288,16 @@ class _LoadedMachine:
             for direct in self.prescribed.direct:
                 space = space.pass_on(direct)
             return _PreparedModel(space.select(inputs, self.request.outputs), space)
+        if _samples_exactly(self.trains, self.request):
+            sampled = sample_loops(
+                system, self.trains, inputs=inputs, outputs=outputs, up_to_hz=up_to_hz
+            )
+            if sampled is not None:
+                space = sampled.space
+                for direct in self.prescribed.direct:
+                    space = space.pass_on(direct)
+                kept = space.select(inputs, self.request.outputs)
+                return _PreparedModel(kept, space, samples=sampled.samples)
         channels = friction_channels(self.trains)
         loop = close_loops(
             system, self.trains, inputs=(*inputs, *channels), outputs=outputs, up_to_hz=up_to_hz
@@ -488,7 +503,8 @@ def _load_machine(
     if request.motors == "controlled":
         driven = drive_machine(machine, warn)
         machine, system, trains = driven.released, driven.system, driven.trains
-        modes, poles = driven.modes, check_loops(driven, warn)
+        exact = _samples_exactly(trains, request)
+        modes, poles = driven.modes, check_loops(driven, warn, continuous=not exact)
         if poles.limit_hz < request.up_to_hz:
             warn(
                 f"transient analysis in pose {machine.pose.name}: dead times of the drives are right up to {poles.limit_hz:.4g} Hz only, and modes"
@@ -504,6 +520,17 @@ def _load_machine(
     system = _add_channels(system, machine, request, probes)
     system = dataclasses.replace(system, inputs=system.inputs | dict(prescribed.inputs))
     return _LoadedMachine(machine, system, modes, request, trains, probes, prescribed)
+
+
+def _samples_exactly(trains: Sequence[DriveTrain], request: TransientRequest) -> bool:
+    """Return whether all controllers sample at one step, which the samples of the motion divide, and no
+    friction acts in between.
+    """
+    steps = {train.control.law.step_s for train in trains}
+    if len(steps) != 1 or friction_channels(tuple(trains)):
+        return False
+    count = steps.pop() * request.sampling_hz
+    return count > 0.5 and abs(count - round(count)) < SAME_STEP
 
 
 def _add_channels(

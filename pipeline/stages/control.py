@@ -113,11 +113,14 @@ def drive_machine(model: PoseModel, warn: Callable[[str], None]) -> DrivenMachin
     return DrivenMachine(released.model, modes, damped, released.trains)
 
 
-def check_loops(driven: DrivenMachine, warn: Callable[[str], None]) -> LoopPoles:
+def check_loops(
+    driven: DrivenMachine, warn: Callable[[str], None], *, continuous: bool = True
+) -> LoopPoles:
     """Return the poles of loops that are run in time, and warn where controllers with a step differ.
 
     Args:
         warn: Called with how far the continuous loops are from the sampled ones.
+        continuous: Whether these stand for them.
 
     Raises:
         UnstableControlError: A pole grows.
@@ -126,7 +129,7 @@ def check_loops(driven: DrivenMachine, warn: Callable[[str], None]) -> LoopPoles
     sampled = compare_sampled(driven.system, driven.trains, poles)
     if sampled is not None and not sampled.stable:
         warn(f"control in pose {driven.released.pose.name}: {SAMPLED_GROWS}")
-    elif sampled is not None and sampled.share > SAMPLING_SHARE:
+    elif sampled is not None and continuous and sampled.share > SAMPLING_SHARE:
         warn(
             f"controllers with a step act in continuous time here: the pole at {sampled.hz:.3g} Hz is {100.0 * sampled.share:.2g} % off"
             f" that of the sampled loop, others up to {sampled.up_to_hz:.4g} Hz less; a shorter step brings both together"

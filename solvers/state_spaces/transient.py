@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from headstock.geometry.frames import FloatArray
+from headstock.geometry.frames import BoolArray, FloatArray
 from headstock.solvers.errors import ModelError
 from headstock.solvers.linear.modal_analysis import ModalResult
 from headstock.solvers.second_order import SecondOrderSystem
@@ -21,12 +21,27 @@ CHANGE = 1e-6  # of the largest value: a smaller change of the rest position is 
 
 
 @dataclass(frozen=True, eq=False)
+class Sampling:
+    """What controllers do at their samples: they read, compute, and hold what they find.
+
+    Attributes:
+        jump: ``(s, s)`` states after a sample per state before it.
+        fed: ``(s, n_inputs)`` the same per load just before it.
+        step_s: Between two samples, the first at the time zero [s].
+    """
+
+    jump: FloatArray
+    fed: FloatArray
+    step_s: float
+
+
+@dataclass(frozen=True, eq=False)
 class StateHistory:
     """States of a system over time.
 
     Attributes:
         left: ``(n, s)`` states just before each time.
-        right: ``(n, s)`` and just after it: an impulse is between them.
+        right: ``(n, s)`` and just after it: an impulse, or a sample of controllers, is between them.
     """
 
     loads: SteppedLoads
@@ -148,25 +163,35 @@ def soften_system(
     return dataclasses.replace(system, stiffness=stiffness, damping=damping, hysteretic=hysteretic)
 
 
-def _find_equilibrium(space: StateSpace, loads: FloatArray) -> FloatArray | None:
-    """Find the state ``(s,)`` at rest under constant loads ``(n_inputs,)``; None where they are not
-    in balance, so that there is none.
+def _find_equilibrium(
+    space: StateSpace, loads: FloatArray, samples: Sampling | None
+) -> FloatArray | None:
+    """Find the state ``(s,)`` at rest under constant loads ``(n_inputs,)``, which samples leave as it
+    is; None where they are not in balance, so that there is none.
     """
-    push = space.b @ loads
+    rates, push = space.a, space.b @ loads
+    if samples is not None:
+        rates = np.vstack([rates, samples.jump - np.eye(len(rates))])
+        push = np.concatenate([push, samples.fed @ loads])
     if not push.any():
         return np.zeros(len(space.a))
-    rest = np.linalg.lstsq(space.a, -push, rcond=1e-13)[0]
-    left = np.linalg.norm(space.a @ rest + push)
+    rest = np.linalg.lstsq(rates, -push, rcond=1e-13)[0]
+    left = np.linalg.norm(rates @ rest + push)
     return np.asarray(rest) if left <= UNBALANCED * np.linalg.norm(push) else None
 
 
 def solve_transient(
-    space: StateSpace, loads: SteppedLoads, initial_state: FloatArray
+    space: StateSpace,
+    loads: SteppedLoads,
+    initial_state: FloatArray,
+    samples: Sampling | None = None,
 ) -> StateHistory:
     """Return the motion under loads, exact at every time of the grid whatever its steps.
 
     Args:
-        initial_state: ``(s,)`` before the time zero.
+        initial_state: ``(s,)`` before the time zero, which a sample then leaves as it is.
+        samples: Of controllers, whose step is a multiple of that of the samples of the loads; None
+            without any.
     """
     lengths, kinds = group_steps(loads.steps)
     propagators = [make_propagator(space, length) for length in lengths]
@@ -182,10 +207,27 @@ def solve_transient(
     left = np.empty((len(loads.times), len(space.a)))
     right = np.empty_like(left)
     left[0], right[0] = initial_state, initial_state + struck[0]
+    marks, acting = _mark_samples(loads, samples)
     for number, kind in enumerate(kinds):
         left[number + 1] = propagators[kind].advance(right[number]) + forcing[number]
-        right[number + 1] = left[number + 1] + struck[number + 1]
+        reached = left[number + 1]
+        if samples is not None and marks[number + 1]:
+            reached = samples.jump @ reached + samples.fed @ acting[number]
+        right[number + 1] = reached + struck[number + 1]
     return StateHistory(loads, left, right)
+
+
+def _mark_samples(loads: SteppedLoads, samples: Sampling | None) -> tuple[BoolArray, FloatArray]:
+    """Return at which times ``(n,)`` controllers sample, and the loads ``(n - 1, k)`` at the ends of
+    steps.
+    """
+    marks = np.zeros(len(loads.times), dtype=bool)
+    if samples is None:
+        return marks, loads.linear[:, 1]
+    step = loads.times[loads.sampled[1]] - loads.times[loads.sampled[0]]
+    every = round(samples.step_s / step)
+    marks[loads.sampled[every::every]] = True
+    return marks, loads.evaluate()[0][:, 1]
 
 
 def read_response(space: StateSpace, motion: StateHistory) -> Response:
@@ -262,7 +304,10 @@ def find_energy(space: StateSpace, motion: StateHistory) -> EnergyBalance | None
 
 
 def rest_positions(
-    space: StateSpace, loads: Sequence[LoadHistory], duration: float
+    space: StateSpace,
+    loads: Sequence[LoadHistory],
+    duration: float,
+    samples: Sampling | None = None,
 ) -> tuple[FloatArray, FloatArray | None, FloatArray]:
     """Return the displacements before everything and at rest under the loads of the end (None where
     they do not come to rest), and the state before everything.
@@ -271,7 +316,7 @@ def rest_positions(
         ModelError: What acts beforehand is not in balance.
     """
     before = np.array([load.before for load in loads])
-    state = _find_equilibrium(space, before)
+    state = _find_equilibrium(space, before, samples)
     if state is None:
         raise ModelError(
             "a load that is released acts on a motion that nothing holds, so nothing was at rest under it"
@@ -280,7 +325,7 @@ def rest_positions(
     if not all(load.is_constant_at(duration) for load in loads):
         return start, None, state
     held = np.array([_value_at(load, duration) for load in loads])
-    rest = _find_equilibrium(space, held)
+    rest = _find_equilibrium(space, held, samples)
     final = None if rest is None else space.c @ rest + space.d @ held
     return start, final, state
 

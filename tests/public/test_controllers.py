@@ -13,6 +13,7 @@ import scipy.signal
 
 from common import Shell, approx
 from fixture_machines import stored_scene
+from headstock.geometry.frames import FloatArray
 from headstock.solvers.second_order import ComplexArray
 
 CASCADE = 'velocity_gain = "2e4 N s/m"\nintegral_time = "20 ms"'
@@ -153,11 +154,41 @@ def test_a_slow_step_says_how_far_the_continuous_loop_is_from_the_sampled_one(sh
     assert control["sampled"]["share"] > 0.01
     assert control["sampled"]["up_to_hz"] == approx(40.0)
     assert "poles of the sampled loops differ" in shell.prints(RUN)
+    # loads over time sample and hold as it does, where samples of the motion divide its step
     push = 'loads.push = { at = ["tcp", "x"], shape = "step", size = "10 N" }'
-    shell.change(
-        add=f"\n[analyses.transient]\nduration = '20 ms'\nup_to = '100 Hz'\nmotors = 'controlled'\n{push}\n"
-    )
+    table = f"duration = '20 ms'\nup_to = '200 Hz'\nmotors = 'controlled'\noutputs = [['tcp', 'x']]\n{push}\n"
+    shell.change(add=f"\n[analyses.transient]\nsampling = '4 kHz'\n{table}")
+    assert "act in continuous time here" not in shell.prints(f"{RUN} --analysis transient")
+    rows = shell.rows("out/tables/transient_reference.csv")[:-1:10]
+    shell("export scene.toml --to npz --motors free -o low.npz --state-space", "200 Hz")
+    expected = hold_outside(np.load(shell.folder / "low.npz"), (kp, kv, tn), step, 10.0, len(rows))
+    found = [float(row["tcp x [um]"]) for row in rows]
+    np.testing.assert_allclose(found, 1e6 * expected, atol=1e-5 * 1e6 * np.abs(expected).max())
+    shell.change(("'4 kHz'", "'4.1 kHz'"))
     assert "act in continuous time here" in shell.prints(f"{RUN} --analysis transient")
+
+
+def hold_outside(
+    plant: Any, law: tuple[float, float, float], step: float, load: float, count: int
+) -> FloatArray:
+    """Motion of the tool at samples under a load from time zero on, a PI controller sampled around an
+    exported machine, by matrices of SciPy.
+    """
+    (kp, kv, tn), outputs, inputs = law, list(plant["outputs"]), list(plant["inputs"])
+    columns = [inputs.index(name) for name in ("X force", "tcp x")]
+    motor, tool = (outputs.index(name) for name in ("X motor", "tcp x"))
+    whole = (plant["A"], plant["B"][:, columns], plant["C"], plant["D"][:, columns])
+    a, b, c, d, _ = scipy.signal.cont2discrete(whole, step)
+    states, given, summed = np.zeros(len(a)), np.array([0.0, load]), 0.0
+    moved = [c[tool] @ states + d[tool] @ given]
+    while len(moved) < count:
+        states = a @ states + b @ given
+        place = c[motor] @ states + d[motor] @ given
+        error = -kv * place - c[motor] @ plant["A"] @ states
+        given[0] = kp * (error + step / tn * summed)
+        summed += error
+        moved.append(c[tool] @ states + d[tool] @ given)
+    return np.array(moved)
 
 
 @pytest.mark.parametrize(
