@@ -435,7 +435,8 @@ def work_here(
     # gmsh and standard input are one for all threads
     if open_model or threading.current_thread() is not threading.main_thread():
         return worker.call_apart(
-            *(functions, *words),
+            functions,
+            *words,
             limits=limits,
             readable=readable,
             content=content,

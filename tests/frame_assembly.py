@@ -33,10 +33,8 @@ class Frame:
     def expected(self) -> list[tuple[int, int, str, float]]:
         """Numbers, kind and gap of each contact, sorted."""
         numbers = self.numbers()
-        pairs = (
-            (*sorted((numbers[a], numbers[b])), kind, gap) for a, b, kind, gap in self.contacts
-        )
-        return sorted(pairs)
+        rows = ((numbers[a], numbers[b], kind, gap) for a, b, kind, gap in self.contacts)
+        return sorted((min(a, b), max(a, b), kind, gap) for a, b, kind, gap in rows)
 
 
 def box(low: Sequence[float], high: Sequence[float]) -> int:

@@ -60,7 +60,7 @@ def find_cylinder_overlaps(
         tolerance: Largest gap, and largest distance of the axes.
     """
     overlaps = []
-    for sides in near_surfaces(*(solids[i] for i in pair), tolerance):
+    for sides in near_surfaces(solids[pair[0]], solids[pair[1]], tolerance):
         one, other = sides[0][0], sides[1][0]
         gap = (one.radius - other.radius) * (1.0 if one.hollow else -1.0)
         if (

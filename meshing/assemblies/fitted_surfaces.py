@@ -145,7 +145,8 @@ def _share_surface(face: FittedFace, other: FittedFace) -> bool:
         return False
     along = float((face.place - other.place) @ other.direction)
     if face.radius == 0.0:
-        return abs(along) <= SAME_SURFACE and face.direction @ other.direction > 1.0 - PARALLEL
+        cosine = float(face.direction @ other.direction)
+        return abs(along) <= SAME_SURFACE and cosine > 1.0 - PARALLEL
     return axis_distance(face, other) <= SAME_SURFACE
 
 
@@ -161,14 +162,14 @@ def near_surfaces(
     first: FittedSolid, second: FittedSolid, reach: float
 ) -> Iterator[tuple[Surface, Surface]]:
     """Yield the surfaces of two solids whose faces come as near as a distance, with these faces."""
-    boxes = [
+    boxes, others = (
         np.array([_bound(surface) for surface in one.surfaces]).reshape(-1, 2, 3)
         for one in (first, second)
-    ]
-    for i, j in np.argwhere(boxes_meet(*boxes, reach)):
+    )
+    for i, j in np.argwhere(boxes_meet(boxes, others, reach)):
         one, other = first.surfaces[i], second.surfaces[j]
         rows = [np.array([face.box for face in surface]) for surface in (one, other)]
-        near = boxes_meet(*rows, reach)
+        near = boxes_meet(rows[0], rows[1], reach)
         if near.any():
             yield (
                 tuple(one[k] for k in np.flatnonzero(near.any(axis=1))),
@@ -176,9 +177,7 @@ def near_surfaces(
             )
 
 
-def cover_faces(
-    sides: Sequence[Surface], areas: Sequence[Mapping[int, float]]
-) -> dict[str, tuple[tuple[Any, ...], tuple[Any, ...]]]:
+def cover_faces(sides: Sequence[Surface], areas: Sequence[Mapping[int, float]]) -> dict[str, Any]:
     """Return the faces of an overlap and the share that it takes of each, as fields of a contact.
 
     Args:

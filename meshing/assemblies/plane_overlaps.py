@@ -56,7 +56,7 @@ def pair_planes(
 ) -> list[PlanePair]:
     """Pair the planes of two solids that face each other and lie as near as a distance."""
     pairs = []
-    for sides in near_surfaces(*(solids[i] for i in pair), reach):
+    for sides in near_surfaces(solids[pair[0]], solids[pair[1]], reach):
         one, other = sides[0][0], sides[1][0]
         gap = float((other.place - one.place) @ one.direction)
         if (

@@ -193,16 +193,14 @@ def _number_faces(
         distances = np.linalg.norm(back[:, None] - originals, axis=2)
         for k in np.flatnonzero(np.diag(distances) > SAME_FACE):
             orders[number][k] = int(distances[k].argmin()) + 1
-    return [
-        dataclasses.replace(
-            contact,
-            faces=tuple(
-                tuple(orders[number][face - 1] for face in side)
-                for number, side in zip(contact.solids, contact.faces, strict=True)
-            ),
+    numbered = []
+    for contact in contacts:
+        first, second = (
+            tuple(orders[number][face - 1] for face in side)
+            for number, side in zip(contact.solids, contact.faces, strict=True)
         )
-        for contact in contacts
-    ]
+        numbered.append(dataclasses.replace(contact, faces=(first, second)))
+    return numbered
 
 
 def _in_metres(contact: Contact) -> Contact:

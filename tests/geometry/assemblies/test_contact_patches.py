@@ -21,12 +21,11 @@ SHIFT = np.array([0.1, -0.2, 0.3])
 
 def assembly_at(rotation: FloatArray, shift: FloatArray) -> Assembly:
     """Solid 2 is a copy of solid 1, moved."""
-    solids = tuple(
-        PlacedSolid(i, (), "", *(1.0, 1.0, *[(0.0, 0.0, 0.0)] * 3), colour=None) for i in (1, 2)
-    )
-    rows: Any = tuple(map(tuple, rotation.tolist()))
-    still: Any = tuple(map(tuple, np.eye(3).tolist()))
-    x, y, z = shift.tolist()
+    zero = (0.0, 0.0, 0.0)
+    solids = tuple(PlacedSolid(i, (), "", 1.0, 1.0, zero, zero, zero, None) for i in (1, 2))
+    still: Any = np.eye(3)
+    rows: Any = rotation
+    x, y, z = map(float, shift)
     places = (Placement(1, still, (0.0, 0.0, 0.0), 0.0), Placement(2, rows, (x, y, z), 0.0))
     return Assembly(
         Path("a.step"), "mm", solids, (Part("part", places),), TreeNode("a", "", (1, 2))
@@ -37,9 +36,15 @@ def touch_plane(*outlines: FloatArray, solid_holes: tuple[int, ...] = ()) -> Con
     """Overlap on the x-y plane of solids 1 and 2, whose outlines are given on the moved solid."""
     moved = tuple(outline @ ROTATION.T + SHIFT for outline in outlines)
     area = outline_area(outlines[0], Z) - sum(outline_area(one, Z) for one in outlines[1:])
-    x, y, z = (ROTATION @ Z).tolist()
+    x, y, z = map(float, ROTATION @ Z)
     return Contact(
-        *((1, 2), "plane", ((4,), (7,)), 0.0, area, (0.0, 0.0, 0.0), (x, y, z)),
+        (1, 2),
+        "plane",
+        ((4,), (7,)),
+        0.0,
+        area,
+        (0.0, 0.0, 0.0),
+        (x, y, z),
         outlines=moved,
         covered=((1.0,), (0.3,)),
         solid_holes=((), solid_holes),
@@ -117,13 +122,11 @@ def test_a_hole_of_the_other_part_alone_is_left_out_by_outlines_around_it() -> N
 
 
 def test_a_cylinder_is_a_band_about_its_middle() -> None:
-    axis = (ROTATION @ Z).tolist()
-    center = (ROTATION @ np.array([0.0, 0.0, 0.05]) + SHIFT).tolist()
+    x, y, z = map(float, ROTATION @ np.array([0.0, 0.0, 0.05]) + SHIFT)
     contact = dataclasses.replace(
         touch_plane(circle(0.01)),
         kind="cylinder",
-        center=tuple(center),
-        axis=tuple(axis),
+        center=(x, y, z),
         radius=0.01,
         length=0.03,
         outlines=(),
