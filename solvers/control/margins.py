@@ -174,9 +174,10 @@ def _evaluate_loop(
     name: str, frequencies: FloatArray, loop: ComplexArray, follow: FloatArray
 ) -> LoopMargins:
     """Return the figures of a drive, from its loop and measured over set position ``(n_freq,)``."""
+    imaginary = np.asarray(loop.imag, dtype=float)
     crossings = [
         (-value.real, hz)
-        for hz, value in _find_crossings(frequencies, loop, loop.imag, loop.real < 0.0)
+        for hz, value in _find_crossings(frequencies, loop, imaginary, loop.real < 0.0)
     ]
     gain, gain_hz = min(
         ((1.0 / size, hz) for size, hz in crossings if size < 1.0), default=(None, None)
