@@ -77,9 +77,11 @@ def place_launcher(folder: Path) -> Path:
 
 
 def run_in(folder: Path, *command: str, **variables: str) -> str:
-    """What a command prints that ends well in a folder, with a store of its own there."""
+    """What a command prints that ends well in a folder, with the store of all such commands beside it:
+    parts of shipped machines that one test reduced serve the next.
+    """
     paths = {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    own = {**os.environ, **paths, "HEADSTOCK_STORE": str(folder / "store"), **variables}
+    own = {**os.environ, **paths, "HEADSTOCK_STORE": str(folder.parent / "store"), **variables}
     done = run_process(command, cwd=folder, env=own, timeout=300)
     assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     return done.stdout
