@@ -16,6 +16,7 @@ from importlib import import_module
 _HOMES = {  # module to its public names
     "headstock.loading": ("load",),
     "headstock.previews": ("check", "plan"),
+    "headstock.assemblies": ("new_from_assembly",),
     "headstock.exports": (*("export", "state_space", "varying_state_space", "Superelement"),),
     "headstock.runs": ("open", "run"),
     "headstock.repeated_runs": ("compare", "correlate", "fit_modes", "identify", "study", "sweep"),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from headstock.machine import Noun
 from headstock.scene.schema import axes, components, joints, loads, sensors
 from headstock.values import Quantity
+from headstock.assemblies import new_from_assembly as new_from_assembly
 from headstock.exports import Superelement as Superelement
 from headstock.exports import export as export
 from headstock.exports import state_space as state_space
@@ -98,6 +99,9 @@ class Interface(Noun, schema=components.InterfaceTable):
         disk: _Table | None = ...,
         rect: _Table | None = ...,
         strip: _Table | None = ...,
+        band: _Table | None = ...,
+        ring: _Table | None = ...,
+        outline: _Table | None = ...,
         patches: Sequence[_Table] | None = ...,
         places: Sequence[_Numbers] | Mapping[str, _Numbers] | None = ...,
         each: Mapping[str, Mapping[str, object]] | None = ...,
@@ -132,12 +136,15 @@ class Joint(Noun, schema=joints.JointTable):
 class Load(Noun, schema=loads.LoadTable):
     def __init__(
         self, *,
-        at: str | None = ...,
         face: str | None = ...,
-        component: str | None = ...,
         disk: _Table | None = ...,
         rect: _Table | None = ...,
         strip: _Table | None = ...,
+        band: _Table | None = ...,
+        ring: _Table | None = ...,
+        outline: _Table | None = ...,
+        at: str | None = ...,
+        component: str | None = ...,
         force: _Numbers | None = ...,
         moment: _Numbers | None = ...,
         traction: _Numbers | None = ...,
@@ -195,11 +202,14 @@ class Support(Noun, schema=loads.SupportTable):
     def __init__(
         self, *,
         face: str | None = ...,
-        at: str | None = ...,
-        edge: Sequence[str] | None = ...,
         disk: _Table | None = ...,
         rect: _Table | None = ...,
         strip: _Table | None = ...,
+        band: _Table | None = ...,
+        ring: _Table | None = ...,
+        outline: _Table | None = ...,
+        at: str | None = ...,
+        edge: Sequence[str] | None = ...,
         fix: Sequence[Literal['x', 'y', 'z', 'normal'] | _Numbers],
     ) -> None: ...
 

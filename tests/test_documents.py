@@ -23,7 +23,7 @@ DOCUMENTS = (
     "README.md",
     *(
         pytest.param(f"docs/{name}.md", marks=pytest.mark.trials)
-        for name in ("hpc", "tutorial", "comparing", "show", "mesh_files")
+        for name in ("hpc", "tutorial", "comparing", "show", "mesh_files", "assemblies")
     ),
 )
 BLOCK = re.compile(r"^```(\w+)[^\n]*\n(.*?)^```$", re.DOTALL | re.MULTILINE)

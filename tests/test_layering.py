@@ -42,7 +42,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "parts": set(),
         "mechanisms": set(),
         "machine": {"parts", "mechanisms"},
-        "assemblies": {"parts"},
+        "assemblies": {"parts", "machine"},
     },
     "meshing": {
         "process": set(),
@@ -75,6 +75,7 @@ ROOMS: dict[str, dict[str, set[str]]] = {
         "test_data": {"reading"},
         "schema": {"reading"},
         "expansion": {"reading", "schema"},
+        "assemblies": {"reading", "expansion"},
         "building": {"reading", "schema", "expansion", "test_data"},
         "analyses": {"reading", "schema", "expansion", "building"},
     },

@@ -10,6 +10,7 @@ import numpy as np
 
 from headstock.app.actions.checking import load_chosen, use_defaults
 from headstock.app.commands.tool_commands import ShowOptions
+from headstock.app.pictures.exploded import label_exploded
 from headstock.app.pictures.machine_sketch import label_machine
 from headstock.app.pictures.numbered import LabelledSurface, draw_numbered, show_numbered
 from headstock.app.terminal.console import (
@@ -122,8 +123,13 @@ def _show_machine(scene: Scene, options: ShowOptions) -> int:
     options.write_json(dump_summary(list_machine(scene, placed, supports, gaps)))
     if not view.skins:
         return DONE
-    surface = label_machine(
-        f"{scene.name}, pose {chosen.name}", view, placed, supports, scene.machine.components
+    exploded = scene.questions and not options.window
+    surface = (
+        label_exploded(scene, view, placed)
+        if exploded
+        else label_machine(
+            f"{scene.name}, pose {chosen.name}", view, placed, supports, scene.machine.components
+        )
     )
     if options.window:
         show_numbered(surface)

@@ -1,11 +1,9 @@
 """``headstock new``: a folder with a scene that runs as it is, for a box or for a part of the user's
-own from a STEP or mesh file.
+own from a STEP or mesh file; for an assembly of parts a scene with questions.
 """
 
 import os
 import shlex
-import shutil
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,14 +12,16 @@ import click
 from headstock.app.actions.schemas import scene_schema
 from headstock.app.actions.showing import (
     PART_SUFFIXES,
+    STEP_SUFFIXES,
     format_suggestions,
     part_suggestions,
     patch_rows,
     survey_part,
 )
 from headstock.app.commands.tool_commands import NewOptions
-from headstock.app.terminal.console import make_console
+from headstock.app.terminal.console import counted, make_console, print_remarks
 from headstock.app.terminal.guard import DONE
+from headstock.app.terminal.progress import show_progress
 from headstock.geometry.errors import HeadstockError
 from headstock.geometry.parts.interface_suggestions import LikelyInterface, likely_interfaces
 from headstock.geometry.parts.solids import MeshFile
@@ -29,7 +29,9 @@ from headstock.meshing.components.meshing import mesh_component
 from headstock.meshing.components.survey import CadSurvey
 from headstock.meshing.errors import MeshError, MeshTimeError
 from headstock.meshing.length_units import doubt_size
+from headstock.pipeline.preview.assemblies import AssemblyScene, draft_assembly
 from headstock.pipeline.storage.json_texts import dump_json
+from headstock.pipeline.storage.outputs import fill_new_folder, require_new_folder
 from headstock.scene.building.loader import load_scene
 
 PART_NAME = "part"
@@ -103,10 +105,9 @@ def new_command(options: NewOptions) -> int:
         HeadstockError: The part cannot be read or meshed, or has no two planes to hold it at.
     """
     folder = options.folder.absolute() if options.folder.name in ("", "..") else options.folder
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise click.UsageError(
-            f"{folder} exists and is not an empty folder; nothing was changed: choose another name"
-        )
+    require_new_folder(folder)
+    if options.assembly is not None:
+        return _new_assembly(options, folder)
     if options.part is not None and options.part.suffix.lower() not in PART_SUFFIXES:
         raise click.UsageError(
             f"{options.part.name} is no STEP or mesh file ({', '.join(PART_SUFFIXES)})"
@@ -129,10 +130,8 @@ def new_command(options: NewOptions) -> int:
             doubt = _name_guess(options, survey)
         else:
             doubt = doubt_size(options.part, max(survey.size))
-    try:
-        _fill_folder(folder, text, files)
-    except OSError as error:
-        raise click.UsageError(f"{folder} cannot be made: {error.strerror or error}") from error
+    schema = dump_json(scene_schema())
+    fill_new_folder(folder, {_scene_name(folder): text, SCHEMA: schema}, files)
     console = make_console()
     if doubt is not None:
         console.say(f"warning: {doubt}", style="yellow")
@@ -143,13 +142,15 @@ def new_command(options: NewOptions) -> int:
             _try_mesh(scene)
         else:
             console.print(f"listing its faces took long, and no mesh was tried: {UNTRIED}")
-    # as the reader types it: the launcher says how it was called
-    command = shlex.quote(os.environ.get("HEADSTOCK_COMMAND", "headstock"))
-    console.say(
-        f"{scene} is ready; next: {command} run {shlex.quote(str(scene))}",
-        soft_wrap=True,
-    )
+    _say_next(scene, "run")
     return DONE
+
+
+def _say_next(scene: Path, verb: str) -> None:
+    """Say what to type next, as the reader types it: the launcher says how it was called."""
+    command = shlex.quote(os.environ.get("HEADSTOCK_COMMAND", "headstock"))
+    words = f"{command} {verb} {shlex.quote(str(scene))}"
+    make_console().say(f"{scene} is ready; next: {words}", soft_wrap=True)
 
 
 def _child_seconds() -> float:
@@ -188,19 +189,6 @@ def _try_mesh(path: Path) -> None:
         raise MeshError(
             f"{path} is written, but its part cannot be meshed as it is: {error}"
         ) from error
-
-
-def _fill_folder(folder: Path, text: str, files: Sequence[Path]) -> None:
-    """All or nothing: the folder appears when it is complete."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".headstock-new-", dir=folder.parent) as made:
-        scene = Path(made, folder.name)
-        scene.mkdir()
-        (scene / _scene_name(folder)).write_text(text)
-        (scene / SCHEMA).write_text(dump_json(scene_schema()))
-        for file in files:
-            shutil.copyfile(file, scene / file.name)
-        scene.replace(folder)  # an empty folder of that name gives way
 
 
 def _scene_name(folder: Path) -> str:
@@ -337,3 +325,51 @@ def _quote(value: int | str) -> str:
         return str(value)
     escaped = value.replace("\\", "\\\\").replace('"', '\\"')
     return f'"{escaped}"'
+
+
+def _new_assembly(options: NewOptions, folder: Path) -> int:
+    """Make a new folder with the scene of an assembly, and a copy of its file.
+
+    Raises:
+        click.UsageError: An option does not fit, or the file is no STEP file.
+        HeadstockError: The file cannot be read, or the folder not be made.
+    """
+    file = options.assembly
+    if file is None or file.suffix.lower() not in STEP_SUFFIXES:
+        raise click.UsageError(f"{file} is no STEP file ({', '.join(STEP_SUFFIXES)})")
+    given = {"--part": options.part, "--solid": options.solid, "--unit": options.unit}
+    for name in [name for name, value in given.items() if value is not None]:
+        raise click.UsageError(f"{name} does not go with --assembly")
+    if not file.is_file():
+        raise click.UsageError(f"there is no file {file}")
+    scene = folder / f"{folder.name}.toml"
+    with show_progress() as progress:
+
+        def announce(text: str) -> None:
+            progress.end()
+            progress.begin(f"{text} of {file.name}")
+
+        found = draft_assembly(file, scene.name, announce)
+    texts = {**found.draft.texts, SCHEMA: dump_json(scene_schema())}
+    texts[scene.name] = f"#:schema ./{SCHEMA}\n{texts[scene.name]}"
+    fill_new_folder(folder, texts, [file])
+    make_console().say(_describe_assembly(found))
+    print_remarks(found.assembly.remarks)
+    _say_next(scene, "check")
+    return DONE
+
+
+def _describe_assembly(found: AssemblyScene) -> str:
+    """Return what was found, in a few lines."""
+    kinds = [motion.likely for motion in found.motions]
+    pairs = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+    solids = counted(len(found.assembly.solids), "solid")
+    shapes = counted(len(found.assembly.parts), "shape")
+    left_out = counted(
+        len(found.draft.left_out), "screw, nut or washer", "screws, nuts and washers"
+    )
+    return (
+        f"{solids} of {shapes}; {counted(len(found.contacts), 'contact')} of "
+        f"{counted(len(kinds), 'pair')}: {pairs or 'none'}\n"
+        f"{left_out} left out, with their masses; {counted(found.draft.questions, 'question')}"
+    )

@@ -61,6 +61,12 @@ class NewOptions(PartOptions):
     part: Annotated[
         Path | None, option("--part", "FILE", "STEP or mesh file to start from; it is copied.")
     ] = None
+    assembly: Annotated[
+        Path | None,
+        option(
+            "--assembly", "FILE", "STEP assembly to start from: its parts, contacts and joints."
+        ),
+    ] = None
     solid: Solid = None
     unit: Unit = None
     debug: Debug = False

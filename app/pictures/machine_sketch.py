@@ -198,7 +198,7 @@ def _interface_areas(
     areas: dict[str, list[FloatArray]] = {kind: [] for kind in AREAS}
     for name, part in components.items():
         frame = placed.placements[name]
-        for label, corners in _lift_areas(part).items():
+        for label, corners in lift_areas(part).items():
             kind = "rail" if part.interfaces[label].rail else "area of an interface"
             areas[kind].append(corners @ frame.rotation.T + frame.origin)
         if not isinstance(part.solid, PlanarSolid | Tube):
@@ -241,7 +241,7 @@ def _lift_outlines(solid: PlanarSolid | Tube, patch: Patch) -> list[FloatArray]:
     return areas
 
 
-def _lift_areas(part: Component) -> dict[str, FloatArray]:
+def lift_areas(part: Component) -> dict[str, FloatArray]:
     """Triangles ``(m, 3, 3)`` of the interfaces of a part from a file, a little above its faces, and
     patches above whole faces [m].
     """

@@ -39,6 +39,7 @@ LEADER = "#475467"
 PLATE = {"boxstyle": "round,pad=0.15", "facecolor": (1.0, 1.0, 1.0, 0.85), "linewidth": 0.0}
 LETTER, LINE = 7.0, 17.0  # pixels of text
 LEGEND_STEP = 17  # pixels
+HEAD, MOST_INSIDE = 40, 8  # pixels above the pictures; lines of a legend that stands in them
 LEADERS = [
     (22 * np.cos(angle), -22 * np.sin(angle))
     for angle in np.radians([45, 135, 315, 225, 0, 180, 90, 270])
@@ -110,13 +111,14 @@ def draw_numbered(surface: LabelledSurface) -> tuple[bytes, set[int]]:
     if drawing.remark is not None:
         raise DrawingError(drawing.remark)
     width, height = PIXELS
-    figure = Figure(figsize=(2 * width / DPI, (2 * height + 40) / DPI), dpi=DPI)
+    # a long legend stands above the pictures
+    lines = len(surface.legend)
+    total = 2 * height + HEAD + (LEGEND_STEP * lines if lines > MOST_INSIDE else 0)
+    figure = Figure(figsize=(2 * width / DPI, total / DPI), dpi=DPI)
     canvas: Any = FigureCanvasAgg(figure)
-    figure.text(
-        0.5, 1.0 - 14 / (2 * height + 40), surface.title, ha="center", va="center", fontsize=13
-    )
+    figure.text(0.5, 1.0 - 14 / total, surface.title, ha="center", va="center", fontsize=13)
     labelled: set[int] = set()
-    share = 2 * height / (2 * height + 40)
+    share = 2 * height / total
     for index, name in enumerate(CAMERAS):
         axes = figure.add_axes(
             (0.5 * (index % 2), share * (0.5 - 0.5 * (index // 2)), 0.5, share / 2)
@@ -147,7 +149,7 @@ def draw_numbered(surface: LabelledSurface) -> tuple[bytes, set[int]]:
         axes.set_xlim(-0.5, width - 0.5)
         axes.set_ylim(height - 0.5, -0.5)
     for number, (entry, color) in enumerate(surface.legend):
-        line = 1.0 - LEGEND_STEP * (number + 1) / (2 * height)
+        line = 1.0 - LEGEND_STEP * (number + 1) / total
         for place, words, shade in ((0.98, entry, INK), (0.992, "\N{BLACK SQUARE}", color)):
             figure.text(place, line, words, fontsize=10, color=shade, ha="right", va="center")
     labelled.discard(0)

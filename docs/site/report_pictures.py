@@ -57,11 +57,13 @@ class Output:
         command: Without ``./headstock`` and ``-o``.
         file: What ``-o`` takes, or has in it.
         share: Of its height that is taken, from the top.
+        before: Commands that make what it needs; ``FOLDER`` in commands is a temporary one.
     """
 
     command: str
     file: str
     share: float = 1.0
+    before: tuple[str, ...] = ()
 
 
 CORRELATE = "correlate machines/three_axis.toml machines/three_axis_test.uff --variant calibrated+YCE --pose measured"
@@ -111,6 +113,15 @@ PICTURES: dict[str, Shot | Output] = {
     "correlation_responses": Output(CORRELATE, "responses.png"),
     # from two of four sides
     "show": Output("show machines/three_axis.toml --pose measured", "machine.png", share=0.513),
+    "assembly": Output(
+        "show FOLDER/mill/mill.toml",
+        "machine.png",
+        share=0.566,
+        before=(
+            "exec python3 machines/assembly/write_assembly.py FOLDER/mill.step",
+            "new FOLDER/mill --assembly FOLDER/mill.step",
+        ),
+    ),
     "axis_construction_kit": Output("validate axis_construction_kit", "axis_construction_kit.png"),
 }
 
@@ -132,7 +143,10 @@ def main() -> None:
             else:
                 picture, share = folder / wanted.file, wanted.share
                 target = picture if wanted.command.startswith("show ") else folder
-                run_headstock(*shlex.split(wanted.command), "-o", str(target))
+                for command in wanted.before:
+                    run_headstock(*shlex.split(command.replace("FOLDER", str(folder))))
+                command = wanted.command.replace("FOLDER", str(folder))
+                run_headstock(*shlex.split(command), "-o", str(target))
             saving = ["docs/site/saving.py", str(picture), name, "--share", str(share)]
             shaded = isinstance(wanted, Shot) and wanted.shape
             run_headstock("exec", "python3", *saving, *(["--shaded"] if shaded else []))

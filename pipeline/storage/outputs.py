@@ -15,6 +15,7 @@ import itertools
 import json
 import os
 import re
+import shutil
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -151,6 +152,39 @@ def claim_output(
                 f"another run is writing into {folder}; wait until it ends, or name another folder with -o DIR"
             )
         yield
+
+
+def require_new_folder(folder: Path) -> None:
+    """Refuse a folder that holds anything.
+
+    Raises:
+        UnusableOutputError: It does, or is none.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UnusableOutputError(
+            f"{folder} exists and is not an empty folder; nothing was changed: choose another name"
+        )
+
+
+def fill_new_folder(folder: Path, texts: Mapping[str, str], files: Iterable[Path]) -> None:
+    """Make a folder with texts by name, and copies of files; it appears when it is complete.
+
+    Raises:
+        UnusableOutputError: It cannot be made.
+    """
+    require_new_folder(folder)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".headstock-new-", dir=folder.parent) as made:
+            filled = Path(made, folder.name)
+            filled.mkdir()
+            for name, text in texts.items():
+                (filled / name).write_text(text)
+            for file in files:
+                shutil.copyfile(file, filled / file.name)
+            filled.replace(folder)  # an empty folder of that name gives way
+    except OSError as error:
+        raise UnusableOutputError(f"{folder} cannot be made: {error.strerror or error}") from error
 
 
 def check_output(path: Path, start: bytes | None = None) -> None:

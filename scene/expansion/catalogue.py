@@ -167,10 +167,10 @@ def _find(text: TomlValue, key: KeyPath, findings: Findings) -> CatalogueEntry:
             f"there is no {name[:80]!r} in the catalogue; {nearest_names(name)}; "
             "`headstock catalogue` lists all",
         )
-    return entries[_nearest(name)[0]]
+    return entries[nearest_elements(name)[0]]
 
 
-def _nearest(name: str) -> list[str]:
+def nearest_elements(name: str) -> list[str]:
     """Three names: of the same family by size, else by spelling."""
     stem, _, size = name.rpartition("_")
     family = [entry.name for entry in read_catalogue().values() if entry.stem == stem]
@@ -187,7 +187,7 @@ def _nearest(name: str) -> list[str]:
 
 def nearest_names(name: str) -> str:
     """The nearest names; the families where none is near."""
-    near = _nearest(name)
+    near = nearest_elements(name)
     if difflib.SequenceMatcher(a=name[:80], b=near[0]).ratio() > NEAR:
         return f"the nearest names: {', '.join(near)}"
     stems = dict.fromkeys(f"{entry.stem}_..." for entry in read_catalogue().values())
