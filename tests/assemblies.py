@@ -4,9 +4,9 @@ import numpy as np
 
 from headstock.geometry.frames import Frame, rotation_about
 from step_assemblies import UNITS as UNITS
+from step_assemblies import Occurrence as Occurrence
+from step_assemblies import Product as Product
 from step_assemblies import (
-    Occurrence,
-    Product,
     add_box,
     add_cylinder,
     cut_solids,

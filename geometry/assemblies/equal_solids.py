@@ -53,7 +53,7 @@ class SolidPoints:
     @cached_property
     def counts(self) -> tuple[int, ...]:
         """Number of corners, edges and faces."""
-        return tuple(np.bincount(self.dimensions, minlength=3).tolist())
+        return tuple(int(count) for count in np.bincount(self.dimensions, minlength=3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +128,9 @@ def _label_together(first: SolidPoints, second: SolidPoints) -> tuple[IntArray, 
     radii = np.concatenate([np.linalg.norm(one.arms, axis=1) for one in both])
     labels = _refine_labels(labels, sizes, SAME_SIZE * np.maximum(sizes, 1e-12))
     labels = _refine_labels(labels, radii, np.full(len(radii), SAME_PLACE))
-    counts = [np.bincount(part, minlength=labels.max() + 1) for part in np.split(labels, [split])]
-    return (labels[:split], labels[split:]) if np.array_equal(*counts) else None
+    halves = (labels[:split], labels[split:])
+    one, other = (np.bincount(half, minlength=labels.max() + 1) for half in halves)
+    return halves if np.array_equal(one, other) else None
 
 
 def _refine_labels(labels: IntArray, values: FloatArray, tolerances: FloatArray) -> IntArray:
@@ -166,10 +167,7 @@ def _propose(
     apart = np.linalg.norm(second.arms[ends][None] - second.arms[starts][:, None], axis=2)
     pairs = np.argwhere(np.abs(apart - distance) < 4.0 * SAME_PLACE)[:MOST_CANDIDATES]
     frame = point_frame(first.arms[a], first.arms[b])
-    return [
-        point_frame(second.arms[starts[i]], second.arms[ends[j]]) @ frame.T
-        for i, j in pairs.tolist()
-    ]
+    return [point_frame(second.arms[starts[i]], second.arms[ends[j]]) @ frame.T for i, j in pairs]
 
 
 def _fit_motion(
@@ -224,12 +222,12 @@ def point_frame(a: FloatArray, b: FloatArray) -> FloatArray:
 def _turn_onto(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the smallest rotation ``(3, 3)`` of one direction onto another."""
     a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    axis = np.cross(a, b)
+    axis: FloatArray = np.cross(a, b).astype(float)
     sine = float(np.linalg.norm(axis))
     if sine < 1e-12:
         if a @ b > 0.0:
             return np.eye(3)
-        axis = np.cross(a, np.eye(3)[np.abs(a).argmin()])
+        axis = np.cross(a, np.eye(3)[np.abs(a).argmin()]).astype(float)
     return rotation_about(axis, float(np.arctan2(sine, a @ b)))
 
 

@@ -273,7 +273,8 @@ def _find_axis(
     astray = float(np.linalg.norm(velocity - along))
     if astray > ASTRAY or rate < SLOWEST or pitch > STEEPEST_PITCH * rate:
         return None
-    return origin + scale * np.cross(rotation, velocity) / rate**2, rotation / rate
+    middle: FloatArray = origin + scale * np.cross(rotation, velocity).astype(float) / rate**2
+    return middle, rotation / rate
 
 
 def _reject(vectors: FloatArray, direction: FloatArray) -> FloatArray:

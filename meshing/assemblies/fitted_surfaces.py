@@ -80,7 +80,7 @@ def fit_face(volume: int, tag: int, number: int, *, shared: bool) -> FittedFace 
     pairs = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1)
     points = np.array(gmsh.model.getValue(2, tag, pairs.ravel())).reshape(-1, 3)
     normals = np.array(gmsh.model.getNormal(tag, pairs.ravel())).reshape(-1, 3)
-    if not np.allclose(np.linalg.norm(normals, axis=1), 1.0):
+    if not np.allclose(np.linalg.norm(normals, axis=1), 1.0, atol=1e-6):
         return None  # a pole
     for inner in sample_inside(tag, 1) if shared else ():
         normal = np.array(gmsh.model.getNormal(tag, gmsh.model.getParametrization(2, tag, inner)))

@@ -95,7 +95,8 @@ def _label_points(volume: int) -> FloatArray:
     """Return the corners and the centroids of edges and faces ``(n, 3)``, without those of seams,
     which copies may have elsewhere, with their dimension and size ``(n, 5)`` altogether.
     """
-    occ, rows, corners = gmsh.model.occ, [], set()
+    occ, rows = gmsh.model.occ, []
+    corners: set[int] = set()
     faces = boundary_faces(volume)
     edges: dict[int, int] = {}
     for face in faces:

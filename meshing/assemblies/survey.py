@@ -99,11 +99,9 @@ def _match_rows(data: Arrays) -> list[int]:
         )
         paths.append("/".join([*([paths[parent]] if parent >= 0 else []), *map(str, names)]))
         rows[paths[row]].append(row)
-    if all(NAMELESS.fullmatch(product) for product in data["products"].tolist()):
+    if all(NAMELESS.fullmatch(str(product)) for product in data["products"]):
         return [-1] * len(data["paths"])
-    matched = [
-        _longest_start(path.removeprefix("Shapes/"), rows) for path in data["paths"].tolist()
-    ]
+    matched = [_longest_start(str(path).removeprefix("Shapes/"), rows) for path in data["paths"]]
     ends = [row for row in range(len(paths)) if row not in below]
     if None in matched and len(ends) == len(matched):
         return ends

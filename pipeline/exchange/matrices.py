@@ -12,7 +12,8 @@ from headstock.geometry.errors import HeadstockError
 from headstock.geometry.frames import DOF_NAMES, FloatArray
 from headstock.meshing.component_mesh import IntArray
 from headstock.meshing.scipy_library import scipy
-from headstock.reduction.superelement import CONTROL_POINT_DOFS, Superelement
+from headstock.reduction.rails import CONTROL_POINT_DOFS
+from headstock.reduction.superelement import Superelement
 from headstock.reduction.superelement_checks import rigid_motions
 from headstock.solvers.linear.symmetric_matrices import symmetrise
 
@@ -123,10 +124,13 @@ def eliminate_constraints(superelement: Superelement) -> Superelement:
     origin = superelement.frames[whole[0]].origin
     basis[others, : len(DOF_NAMES)] = rigid_motions(superelement, origin)[others]
     basis[dependent] = -np.linalg.solve(rows[:, dependent], rows[:, kept] @ basis[kept])
-    stiffness, mass, damping = (
-        None if matrix is None else symmetrise(basis.T @ matrix @ basis)
-        for matrix in (superelement.stiffness, superelement.mass, superelement.damping)
+    stiffness, mass = (
+        symmetrise(basis.T @ matrix @ basis)
+        for matrix in (superelement.stiffness, superelement.mass)
     )
+    damping = superelement.damping
+    if damping is not None:
+        damping = symmetrise(basis.T @ damping @ basis)
     return replace(
         superelement,
         labels=(

@@ -15,9 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NotRequired, TypedDict, cast
+from typing import TYPE_CHECKING, NotRequired, TypedDict, cast
 
-from headstock.scene.reading.open_values import OpenValue
+if TYPE_CHECKING:  # `--version` loads no numpy
+    from headstock.scene.reading.open_values import OpenValue
 
 DISTRIBUTION = "headstock"
 UNKNOWN = "unknown"
@@ -123,7 +124,7 @@ def trace_content(
     content: bytes,
     *,
     ranks: int,
-    accepted: Sequence[OpenValue] = (),
+    accepted: "Sequence[OpenValue]" = (),
     command: Sequence[str] | None = None,
     with_host: bool = True,
 ) -> Provenance:

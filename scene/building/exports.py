@@ -156,7 +156,7 @@ def _fixes_other_motions(joint: Joint, axis: Axis, still: Collection[str | None]
     return (
         _leaves(axis.direction, translations, kept[0])
         or _leaves(axis.direction, turns, kept[1])
-        or _leaves(np.cross(axis.direction, slid), translations, kept[1])
+        or _leaves(np.cross(axis.direction, slid).astype(float), translations, kept[1])
     )
 
 

@@ -221,7 +221,8 @@ def _build_area(
 
 
 def _read_patch(table: SupportTable | LoadTable) -> PatchTable:
-    return PatchTable(face=(table.face or "").partition(".")[2], **table.shapes)
+    face = (table.face or "").partition(".")[2]
+    return PatchTable.model_validate({"face": face, **table.shapes})
 
 
 def _is_meshed(table: ComponentTable) -> bool:

@@ -261,7 +261,7 @@ class InterfaceTable(ShapedTable):
         """The patches, also when a single one was written directly."""
         if self.patches is not None:
             return tuple(self.patches)
-        return (PatchTable(face=self.face or "", **self.shapes),)
+        return (PatchTable.model_validate({"face": self.face or "", **self.shapes}),)
 
 
 class RotationTable(types.StrictTable):

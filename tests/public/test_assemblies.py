@@ -9,7 +9,7 @@ from assemblies import SMALL, write_assembly
 from write_assembly import MILL
 
 import headstock as hs
-from common import Shell
+from common import Shell, approx
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def test_equal_parts_are_one_entry_and_screws_are_point_masses(small: Path) -> N
     with (small.parent / "left_out.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     # a shank of 8 x 20 and a head of 14 x 5 of steel
-    assert [float(row["mass [g]"]) for row in rows] == pytest.approx([13.93] * 2, abs=0.01)
+    assert [float(row["mass [g]"]) for row in rows] == approx([13.93] * 2, abs=0.01)
     machine = hs.load(small, accept_defaults=True)
     assert len(machine.scene.machine.components) == 3
 
@@ -47,7 +47,7 @@ def test_it_runs_with_its_defaults(small: Path) -> None:
     (modes,) = results.modal
     # two brackets that are alike, on a plate that is fixed
     assert modes.frequencies_hz[0] > 100.0
-    assert modes.frequencies_hz[1] == pytest.approx(modes.frequencies_hz[0], rel=0.01)
+    assert modes.frequencies_hz[1] == approx(modes.frequencies_hz[0], rel=0.01)
     assert results.provenance is not None
     assert any("material_steel" in text for text in results.provenance.accepted_defaults or ())
 

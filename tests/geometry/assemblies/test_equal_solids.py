@@ -3,11 +3,11 @@
 import dataclasses
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from common import approx
 from headstock.geometry.assemblies.equal_solids import SolidPoints, find_motion, group_equal
 from headstock.geometry.frames import FloatArray, rotation_about
 
@@ -49,11 +49,11 @@ def test_a_moved_solid_is_found_in_any_order_of_its_points(seed: int) -> None:
     motion = find_motion(first, second)
     assert motion is not None
     assert motion.residual < 1e-12
-    assert motion.rotation == pytest.approx(rotation, abs=1e-9)
-    assert motion.shift == pytest.approx(shift, abs=1e-9)
+    assert motion.rotation == approx(rotation, abs=1e-9)
+    assert motion.shift == approx(shift, abs=1e-9)
     placement = motion.placement(7)
     assert placement.solid == 7
-    assert np.array(placement.rotation) == pytest.approx(rotation, abs=1e-9)
+    assert np.array(placement.rotation) == approx(rotation, abs=1e-9)
 
 
 def test_a_mirrored_solid_and_one_with_its_hole_moved_by_10_um_are_others() -> None:
@@ -75,7 +75,7 @@ def test_a_solid_that_is_its_own_mirror_image_is_found_mirrored() -> None:
     flat = WEDGE * [1.0, 1.0, 0.0]
     motion = find_motion(solid_of(flat), moved(solid_of(flat), MIRROR, np.zeros(3)))
     assert motion is not None
-    assert np.linalg.det(motion.rotation) == pytest.approx(1.0)
+    assert np.linalg.det(motion.rotation) == approx(1.0)
     assert motion.residual < 1e-12
 
 
@@ -89,17 +89,17 @@ def test_a_symmetric_solid_rotates_least() -> None:
         solid_of(square), moved(solid_of(square), rotation_about(z, np.radians(100)), z)
     )
     assert motion is not None
-    assert motion.rotation == pytest.approx(rotation_about(z, np.radians(10)), abs=1e-9)
+    assert motion.rotation == approx(rotation_about(z, np.radians(10)), abs=1e-9)
     line = np.array([[0.0, 0.0, h] for h in (0.0, 0.0, 0.0, 0.0, 0.02, 0.05)])
     turned = rotation_about(z, 1.0) @ rotation_about(np.array([1.0, 0.0, 0.0]), np.pi)
     motion = find_motion(solid_of(line), moved(solid_of(line), turned, z))
     assert motion is not None
-    assert np.trace(motion.rotation) == pytest.approx(-1.0)
+    assert np.trace(motion.rotation) == approx(-1.0)
     assert motion.residual < 1e-12
     tilted = rotation_about(np.array([1.0, 1.0, 0.0]), 0.7) @ rotation_about(z, 2.0)
     motion = find_motion(solid_of(line), moved(solid_of(line), tilted, z))
     assert motion is not None
-    assert motion.rotation == pytest.approx(rotation_about(np.array([1.0, 1.0, 0.0]), 0.7))
+    assert motion.rotation == approx(rotation_about(np.array([1.0, 1.0, 0.0]), 0.7), abs=1e-9)
 
 
 def test_a_rotation_that_the_tree_states_counts_where_it_fits() -> None:
@@ -110,13 +110,13 @@ def test_a_rotation_that_the_tree_states_counts_where_it_fits() -> None:
     second = moved(first, quarter, z)
     motion = find_motion(first, second)
     assert motion is not None
-    assert motion.rotation == pytest.approx(quarter)
+    assert motion.rotation == approx(quarter, abs=1e-9)
     wrong = dataclasses.replace(second, rotation=rotation_about(z, 0.3))
     other = dataclasses.replace(second, product=4)
     for solid in (wrong, other):
         motion = find_motion(first, solid)
         assert motion is not None
-        assert motion.rotation == pytest.approx(np.eye(3), abs=1e-9)
+        assert motion.rotation == approx(np.eye(3), abs=1e-9)
 
 
 def test_solids_are_grouped_by_shape() -> None:
@@ -126,4 +126,4 @@ def test_solids_are_grouped_by_shape() -> None:
     groups = group_equal([first, other, copy, mirrored, copy])
     assert [[index for index, _ in group] for group in groups] == [[0, 2, 4], [1], [3]]
     assert groups[0][0][1].residual == 0.0
-    assert groups[0][1][1].shift == pytest.approx(np.ones(3))
+    assert groups[0][1][1].shift == approx(np.ones(3))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from cad_blocks import as_vector, bore, box_faces
 
+from common import approx
 from headstock.geometry.assemblies.replaced_parts import find_faces_again, find_old_position
 from headstock.geometry.frames import FloatArray, rotation_about
 from headstock.geometry.parts.cad_faces import CadFace
@@ -64,7 +65,7 @@ def test_a_face_that_was_cut_is_found_in_its_pieces() -> None:
     sunk = dataclasses.replace(pieces[1], number=8, center=as_vector(high * [0.5, 0.5, 0.9]))
     assert find_faces_again(old, [*old[:5], *pieces, sunk])[6] == (6, 7)
     # a neighbour that shares an edge with it does not lie on it
-    beside = dataclasses.replace(top, number=9, low=as_vector([high[0], 0.0, high[2]]))
+    beside = dataclasses.replace(top, number=9, low=as_vector(np.array([high[0], 0.0, high[2]])))
     beside = dataclasses.replace(beside, high=as_vector(high * [2.0, 1.0, 1.0]))
     assert find_faces_again(old, [beside])[6] == ()
 
@@ -82,8 +83,8 @@ def test_a_part_in_other_coordinates_is_brought_back(turn: float) -> None:
     rotation, shift = rotation_about(np.array([0.0, 0.0, 1.0]), turn), np.array([1.0, 2.0, -3.0])
     new = moved(block(HOLES[0], HOLES[1], HOLES[2], (0.05, 0.1)), rotation, shift)
     motion = find_old_position(old, new)
-    assert motion.rotation == pytest.approx(rotation.T, abs=1e-9)
-    assert motion.shift == pytest.approx(-rotation.T @ shift, abs=1e-9)
+    assert motion.rotation == approx(rotation.T, abs=1e-9)
+    assert motion.shift == approx(-rotation.T @ shift, abs=1e-9)
     if turn == 0.0:
         back = moved(new, motion.rotation, motion.shift)
         assert find_faces_again(old, back) == {n: (n,) for n in range(1, 10)}

@@ -7,6 +7,7 @@ import pytest
 from assemblies import SMALL, write_assembly
 
 from built_parts import built_part
+from common import approx
 from headstock.geometry.parts.solids import StepFile
 from headstock.meshing.assemblies.replacing import replace_part
 from headstock.meshing.components.survey import survey_step
@@ -30,10 +31,10 @@ def test_a_part_in_its_own_coordinates_replaces_one_of_the_assembly(tmp_path: Pa
     # planes with a larger hole are found again
     for face in before:
         for number in again[face.number]:
-            assert after[number].normal == pytest.approx(face.normal, abs=1e-6)
+            assert after[number].normal == approx(face.normal, abs=1e-6)
     bottom = next(face for face in before if face.normal[2] < -0.9)
     (number,) = again[bottom.number]
-    assert after[number].low == pytest.approx(bottom.low, abs=1e-6)
+    assert after[number].low == approx(bottom.low, abs=1e-6)
 
 
 def test_a_file_that_is_none_is_named(tmp_path: Path) -> None:

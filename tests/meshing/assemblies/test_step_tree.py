@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common import approx
 from headstock.meshing.assemblies import step_tree
 from headstock.meshing.assemblies.step_tree import decode_string, read_tree
 from headstock.meshing.errors import PartFileError
@@ -69,9 +70,9 @@ def test_occurrences_are_opened_out_with_their_rotations() -> None:
     assert tree.products == ["machine", "carriage", screw, "carriage", screw]
     assert tree.parents == [-1, 0, 1, 0, 3]
     assert tree.definitions == [10, 20, 30, 20, 30]
-    assert tree.rotations[0] == pytest.approx(np.eye(3))
-    assert tree.rotations[1] == pytest.approx(np.array(QUARTER))
-    assert tree.rotations[2] == pytest.approx(np.diag([-1.0, -1.0, 1.0]))
+    assert tree.rotations[0] == approx(np.eye(3), abs=1e-9)
+    assert tree.rotations[1] == approx(np.array(QUARTER), abs=1e-9)
+    assert tree.rotations[2] == approx(np.diag([-1.0, -1.0, 1.0]), abs=1e-9)
     assert tree.broken == 0
     assert tree.arrays()["rotations"].shape == (5, 3, 3)
 
