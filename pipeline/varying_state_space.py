@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 
@@ -146,7 +147,7 @@ class _Travel:
     def couple(self, place: Place) -> CoupledPose:
         """Return the machine coupled at a place, with free motors where there are drives."""
         model = couple_pose(self.state.parts, self.pose(place), memo=self.memo)
-        return model.release(self.drives).model if self.drives else model
+        return cast(CoupledPose, model.release(self.drives).model) if self.drives else model
 
     def damp(
         self, system: SecondOrderSystem, modes: ModalResult | None = None

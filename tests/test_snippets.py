@@ -325,6 +325,7 @@ def complete(base: Base, text: str, folder: Path) -> Scene:
     """
     findings = Findings("")
     raw: dict[str, Any] = {**read_tables(ROOT / base.scene, findings, variant=base.variant)}
+    raw["accept_defaults"] = True
     for key in base.without:
         *tables, last = key.split(".")
         del functools.reduce(operator.getitem, tables, raw)[last]

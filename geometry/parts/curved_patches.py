@@ -274,7 +274,7 @@ def _find_axis(
     if astray > ASTRAY or rate < SLOWEST or pitch > STEEPEST_PITCH * rate:
         return None
     middle: FloatArray = origin + scale * np.cross(rotation, velocity).astype(float) / rate**2
-    return middle, rotation / rate
+    return middle, (rotation / rate).astype(float)
 
 
 def _reject(vectors: FloatArray, direction: FloatArray) -> FloatArray:

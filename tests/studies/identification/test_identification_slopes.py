@@ -66,7 +66,7 @@ PARAMETERS = {
     "modulus": ('keys = ["materials.steel.E"]', 'bounds = ["100 GPa", "300 GPa"]'),
     "poisson": ('keys = ["materials.steel.nu"]', "bounds = [0.1, 0.4]"),
     "density": ('keys = ["materials.steel.rho"]', 'bounds = ["5000 kg/m^3", "9000 kg/m^3"]'),
-    "angle": ('multiplies = ["components.column.rotate.angle"]', 'bounds = ["1 deg", "60 deg"]'),
+    "angle": ('multiplies = ["components.column.rotate.angle"]', "bounds = [0.3, 5.0]"),
 }
 
 
