@@ -27,6 +27,7 @@ from headstock.scene.building import (
 from headstock.scene.building.draft import Draft, collect_interfaces, collect_sections, list_records
 from headstock.scene.expansion.expansion import expand_scene
 from headstock.scene.expansion.includes import INCLUDE, read_with_includes
+from headstock.scene.expansion.outline_files import read_outlines
 from headstock.scene.expansion.overrides import (
     VARIANT_JOINER,
     apply_settings,
@@ -194,7 +195,7 @@ def build_scene(
             key=(section,),
         )
     written, questions = close_values(raw, findings)
-    raw = expand_scene(written, findings)
+    raw = read_outlines(expand_scene(written, findings), path.parent, findings)
     table = validate_tables(raw, findings)
     if table is None:
         findings.raise_if_any()

@@ -105,13 +105,21 @@ class RingTable(_CenteredTable):
 class OutlineTable(ShapeTable):
     """A patch on a plane face inside a closed outline, without holes."""
 
-    corners: Annotated[list[types.Position], Field(min_length=3, max_length=1000)]
+    model_config = types.one_of("corners", "file")
+
+    corners: Annotated[list[types.Position], Field(min_length=3, max_length=1000)] | None = None
     """corners `[x, y, z]` of the outline in their order, at least three; the last is joined to the first"""
+    file: types.Text | None = None
+    """a `.csv` table of them in the folder of the scene: columns `x`, `y`, `z` in m"""
+
+    def _faults(self) -> Iterator[str]:
+        if (self.corners is None) == (self.file is None):
+            yield 'needs either corners = [["0 mm", "0 mm", "0 mm"], ...] or file = "corners.csv"'
 
     @property
     def points(self) -> tuple[tuple[float, float, float], ...]:
         """Corners."""
-        return tuple((x, y, z) for x, y, z in self.corners)
+        return tuple((x, y, z) for x, y, z in self.corners or ())
 
 
 class ShapedTable(types.StrictTable):

@@ -142,3 +142,23 @@ def test_a_shape_that_cannot_be_laid_on_a_tube_is_named(
     (tmp_path / "scene.toml").write_text(text.format())
     with pytest.raises(hs.SceneError, match=words):
         hs.load(tmp_path / "scene.toml")
+
+
+def test_an_outline_in_a_file_is_that_of_its_corners(tmp_path: Path) -> None:
+    text = SCENE.replace('step = "shaft.step"', 'box = ["60 mm", "60 mm", "40 mm"]')
+    text = text.replace('"face:1", {patch}', '"z+", {patch}')
+    (tmp_path / "corners.csv").write_text("x,y,z\n0,0,0.04\n0.03,0,0.04\n0,0.03,0.04\n")
+    corners = '[["0 m", "0 m", "40 mm"], ["30 mm", "0 m", "40 mm"], ["0 m", "30 mm", "40 mm"]]'
+    for outline in ('file = "corners.csv"', f"corners = {corners}"):
+        (tmp_path / "scene.toml").write_text(text.format(patch=f"outline = {{ {outline} }}"))
+        (patch,) = (
+            hs.load(tmp_path / "scene.toml")
+            .scene.machine.components["shaft"]
+            .interfaces["seat"]
+            .patches
+        )
+        assert patch.center == approx((0.01, 0.01, 0.04)) and len(patch.corners) == 3
+    (tmp_path / "corners.csv").write_text("x,y\n0,0\n")
+    (tmp_path / "scene.toml").write_text(text.format(patch='outline = { file = "corners.csv" }'))
+    with pytest.raises(hs.SceneError, match=r"seat.outline.file(.|\n)*corners.csv"):
+        hs.load(tmp_path / "scene.toml")
