@@ -1,4 +1,6 @@
-"""What the elements across small patches add to a mesh, before anything is meshed."""
+"""What patches cost, before anything is computed: elements across small ones add to a mesh, deformation
+shapes of large ones to a reduction.
+"""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -61,6 +63,26 @@ def describe_patch_costs(
         f"; most of it by {mesh.across_patches} elements across {name}, {1e3 * width:.4g} mm wide: about"
         f" {thousands:g} 000 dofs with mesh.across_patches = {fewer}"
     )
+
+
+def describe_shape_costs(component: Component, count_seconds: Callable[[Component], float]) -> str:
+    """Return what the deformation shapes of flexible interfaces cost, over averaging ones; empty
+    without any.
+
+    Args:
+        count_seconds: Estimates the processor time of the reduction of a component [s].
+    """
+    flexible = {name: one for name, one in component.interfaces.items() if one.flexible}
+    if not flexible:
+        return ""
+    plain = {
+        name: dataclasses.replace(one, coupling="average", flexible=0)
+        for name, one in flexible.items()
+    }
+    averaging = dataclasses.replace(component, interfaces=component.interfaces | plain)
+    ratio = count_seconds(component) / count_seconds(averaging)
+    shapes = sum(one.flexible for one in flexible.values())
+    return f"; {shapes} deformation shapes of {', '.join(flexible)} take {ratio:.2g} times the time of averaging"
 
 
 def _list_widths(component: Component, scene: Scene) -> Sequence[tuple[float, float, str]]:

@@ -36,7 +36,11 @@ from headstock.pipeline.planning.budgets import (
     write_seconds,
 )
 from headstock.pipeline.planning.interfaces import find_glued_joints, has_choice
-from headstock.pipeline.planning.patch_costs import count_dofs, describe_patch_costs
+from headstock.pipeline.planning.patch_costs import (
+    count_dofs,
+    describe_patch_costs,
+    describe_shape_costs,
+)
 from headstock.pipeline.planning.plan import Plan, Stage
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
 from headstock.pipeline.planning.reductions import (
@@ -278,10 +282,11 @@ def _component_stages(
         )
         iterates = choice.method == "iterative"
         memory = (iterative_memory_mb if iterates else reduction_memory_mb)(dofs, component)
-        seconds = (iterative_seconds if iterates else reduction_seconds)(
-            dofs, component, estimate.volume
+        count_seconds = functools.partial(
+            iterative_seconds if iterates else reduction_seconds, dofs, volume=estimate.volume
         )
-        why = f"{reason}; {choice.reason}"
+        why = f"{reason}; {choice.reason}{describe_shape_costs(component, count_seconds)}"
+        seconds = count_seconds(component)
         return (meshing, Stage("reduce", name, why, None, dofs, memory, seconds))
     if component.fidelity == "segmented":
         count = component.segments.count

@@ -39,7 +39,7 @@ def find_frequencies(folder: Path, coupling: str | None) -> FloatArray:
             text += f'interfaces.end = {{ face = "{face}", coupling = {coupling} }}\n'
         text += '[joints.bond]\nkind = "rigid"\nbetween = ["left.end", "right.end"]\n'
     (folder / "scene.toml").write_text(text)
-    modes = hs.run(folder / "scene.toml").modal["reference"]
+    modes = hs.run(folder / "scene.toml").modal[0]
     return modes.frequencies_hz[modes.rigid_count :][:6]
 
 
