@@ -23,6 +23,7 @@ from headstock.geometry.parts.solids import MeshFile, PointMass, SuperelementFil
 from headstock.meshing.length_units import doubt_mesh_size
 from headstock.pipeline.planning.locking import foresee_locking
 from headstock.pipeline.planning.rail_meshes import find_coarse_rails
+from headstock.pipeline.preview.rigid_areas import doubt_rigid_areas
 from headstock.pipeline.preview.rigid_bodies import RigidMachine, place_rigid
 from headstock.pipeline.preview.watched_numbers import find_unknown_numbers
 from headstock.pipeline.storage.part_files import describe_solid, find_missing_patches
@@ -114,7 +115,7 @@ def doubt_machine(scene: Scene, *, read: bool = True) -> tuple[str, ...]:
     """
     parts = _describe_parts(scene.machine, read=read)
     pose = next(iter(choose_poses(scene).values()))
-    warnings = [
+    warnings = doubt_rigid_areas(scene, parts) + [
         f"component {name!r}: {doubt}"
         for name, properties in parts.items()
         for doubt in [_doubt_part(scene.machine.components[name], properties)]
