@@ -19,10 +19,12 @@ def read_outlines(tables: TomlTable, folder: Path, findings: Findings) -> TomlTa
         folder: Of the scene, in which the files lie.
         findings: Receives problems.
     """
-    sections = {name: tables[name] for name in SECTIONS if name in tables}
-    return tables | {
-        name: _fill(value, (name,), folder, findings) for name, value in sections.items()
-    }
+    filled = dict(tables)
+    for name in filled.keys() & set(SECTIONS):
+        section = _fill(tables[name], (name,), folder, findings)
+        assert section is not None  # of a table
+        filled[name] = section
+    return filled
 
 
 def _fill(value: TomlValue, key: KeyPath, folder: Path, findings: Findings) -> TomlValue | None:
@@ -43,4 +45,6 @@ def _fill(value: TomlValue, key: KeyPath, folder: Path, findings: Findings) -> T
     except (CsvError, ValueError) as error:
         findings.add((*key, "file"), str(error))
         return None
-    return {"corners": [[f"{length!r} m" for length in corner] for corner in corners.tolist()]}
+    return {
+        "corners": [[f"{float(length)!r} m" for length in corner] for corner in map(tuple, corners)]
+    }
