@@ -18,6 +18,8 @@ FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e8  # of Levenberg and
 CONVERGED = 1e-2  # fall of the sum of weighted squares, where each has variance one
 MOST_RATE, MOST_SHIFT = 0.8, 0.3  # steps of a pole over its distance to the axis and to zero
 LEAST_WIDTH = 1e-3  # of a pole's half width, in spacings of lines: what is narrower is not seen
+SMALLEST_LEVEL = 1e-14  # of the largest eigenvalue of a matrix that is inverted
+LEAST_SIGNAL = 0.05  # of the curvature by a parameter: noise may make up the rest
 NOTHING = 1e-30  # of the largest number on a diagonal: what is smaller is rounding
 STRONGEST_LINES = 2  # that alone do not show a mode: noise may be large at the top of another one
 
@@ -206,7 +208,7 @@ def refine(
     state = _solve(data, poles, participations / sizes)
     damping = FIRST_DAMPING
     for _ in range(ITERATIONS if len(poles) else 0):
-        matrix, slope, free = _normal_equations(data, state)
+        matrix, slope, free, _ = _normal_equations(data, state)
         scale = _scale(matrix)
         levels, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
         along = vectors.T @ (scale * slope)
@@ -225,17 +227,20 @@ def refine(
 def pole_covariances(data: WeightedResponses, fit: RefinedPoles) -> FloatArray:
     """Return the covariance ``(k, 2, 2)`` of the real and imaginary part of each refined pole.
 
-    That of equal noise, or where it is larger that of noise as each line and force has it.
+    That of equal noise, or where it is larger that of noise as each line and force has it. Fitted shapes
+    contain noise, which would make a weakly excited pole look better known than it is: its share is
+    taken out of the curvature.
 
-    Source: White (1980), covariance with unequal noise.
+    Sources: White (1980), covariance with unequal noise; Liang and Zeger (1995), Statistical Science 10,
+    158, estimating equations with many nuisance parameters.
     """
     count = len(fit.poles)
     if not count:
         return np.zeros((0, 2, 2))
     state = _solve(data, fit.poles, fit.participations)
-    matrix, _, free = _normal_equations(data, state)
-    inverse = _invert(matrix)
     variance = max(1.0, state.squares / data.freedom(count))
+    matrix, _, free, noise = _normal_equations(data, state)
+    inverse = _invert_without_noise(matrix, variance * noise)
     scores = np.zeros((len(free), len(free)))
     both = np.hstack([state.columns, data.pole_columns(state.poles, 2)])
     inner = (both.T @ both).reshape(2, 2 * count, 2, 2 * count)
@@ -257,7 +262,7 @@ def pole_covariances(data: WeightedResponses, fit: RefinedPoles) -> FloatArray:
     places = 2 * np.arange(count)[:, None] + np.arange(2)
     equal, unequal = (
         each[places[:, :, None], places[:, None, :]]
-        for each in (variance * inverse, inverse @ scores @ inverse)
+        for each in (variance * inverse @ matrix @ inverse, inverse @ scores @ inverse)
     )
     larger = np.trace(unequal, axis1=1, axis2=2) > np.trace(equal, axis1=1, axis2=2)
     return np.where(larger[:, None, None], unequal, equal)
@@ -333,6 +338,18 @@ def _invert(matrix: FloatArray) -> FloatArray:
     return np.asarray(scale[:, None] * inverse * scale)
 
 
+def _invert_without_noise(matrix: FloatArray, noise: FloatArray) -> FloatArray:
+    """Return the inverse of a symmetric matrix less the share of noise in it, of which a little stays in
+    every direction.
+    """
+    scale = _scale(matrix)
+    levels, vectors = np.linalg.eigh(scale[:, None] * matrix * scale)
+    half = scale[:, None] * vectors / np.sqrt(np.maximum(levels, SMALLEST_LEVEL * levels[-1]))
+    shares, directions = np.linalg.eigh(half.T @ noise @ half)
+    whole = half @ directions
+    return np.asarray(whole / np.maximum(1.0 - shares, LEAST_SIGNAL) @ whole.T)
+
+
 def _describe(data: WeightedResponses, state: _State) -> RefinedPoles:
     count = len(state.poles)
     gains = np.zeros(count)
@@ -381,23 +398,29 @@ def _slopes(
         for place, force in enumerate(block.forces):
             turns[1 + force, place, 0] = data.forces[force] * np.eye(2 * count)
         overlap = np.einsum("fji,jbk,gfbkl->gil", fit.rotations, inner[0], turns, optimize=True)
-        real, imaginary = fit.factors[::2], fit.factors[1::2]
-        # a factor i of a derivative turns its shape by a quarter
-        factors = np.stack([[real, imaginary], [-imaginary, real]]).transpose(2, 0, 1, 3)
-        yield block, fit, _Slopes(turns, overlap, factors)
+        yield block, fit, _Slopes(turns, overlap, _turn_factors(fit.factors))
+
+
+def _turn_factors(factors: FloatArray) -> FloatArray:
+    """Return real and imaginary parts of shapes ``(2 k, m)``, and of shapes times i, as ``(k, 2, 2, m)``:
+    a factor i of a derivative turns its shape by a quarter.
+    """
+    real, imaginary = factors[::2], factors[1::2]
+    return np.stack([[real, imaginary], [-imaginary, real]]).transpose(2, 0, 1, 3)
 
 
 def _normal_equations(
     data: WeightedResponses, state: _State
-) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+) -> tuple[FloatArray, FloatArray, NDArray[np.int64], FloatArray]:
     """Return the Gauss–Newton matrix and the right-hand side for the real and imaginary parts of poles
-    (first) and of participations, and which of all are free: the largest participation of a mode is not.
+    (first) and of participations, which of all are free, as the largest participation of a mode is not, and
+    the share of the matrix that noise of variance one brings into it with the shapes.
     """
     forces, count = state.participations.shape
     kinds, size = 1 + forces, 2 * count
     both = np.hstack([state.columns, data.pole_columns(state.poles, 2)])
     inner = (both.T @ both).reshape(2, size, 2, size)
-    matrix = np.zeros((kinds, count, 2, kinds, count, 2))
+    matrices = np.zeros((2, kinds, count, 2, kinds, count, 2))
     slope = np.zeros((kinds, count, 2))
     for block, fit, slopes in _slopes(data, state, inner):
         turned = np.einsum("aibj,gfbjk->gfaik", inner, slopes.turns, optimize=True)
@@ -406,8 +429,11 @@ def _normal_equations(
             "gji,jk,hkl->gihl", slopes.overlap, fit.inverse, slopes.overlap, optimize=True
         )
         gram = gram.reshape(kinds, count, 2, kinds, count, 2)
-        energies = np.einsum("ktam,qubm->ktaqub", slopes.factors, slopes.factors, optimize=True)
-        matrix += np.einsum("gkahqb,ktaqub->gkthqu", gram, energies, optimize=True)
+        levels, vectors = np.linalg.eigh(fit.inverse)
+        spread = vectors * np.sqrt(np.maximum(levels, 0.0) * len(block.motions))
+        for matrix, factors in zip(matrices, (slopes.factors, _turn_factors(spread)), strict=True):
+            energies = np.einsum("ktam,qubm->ktaqub", factors, factors, optimize=True)
+            matrix += np.einsum("gkahqb,ktaqub->gkthqu", gram, energies, optimize=True)
         model = np.einsum("fij,jm->fim", fit.rotations, fit.factors, optimize=True)
         second = both[:, size:].T @ block.values
         rest = np.stack([fit.products, second], axis=1) - np.einsum(
@@ -419,8 +445,8 @@ def _normal_equations(
     largest = np.argmax(np.abs(state.participations), axis=0)
     fixed = 2 * ((1 + largest) * count + np.arange(count))
     free = np.setdiff1d(np.arange(2 * kinds * count), np.concatenate([fixed, fixed + 1]))
-    whole = matrix.reshape(2 * kinds * count, -1)
-    return whole[np.ix_(free, free)], slope.ravel()[free], free
+    whole, noise = matrices.reshape(2, 2 * kinds * count, -1)[:, free][:, :, free]
+    return whole, slope.ravel()[free], free, noise
 
 
 def _advance(
