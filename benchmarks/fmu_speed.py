@@ -4,7 +4,8 @@ three outputs.
     ./headstock exec python3 benchmarks/fmu_speed.py [--states N] [--steps N]
 
 Defaults: 200 states, 5000 steps of 1 ms. Printed are ratios of simulated time to processor time: of
-blocks of two states, of one dense block, and of a machine whose axis rests or moves.
+blocks of two states, of one dense block, and of a machine whose axis rests or moves, without and with
+1 % damping of the modes of each pose, which couples motions that are the same in all poses.
 """
 
 import argparse
@@ -31,6 +32,7 @@ from headstock.solvers.state_spaces.varying_matrices import (
     VaryingMatrices,
     VaryingSpring,
     lay_field,
+    split_patterns,
 )
 
 STEP = 1e-3
@@ -47,8 +49,12 @@ def make_matrices(modes: int) -> PosedMatrices:
     return PosedMatrices(np.diag(omega**2), np.diag(0.04 * omega), loads, loads.T)
 
 
-def make_varying(modes: int) -> VaryingStateSpace:
-    """The same with ten springs that slide along an axis."""
+def make_varying(modes: int, *, coupled: bool = False) -> VaryingStateSpace:
+    """The same with ten springs that slide along an axis.
+
+    Args:
+        coupled: Modes of each pose are damped by 1 %, in place of those of the basis.
+    """
     random, matrices = np.random.default_rng(1), make_matrices(modes)
 
     def constant(array: np.ndarray) -> Field:  # type: ignore[type-arg]
@@ -73,6 +79,8 @@ def make_varying(modes: int) -> VaryingStateSpace:
         constant(matrices.loads.T),
         constant(matrices.rows),
     )
+    if coupled:
+        varying = couple_modes(varying)
     # exports have motions as fast as this
     matrices.stiffness[-1, -1] = (2.0 * np.pi * FASTEST * HIGHEST_HZ) ** 2
     rate = 1.1 * 2.0 * np.pi * FASTEST * HIGHEST_HZ
@@ -89,6 +97,26 @@ def make_varying(modes: int) -> VaryingStateSpace:
         0.01,
         0,
         0,
+    )
+
+
+def couple_modes(varying: VaryingMatrices) -> VaryingMatrices:
+    """Damp the modes at each knot by 1 %, and nothing else."""
+    dampings = []
+    for positions in varying.grid:
+        squares, shapes = np.linalg.eigh(varying.at(positions).stiffness)
+        dampings.append((shapes * (0.02 * np.sqrt(squares))) @ shapes.T)
+    amounts, patterns = split_patterns(np.array(dampings), np.ones(len(varying.stiffness)))
+    springs = (
+        dataclasses.replace(spring, damping=lay_field([np.zeros((2, 2))] * 3, [3], 0))
+        for spring in varying.springs
+    )
+    return dataclasses.replace(
+        varying,
+        damping=np.zeros_like(varying.damping),
+        springs=tuple(springs),
+        patterns=patterns,
+        further=lay_field(list(amounts), [3], 1),
     )
 
 
@@ -141,6 +169,7 @@ def main() -> None:
     space = to_first_order(make_matrices(modes), 2.0 * np.pi * HIGHEST_HZ, (CHANNELS, CHANNELS))
     blocks = describe_space(space, pose=Pose("reference"), step_s=STEP)
     varying = varying_model("moving", make_varying(modes))
+    coupled = varying_model("coupled", make_varying(modes, coupled=True))
     ratios = {
         "blocks of two states": measure(fixed_model("blocks", blocks), options.steps),
         "one dense block": measure(
@@ -148,6 +177,7 @@ def main() -> None:
         ),
         "axis at rest": measure(varying, options.steps, 0.0),
         "axis that moves": measure(varying, max(1, options.steps // 10), 1e-5),
+        "with coupled damping": measure(coupled, max(1, options.steps // 10), 1e-5),
     }
     for name, ratio in ratios.items():
         print(f"{name:22s}{ratio:8.3g} x real time")
